@@ -85,13 +85,6 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
-        """Check the arguments, and make function space, section constants and initial state.
-        Collective.
-
-        Raises:
-            InputError: the mesh does not consist of lines in space, the normal is along the beam
-                somewhere, tension and strain are both given, or a function returns something else.
-        """
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
         self._take_expansion("Beam", thermal)
@@ -104,20 +97,9 @@ class Beam(Curve):
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
-        """Positions of the mesh, and section directors normal to its mean tangent at each node.
-        Collective.
-
-        Args:
-            normal: direction (3,) of the director d2, of any length; its part normal to the beam
-                counts.
-
-        Returns:
-            Function with 9 numbers a node: position [m] and the unit vectors d2 and d3, ghosts
-            included.
-
-        Raises:
-            InputError: on all ranks, if the normal is along the beam at some node.
-        """
+        """Positions [m] of the mesh and directors d2 and d3 (unit vectors) at each node, as a
+        function with 9 numbers a node, ghosts included. d2 is the part of `normal` (3,) across the
+        mean tangent at the node. Collective."""
         # J (3,): derivative of the positions by the coordinate of the reference cell; w: test
         # function; t (n, 3): unit tangents at the nodes; q: the result.
         J = ufl.Jacobian(self.mesh.domain)[:, 0]
@@ -167,14 +149,11 @@ class Beam(Curve):
         return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
 
     def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Axial force [N]: the component along x' of the force ∂W/∂x' of a section.
+        """Axial force [N] at coordinates q (9,) with the strains e (6,) of `measure` less the
+        thermal strain: the component along x' of the force ∂W/∂x' of a section.
 
         N = EA ε |x'| + Σ (GA_i γ_i x'·d_i + EI_i κ_i x'·d_i')/|x'|, as shear and curvature are
         functions of x', too.  Of a bent beam the last part is not small: κ² EI.
-
-        Args:
-            q: coordinates (9,) on the mesh: position [m] and directors.
-            e: strains (6,) at these coordinates, of `measure` less the thermal strain.
         """
         dq = line_derivative(q)
         dx = ufl.as_vector([dq[0], dq[1], dq[2]])
@@ -188,20 +167,12 @@ class Beam(Curve):
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
-        energy [J].
-        """
+        energy [J]."""
         c = self.constants
         inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the beam, and the constraint of orthonormal directors at
-        each node.
-
-        Yields:
-            The terms, i.e. what the beam adds to the equations: a mass, a stored energy and a
-            constraint between the two directors of each node that this rank owns.
-        """
         yield KineticEnergy(self, self.mass)
         thermal = self._thermal_strain("Beam", components=6)
         stored = prestress_parameters(self.constants)
@@ -225,7 +196,6 @@ class Beam(Curve):
         yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
-        """The directors d2 and d3 of a global node."""
         d2 = Port(self, (node,), weights=(1.0,), vectors=(1,))
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3
@@ -242,17 +212,9 @@ class Beam(Curve):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Initial coordinates and velocities (9 n,) of the n nodes that this rank owns, node by
-        node.
-
-        A node has a position [m] and two directors (unit vectors); their rates are in m/s and 1/s.
-        The rate of a director is the difference of the given velocities at its tip and its root: a
-        rigid velocity field gives exactly the rates of a rigid rotation.  Collective at the first
-        use.
-
-        Raises:
-            InputError: the user's function of velocity raises or returns something else.
-        """
+        """Coordinates and velocities at the start.  The rate [1/s] of a director is the difference
+        of the given velocities at its tip and its root: a rigid velocity field gives exactly the
+        rates of a rigid rotation."""
         # Coordinates q and rates v (n, 3, 3): position and two directors of each owned node.
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)

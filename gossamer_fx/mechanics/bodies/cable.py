@@ -88,7 +88,6 @@ class CableLaw(BarLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check(
             math.isfinite(self.EA) and self.EA > 0,
             f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
@@ -96,7 +95,6 @@ class CableLaw(BarLaw):
         self._check_line_density()
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per unit reference length [J/m] of e = (ε,)."""
         return c.EA / 2 * e[0] ** 2
 
 
@@ -173,8 +171,6 @@ class Cable(Curve):
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
-        """Check the arguments, and make function space, law constants and initial state.
-        Collective."""
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
@@ -212,14 +208,9 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def measure(self, x: Expr) -> Expr:
-        """Green-Lagrange strain (ε,), a UFL vector, which the law of the cable takes.
-
-        It is measured from the natural length, which may differ from that of the mesh by a factor,
-        and contains the initial strain.
-
-        Args:
-            x: positions (3,) [m] on the mesh, a UFL expression.
-        """
+        """Green-Lagrange strain (ε,) of the positions x (3,) [m], a UFL vector, which the law
+        takes. It is measured from the natural length, which may differ from that of the mesh by a
+        factor, and contains the initial strain."""
         strain = bar_strain(x)[0]
         if self._length_ratio is not None:
             # x' with respect to the natural length is that of the mesh over the ratio of both.
@@ -236,19 +227,6 @@ class Cable(Curve):
         return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the cable.  Collective.
-
-        v and w are velocities [m/s] and test functions of the mass form, e0 and e1 the strains (1,)
-        at the start and the end of a step.
-
-        Yields:
-            The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored
-            energy with prestress and thermal strain.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of line elements,
-                is below zero, or its function fails.
-        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -279,22 +257,16 @@ class Cable(Curve):
 
     @property
     def initial_force(self) -> Expr | None:
-        """Tension [N] in the shape of the mesh, a UFL expression; None without prestress.
-
-        A cable that is cut short has one, too.
-        """
+        """Tension [N] in the shape of the mesh; None without prestress. A cable that is cut short
+        has one, too."""
         if self.initial_strain is None and self.length_factor >= 1:
             return None
         x = ufl.SpatialCoordinate(self.mesh.domain)
         return self.axial_force(x, self.measure(x))
 
     def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Tension N = W'(ε) λ [N], with the stretch λ = |x'| by the natural length.
-
-        Args:
-            q: positions (3,) [m] on the mesh.
-            e: strain (ε,) at these positions, of `measure` less the thermal strain.
-        """
+        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ = |x'| by the natural
+        length and the strain e = (ε,) of `measure` less the thermal strain."""
         dx = line_derivative(q)
         stretch = ufl.sqrt(ufl.dot(dx, dx))
         if self._length_ratio is not None:

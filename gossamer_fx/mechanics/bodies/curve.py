@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 
 class Curve(Meshed):
-    """A body on line elements: `size` numbers a node, Lagrange elements of an `order`."""
+    """A body on line elements: `size` numbers a node, Lagrange elements of an `order`.  `kind` and
+    `name` are its class and name in messages."""
 
     # of its law or section, as coefficients of forms; EA [N] where there is one
     constants: SimpleNamespace
@@ -35,19 +36,6 @@ class Curve(Meshed):
     def __init__(
         self, kind: str, name: str, mesh: Mesh | DolfinxMesh, order: int, size: int
     ) -> None:
-        """Check that the mesh consists of lines, and make the space of the coordinates.
-        Collective.
-
-        Args:
-            kind, name: class and name of the body, for messages.
-            mesh: of line elements in three dimensions [m].
-            order: of the Lagrange elements, 1 or 2.
-            size: numbers a node: 3 of the position [m], and 3 of each director (an axis of the
-                section).
-
-        Raises:
-            InputError: the mesh has other cells, or the order is not possible.
-        """
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(
@@ -65,16 +53,7 @@ class Curve(Meshed):
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
-        """Add an initial axial strain or force to the constants of the body.
-
-        Args:
-            tension: force [N]: a number, {group of the mesh: number}, or a function of points (3,
-                n) that returns (n,); None: none.
-            strain: Green-Lagrange strain (dimensionless), given in the same way.
-
-        Raises:
-            InputError: both are given, or something that is not finite or has another form.
-        """
+        """Add an initial axial force [N] or Green-Lagrange strain to the constants of the body."""
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_tension = tension
         self._initial_strain = strain
@@ -89,10 +68,8 @@ class Curve(Meshed):
 
     @property
     def initial_strain(self) -> Expr | None:
-        """Initial axial strain ε0 (dimensionless) as a UFL expression; None without prestress.
-
-        It was given itself, or follows from the initial tension N0 [N] by ε0 = N0/EA.
-        """
+        """Initial axial strain ε0, given itself or as N0/EA of the initial tension N0 [N]; None
+        without prestress."""
         strain = getattr(self.constants, "initial_strain", None)
         if strain is not None:
             return strain
@@ -104,7 +81,7 @@ class Curve(Meshed):
 
     @property
     def initial_force(self) -> Expr | None:
-        """Axial force [N] in the shape of the mesh, a UFL expression; None without prestress."""
+        """Axial force [N] in the shape of the mesh; None without prestress."""
         strain = self.initial_strain
         if strain is None:
             return None
@@ -125,16 +102,8 @@ class Curve(Meshed):
 
     def _thermal_strain(self, kind: str, components: int) -> ThermalStrain | None:
         """The thermal strain of the line for one compiled scene; None without thermal expansion.
-
-        Collective.
-
-        Args:
-            components: number of strains of the body.  The first is the axial one (dimensionless)
-                and expands with the temperature [K]; the others are not affected.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of line elements.
-        """
+        The first of its `components`, the axial one, expands with the temperature; the others do
+        not. Collective."""
         if self.thermal is None:
             return None
         from gossamer_fx.mechanics.bodies.thermal_expansion import metric_strain, thermal_strain

@@ -102,19 +102,8 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
 
 
 def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
-    """The vector, fixed in a frame, that has a given direction at the start of the scene.
-
-    Args:
-        direction: (3,) in space; a unit vector for joints and springs.
-        frame: an oriented point of a body, with two or three directors (orthonormal vectors).
-        where: returns the vector (3,) of a director; default: as the body has it by itself.
-
-    Returns:
-        A combination of the directors of the frame: a port of its body, or `Ground`.
-
-    Raises:
-        InputError: the frame has two directors and the direction is not in their plane.
-    """
+    """The vector, fixed in a frame, that has a direction (3,) at the start; `where` returns the
+    vector of a director.  A direction outside the plane of two directors raises `InputError`."""
     check(
         lies_in(direction, frame, where),
         f"A frame has no direction {direction.tolist()} in the plane of its directors; "
@@ -168,23 +157,18 @@ class SectionFrame:
 
     @property
     def frame(self) -> Frame:
-        """The frame with three directors n, d2, d3."""
         x, *directors = self._vectors()
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
-        """Ports of x, n, d2, d3."""
         return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
-        Collective.
-
-        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
-        (orthonormal vectors in the section), one vector after the other."""
+        """Coordinates and rates (12,) of x, n = s2 × s3, d2 and d3, from those of the section.
+        Collective."""
         # Point x and directors s2, s3 of the section; q and v are coordinates and rates (12,).
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
@@ -196,12 +180,7 @@ class SectionFrame:
         return q[:own_size], v[:own_size]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints by which the frame follows the section of a beam, with its normal as
-        third axis.
-
-        Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
-        of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
-        s3, ½(n·n - 1), n·s2 and n·s3."""
+        """The constraints (1)."""
         # The functions are ½ X·H X + L·X + c of the stacked vectors X = (x, n, d2, d3, x_s, s2,
         # s3).
         followers = [0, 2, 3]
@@ -251,7 +230,6 @@ class Between:
     name: str
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(list(bodies_of(self.a, self.b))),
             f"{type(self).__name__} '{self.name}' joins the ground to itself; "
@@ -267,18 +245,12 @@ class Between:
 
 
 class FrameJoint(Between):
-    """Frames of two bodies, or of one and the ground."""
+    """Frames of two different bodies, or of one and the ground."""
 
     a: Frame
     b: Frame
 
     def __post_init__(self) -> None:
-        """Check the two frames `a` and `b`, oriented points of bodies or of the ground, that the
-        joint connects.
-
-        Raises:
-            InputError: both frames are of the ground, or both are of the same body.
-        """
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin

@@ -71,21 +71,8 @@ def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> No
 
 
 def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
-    """A function of symmetric tensors, constant in each cell, from what a user gave.  Collective.
-
-    Args:
-        mesh: triangles of the film.
-        given: a number or tensor (3, 3); {group of surfaces: number or tensor}, elsewhere zero; or
-            a function of the cells' midpoints (3, n) [m] that returns (n,) or (3, 3, n).  A number
-            stands for that multiple of the unit tensor.
-        what: subject of the messages.
-
-    Returns:
-        Function with values (3, 3) in the unit of what was given: strains, or stresses [Pa].
-
-    Raises:
-        InputError: a value of another form, not finite or not symmetric, or a group that is not one
-            of triangles.
+    """A function of symmetric tensors (3, 3), constant in each cell, in the unit of what was given.
+    A number stands for that multiple of the unit tensor, the same in all directions.  Collective.
     """
     if isinstance(given, Mapping):
         by_group = {}
@@ -96,17 +83,8 @@ def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
 
 
 def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) -> None:
-    """Refuse an initial stress that film of a law cannot have at a small strain.  Collective.
-
-    Args:
-        mesh: triangles of the film.
-        stresses: a tensor (3, 3) [Pa] in each cell.
-        law: energy of the film; `taut_strain` is its strain under a given stress.
-        what: subject of the messages.
-
-    Raises:
-        InputError: the law cannot be inverted, or the film would wrinkle under the stress.
-    """
+    """Refuse an initial stress (3, 3) [Pa] that film of a law cannot have at a small strain.
+    Collective."""
     check(
         type(law).taut_strain is not FilmLaw.taut_strain,
         f"{what} is given, but {type(law).__name__} does not say which strain has it; "
@@ -125,16 +103,8 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
 
 
 def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
-    """Refuse an initial strain of -½ or less, to which nothing can be compressed.  Collective.
-
-    Args:
-        mesh: cells of the body.
-        strains: a tensor (3, 3), or a number, in each cell: Green-Lagrange strains.
-        what: subject of the messages.
-
-    Raises:
-        InputError: on all ranks.
-    """
+    """Refuse an initial strain, a tensor (3, 3) or a number in each cell, of -½ or less, to which
+    nothing can be compressed.  Collective."""
     shape = strains.function_space.value_shape
     smallest = float(strains.x.array.min(initial=0.0))
     if shape:
@@ -164,29 +134,16 @@ def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constant
 
 class _GivenTensors:
     """A tensor, a number or a function of points, as a function of points (3, n) that returns (3,
-    3, n)."""
+    3, n).  Numbers (n,) of a user's function become multiples of the unit tensor; other results are
+    returned as they are, for the caller to check."""
 
     def __init__(self, given: Tensors, what: str) -> None:
-        """Check a tensor; a function is checked by the caller, when it returns.
-
-        Args:
-            given: a number, a tensor (3, 3), or a function of points (3, n) [m].
-            what: name of the argument, for messages.
-
-        Raises:
-            InputError: an array that is not a tensor.
-        """
         self._function = given if callable(given) else None
         self._tensor: Array = np.zeros((3, 3))
         if not callable(given) and not isinstance(given, Mapping):
             self._tensor = _tensor(given, what)
 
     def __call__(self, points: Array) -> Any:
-        """Tensors (3, 3, n) at points (3, n) [m], in the unit of what the user gave.
-
-        Numbers (n,) of a user's function become multiples of the unit tensor; other results are
-        returned as they are, for the caller to check.
-        """
         count = points.shape[1]
         if self._function is None:
             return np.repeat(self._tensor[:, :, None], count, axis=2)
@@ -197,11 +154,7 @@ class _GivenTensors:
 
 
 def _tensor(value: Any, what: str) -> Array:
-    """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit.
-
-    Raises:
-        InputError: it is something else, not finite or not symmetric.
-    """
+    """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit."""
     numbers = real_numbers(value)
     if numbers is None or numbers.shape not in ((), (3, 3)) or not np.isfinite(numbers).all():
         raise InputError(
@@ -238,11 +191,7 @@ def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
 
 def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
     """Check that film which bears no compression is not compressed by its initial stress, (n, 3, 3)
-    [Pa].  Collective.
-
-    Raises:
-        InputError: on all ranks, if a principal stress in the film is negative beyond round-off.
-    """
+    [Pa].  Collective."""
     smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
     largest = float(np.abs(in_film).max(initial=0.0))
     check_on_all(
@@ -257,18 +206,8 @@ def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
 
 
 def line_numbers(mesh: Mesh, given: Numbers, what: str) -> fem.Function:
-    """A function that is constant in each cell of a mesh of lines, from what a user gave.
-    Collective.
-
-    Args:
-        mesh: line elements.
-        given: a number; {group of curves: number}, elsewhere zero; or a function of the cells'
-            midpoints (3, n) [m] that returns (n,).  In any unit, e.g. N for a tension.
-        what: subject of the messages.
-
-    Raises:
-        InputError: something else is given, or a number that is not finite.
-    """
+    """A function that is constant in each cell of a mesh of lines, in the unit of what was given.
+    Collective."""
     if callable(given) or isinstance(given, Mapping):
         return cellwise(mesh, given, 0.0, (), what)
     numbers = real_numbers(given)

@@ -105,10 +105,6 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
-        """Check the arguments, and make function space, law constants and initial state.
-        Collective.
-
-        The class describes the arguments in detail."""
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(
@@ -159,10 +155,7 @@ class Membrane(Meshed):
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _orient(self) -> None:
-        """Add the axes of an orthotropic law to the constants of the film.  Collective.
-
-        A law without direction changes nothing.
-        """
+        """Add the axes of an orthotropic law to the constants of the film.  Collective."""
         direction = getattr(self.law, "direction", None)
         if direction is not None:
             # Imported here: isotropic film has no axes.
@@ -172,15 +165,8 @@ class Membrane(Meshed):
             set_axes(self.constants, field, self._frame)
 
     def _check_expansion(self, thermal: ThermalExpansion) -> None:
-        """Refuse a thermal expansion that does not belong to this film.
-
-        Args:
-            thermal: coefficients of expansion [1/K] and temperatures [K].
-
-        Raises:
-            InputError: there are two coefficients and the law of the film has no axes, or a
-                difference of temperature across the thickness is given and the film does not bend.
-        """
+        """Refuse two coefficients of expansion for a law without axes, and a difference of
+        temperature across the thickness of a film that does not bend."""
         # Imported here: a film without thermal expansion does not load it.
         from gossamer_fx.mechanics.bodies.thermal_expansion import (
             check_expansion,
@@ -193,14 +179,8 @@ class Membrane(Meshed):
             check_no_gradient(thermal, what)
 
     def _thermal_strain(self) -> ThermalStrain | None:
-        """The thermal strain of the film for one compiled scene; None without thermal expansion.
-
-        It has the components (E11, E22, 2 E12), dimensionless, in the frame of the mesh, and
-        changes with the temperature [K].  Collective.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of triangles.
-        """
+        """The thermal strain (E11, E22, 2 E12), in the frame of the mesh, for one compiled scene;
+        None without thermal expansion.  Collective."""
         if self.thermal is None:
             return None
         from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain, thermal_strain
@@ -212,16 +192,8 @@ class Membrane(Meshed):
         )
 
     def _prestress(self) -> None:
-        """Add the initial stress [Pa] or strain that was given to the constants of the film.
-        Collective.
-
-        Each becomes a function with a tensor (3, 3) in each cell; without prestress nothing is
-        added.
-
-        Raises:
-            InputError: stress and strain are both given, a value has another form, or the law
-                cannot have the stress.
-        """
+        """Add the initial stress [Pa] or strain to the constants of the film, as a tensor (3, 3) in
+        each cell.  Collective."""
         check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
@@ -246,16 +218,11 @@ class Membrane(Meshed):
         return None
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
+        """Strain (E11, E22, 2 E12) at the positions x (3,) [m]: the Green-Lagrange strain from the
+        mesh in the local frame of the triangles, and the initial one.
 
         The thermal strain is not subtracted from it, since that depends on the time of a scene; the
         fields `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
-
-        Args:
-            x: positions (3,) [m] on the mesh, a UFL expression.
-
-        Returns:
-            UFL vector (3,), Green-Lagrange strain in the local frame of the triangles.
         """
         strain = self.strain_from_mesh(x)
         initial = self.initial_strain
@@ -285,18 +252,6 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the film.  Collective.
-
-        v and w are velocities [m/s] and test functions of the mass form.
-
-        Yields:
-            The terms, i.e. what the film adds to the equations: one of its mass, one of its stored
-            energy with prestress and thermal strain.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of triangles, is
-                below zero, or its function fails.
-        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -326,14 +281,6 @@ class Membrane(Meshed):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Owned positions (3 n,) [m] and velocities (3 n,) [m/s] at the start, node by node.
-
-        The user's functions of displacement and velocity are called once; collective at the first
-        use.
-
-        Raises:
-            InputError: a function raises or returns something else, or the mesh has no such group.
-        """
         if not isinstance(self._displacement, Mapping):
             return positions(self.space, self._displacement, self._velocity)
         # Positions x and velocities v of this rank's own nodes, (3 n,).

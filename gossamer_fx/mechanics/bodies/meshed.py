@@ -47,12 +47,10 @@ class Meshed(ABC):
         return self._start
 
     @abstractmethod
-    def terms(self, start: State) -> Iterable[Term]:
-        """The body's own roles."""
+    def terms(self, start: State) -> Iterable[Term]: ...
 
     @property
     def full(self) -> Meshed:
-        """The body itself: its unknowns are the coordinates of its nodes."""
         return self
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
@@ -80,14 +78,13 @@ class Meshed(ABC):
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
-    """A function or None; see `checked_function`."""
     if function is None:
         return None
     return checked_function(function, what, comm)
 
 
 def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
-    """The function, with a check of what it returns on all ranks; each calls it with its own
+    """The function, with a check on all ranks of what it returns; each rank calls it with its own
     points."""
     check(
         callable(function),
@@ -100,19 +97,9 @@ def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) ->
 def positions(
     space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
 ) -> tuple[Array, Array]:
-    """Owned positions and velocities of a body on a mesh at the start.  Collective.
-
-    Args:
-        space: Lagrange space (3,) of the coordinates on the mesh.
-        displacement: function of points (3, n) [m] that returns (3, n) [m]; None: the mesh itself.
-        velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
-
-    Returns:
-        Positions (3 n,) [m] and velocities (3 n,) [m/s] of this rank's own nodes, node by node.
-
-    Raises:
-        InputError: a function fails or returns another shape; `checked` has wrapped it for that.
-    """
+    """Positions [m] and velocities [m/s] (3 n,) of the n nodes that this rank owns, node by node,
+    at the start.  Without a displacement they are those of the mesh, without a velocity the body is
+    at rest.  `space` is the Lagrange space of the coordinates.  Collective."""
     # x, v, u: functions of position, velocity and displacement; X: points (3, n).
     x = fem.Function(space)
     v = fem.Function(space)
@@ -130,7 +117,6 @@ def positions(
 
 
 def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
-    """Local nodes (owned and ghost) of a named group of the mesh."""
     dim, entities = mesh.group(group)
     mesh.domain.topology.create_connectivity(dim, mesh.domain.topology.dim)
     nodes: np.ndarray = fem.locate_dofs_topological(space, dim, entities)
@@ -138,16 +124,7 @@ def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
 
 
 def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
-    """Global number of the one node of a named point of the mesh.  Collective.
-
-    Args:
-        body: on whose nodes the number is.
-        mesh: of the body.
-        group: name of a group that consists of one point.
-
-    Raises:
-        InputError: the mesh has no such group, or the group has no node, or several.
-    """
+    """Global number of the one node of a named point of the mesh.  Collective."""
     nodes = local_nodes(body.space, mesh, group)
     index_map = body.block.index_map
     # Each node is counted once, by its owner.
@@ -164,20 +141,9 @@ def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
 
 
 def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
-    """The point of a body at given coordinates of its mesh, also between nodes.  Collective.
-
-    Args:
-        body: on a mesh of triangles or lines.
-        point: coordinates (3,) [m] in the stress-free shape, the same on all ranks.
-        tolerance: largest distance [m] of the point from the mesh.
-
-    Returns:
-        A port: the weighted sum of the nodes of the cell around the point.
-
-    Raises:
-        InputError: the point has not three coordinates, or is further than `tolerance` from the
-            mesh.
-    """
+    """The point of a body at coordinates (3,) [m] of its mesh, also between nodes, as the weighted
+    sum of the nodes of the cell around it.  A point that is further than `tolerance` [m] from the
+    mesh raises `InputError`.  Collective."""
     mesh = body.space.mesh
     x = np.asarray(point, dtype=float)
     tdim = mesh.topology.dim
@@ -214,15 +180,8 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
 
 
 def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Nodes of a cell and their weights in the interpolation of a point.
-
-    Args:
-        x: point (3,) [m] in the cell.
-
-    Returns:
-        Global nodes and values of their shape functions at x, dimensionless, as tuples of the same
-        length; without those whose value is below `ZERO_WEIGHT`.
-    """
+    """Global nodes of a cell, and their weights in the interpolation of a point x (3,) [m]; those
+    below `ZERO_WEIGHT` are left out."""
     space: Any = body.space
     mesh = space.mesh
     corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]

@@ -116,9 +116,6 @@ class Plate(Membrane):
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
-        """Check the arguments, and make the film and the constants of bending.  Collective.
-
-        The class describes the arguments in detail."""
         check(
             order == 2,
             f"Plate '{name}': order is {order!r}; "
@@ -168,14 +165,8 @@ class Plate(Membrane):
         self.bending = self._bending_about(rest)
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
-        """The bending stiffness that a user gave, in the axes of the orthotropic law.
-
-        Args:
-            bending: D11, D12, D22, D66 [N m].
-
-        Raises:
-            InputError: the law has no axes, or the stiffnesses are not positive definite.
-        """
+        """The bending stiffness D11, D12, D22, D66 [N m] that a user gave, in the axes of the
+        orthotropic law."""
         # Constants of the law; with axes cosine and sine of their angle in the frame of the mesh.
         c = self.constants
         check(
@@ -216,20 +207,6 @@ class Plate(Membrane):
         return self.bending_stiffness.moment(κ)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies of the film, the bending energy, and what a curvature without moments adds
-        to it.
-
-        Yields:
-            The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
-            quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
-            curvature.
-
-        Raises:
-            InputError: a temperature, or its difference across the thickness, is given for a group
-                that does not consist of triangles, or its function fails.
-
-        Collective.
-        """
         # dx and dS are measures of the cells and of the interior edges without hinges; w is the
         # test function.
         yield from super().terms(start)
@@ -246,8 +223,6 @@ class Plate(Membrane):
 
     @property
     def has_thermal_curvature(self) -> bool:
-        """Whether a difference of temperature across the thickness changes the curvature without
-        moments."""
         return self.thermal is not None and self.thermal.gradient is not None
 
     def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
@@ -255,7 +230,8 @@ class Plate(Membrane):
 
         With the curvature H0 without moments, its moment M0 and the curvature κ = n·D²x of the
         moved surface it is ½∫ M0:H0 dA - ∫ M0:κ dA and a sum over interior edges.  These are
-        integrals of triple products of three vectors that are linear in the positions."""
+        integrals of triple products of three vectors that are linear in the positions.
+        """
         domain = self.mesh.domain
         bending = self.bending
         varying = None
@@ -272,16 +248,8 @@ class Plate(Membrane):
         def scaled(
             vectors: Callable[[Expr], Any], scale: Expr
         ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
-            """Divide the third of three vectors by a scale, so that all three are dimensionless.
-
-            Args:
-                vectors: function of the positions [m] that returns three vectors (3,), UFL
-                    expressions; the third in the unit of `scale`.
-                scale: positive, e.g. a stiffness over an area [N/m].
-
-            Returns:
-                Function of the positions that returns (u, v, s/scale).
-            """
+            """Divide the third of the three vectors by a scale, so that all three are
+            dimensionless."""
 
             def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                 # The three factors of a triple product (u×v)·s.
@@ -303,19 +271,13 @@ class Plate(Membrane):
         return TripleProductEnergy(name, self, products, bending.rest_energy(dx), varying)
 
     def _bending_about(self, rest: Expr | None) -> Bending:
-        """The bending forms of this plate with a curvature without moments; None: flat."""
         domain = self.mesh.domain
         penalty = constant(domain, PENALTY)
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
-        """The measure of the interior edges that transmit bending moments: all but the hinges.
-        Collective.
-
-        Returns:
-            UFL measure "dS", which integrates over the lengths [m] of these edges; expressions
-            under it need restrictions "+" or "-" to one side.
-        """
+        """The measure "dS" of the interior edges that transmit bending moments: all but the hinges.
+        Collective."""
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:
             return ufl.Measure("dS", domain, metadata=metadata)
@@ -330,11 +292,7 @@ class Plate(Membrane):
 
     def _check_flat(self, table: EdgeTable) -> None:
         """Check that neighbouring triangles lie in one plane unless a hinge is between them.
-        Collective.
-
-        Raises:
-            InputError: on all ranks, if normals differ by an angle whose sine exceeds `FLAT`.
-        """
+        Collective."""
         # The curvature of the forms is that of a plate flat in its stress-free shape.
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
@@ -350,18 +308,8 @@ class Plate(Membrane):
         )
 
     def _rest(self, given: Any) -> Expr:
-        """The curvature H0 (2, 2) [1/m] without moments, a UFL expression in the frame of the mesh.
-        Collective.
-
-        Args:
-            given: a tensor (3, 3) [1/m] in the plane of the mesh; {group of surfaces: tensor},
-                elsewhere zero; or a function of the cells' midpoints (3, n) [m] that returns (3, 3,
-                n).
-
-        Raises:
-            InputError: something else is given, or a tensor that is not symmetric or not in the
-                plane of the mesh.
-        """
+        """The curvature H0 (2, 2) [1/m] without moments in the frame of the mesh, from a given
+        tensor (3, 3), {group: tensor} or function of midpoints.  Collective."""
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
@@ -402,17 +350,8 @@ class _Uniform:
 
 
 def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
-    """Local edges (n,) of a named group of curves, each between two triangles.  Collective.
-
-    Args:
-        plate: the film or plate whose mesh has the group.
-        table: edges of the mesh with the triangles on both sides.
-        group: name of the group of curves.
-        what: what the group is used for, e.g. "hinge", for messages.
-
-    Raises:
-        InputError: it is not a group of edges, or holds edges of the rim.
-    """
+    """Local edges (n,) of a named group of curves, each between two triangles, for a use such as
+    "hinge".  Collective."""
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(
         plate.comm,

@@ -43,20 +43,11 @@ def vary(
     properties: Mapping[str, Property],
     name: str,
 ) -> None:
-    """Replace some numbers of a film law by functions that are constant in each cell.  Collective.
+    """Replace numbers of a film law, in `constants`, by functions that are constant in each cell.
+    Collective.
 
-    Args:
-        constants: coefficients of the law for UFL forms, changed in place.
-        law: the law, whose numbers hold where nothing is given.
-        mesh: of the film.
-        properties: by name of the number, as "E" [Pa], "nu" [-], "density" [kg/m³], "thickness"
-            [m]: {group of surfaces: value}, or a function of midpoints (3, n) [m] that returns
-            (n,).
-        name: of the film, for messages.
-
-    Raises:
-        InputError: a number that the law has not, or that would change derived ones; values out of
-            their limits.
+    Numbers that are derived from the argument in question, or values out of their limits, raise
+    `InputError`; where nothing is given the number of the law holds.
     """
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
@@ -90,23 +81,12 @@ def vary(
 
 
 def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
-    """A function that is constant in each cell, from values by group or a function of midpoints.
-    Collective.
+    """A function of this shape, () for numbers, that is constant in each cell of a mesh of
+    triangles or lines, ghosts included.  Collective.
 
-    Args:
-        mesh: of triangles or lines.
-        given: {group: value}, the other cells have `base`; or a function of points (3, n) [m] that
-            returns (*shape, n).
-        base: value of cells that are in no group.
-        shape: shape of the values, () for numbers.
-        what: subject of the messages.
-
-    Returns:
-        Discontinuous function of order 0, ghosts included, in the unit of what was given.
-
-    Raises:
-        InputError: a group that does not consist of cells, a value of another shape or not finite,
-            or a function that raises or returns something else.
+    It is given as {group: value}, with the value `base` in cells of no group, or as a function of
+    midpoints (3, n) [m] that returns (*shape, n).  `what` is the subject of the messages about
+    groups that do not consist of cells, values of another shape, and values that are not finite.
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
@@ -134,11 +114,7 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group of triangles or lines, owned and ghost.
-
-    Raises:
-        InputError: the mesh has no such group, or it does not consist of cells of the mesh.
-    """
+    """Local cells (n,) of a named group of triangles or lines, owned and ghost."""
     dim, cells = mesh.group(group)
     if mesh.domain.topology.dim == 1:
         check(
@@ -164,20 +140,11 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
 
 
 def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
-    """The first axis of an orthotropic film as a vector (3,) in each cell, as it was given.
-    Collective.
+    """The first axis of an orthotropic film as a vector (3,) in each cell, of any length and not
+    yet projected on the film.  Collective.
 
-    Args:
-        mesh: of the film.
-        given: a vector (3,), {group: vector}, or a function of points (3, n) that returns (3, n).
-            Lengths do not count.
-        name: of the film, for messages.
-
-    Returns:
-        Function that is constant in each cell, with the vectors not yet projected on the film.
-
-    Raises:
-        InputError: the direction is normal to the film, zero or not given in some cell.
+    It is given as a vector (3,), {group: vector}, or a function of points (3, n) that returns (3,
+    n).
     """
     what = f"Membrane '{name}': the direction of its law"
     if callable(given):
@@ -200,14 +167,8 @@ def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
 
 
 def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
-    """Check that directions have a part in the film in all cells.  Collective.
-
-    Args:
-        function: a vector (3,) in each cell, of any length.
-
-    Raises:
-        InputError: on all ranks, if a direction is zero or normal to the film in some cell.
-    """
+    """Check that the directions (3,) of all cells have a length, and a part in the film.
+    Collective."""
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(function.function_space)[:owned].ravel()
     # Zero first: a vector without length would also fail the next check, with the wrong advice.
@@ -232,13 +193,9 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
 
 
 def set_axes(constants: SimpleNamespace, direction: fem.Function, frame: Expr) -> None:
-    """Add direction, cosine and sine of the first axis of a film to the constants of its law.
-
-    Args:
-        constants: coefficients of the law for UFL forms; `direction`, `cosine` and `sine` are set.
-        direction: vector (3,) in each cell, whose part in the film is the axis.
-        frame: local orthonormal frame (3, 2) of the triangles, to which the angle refers.
-    """
+    """Add `direction`, `cosine` and `sine` of the first axis of a film to the constants of its law.
+    The angle is that of the part of `direction` in the film, in the local frame (3, 2) of the
+    triangles."""
     # Projected in the form, not here: a sensitivity to the shape of the mesh turns the axes with
     # it.
     projected = ufl.dot(frame.T, direction)

@@ -45,16 +45,11 @@ SMALLEST_EXTENT = 1e-300
 
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
-    """H, L, c of the measures ½(d_i·d_i - 1) and d_i·d_j, which are zero for orthonormal directors.
+    """H (m, 3k, 3k), L (m, 3k) and c (m,) of the measures ½(d_i·d_i - 1) and d_i·d_j of k = `count`
+    directors, up to 3, which are zero where these are orthonormal.
 
-    With m measures e = ½ X·H X + L·X + c of the stacked directors X (3 count,), dimensionless.
-
-    Args:
-        count: number of directors, 1 to 3.
-
-    Returns:
-        H (m, 3 count, 3 count), L (m, 3 count) and c (m,), with m = count (count + 1)/2: first the
-        lengths, then the right angles.
+    With the stacked directors X (3k,) the m = k (k + 1)/2 measures are ½ X·H X + L·X + c: first the
+    lengths, then the right angles.
     """
     pairs = [(i, j) for i, j in PAIRS if i < count and j < count]
     H = np.zeros((len(pairs), 3 * count, 3 * count))
@@ -111,7 +106,6 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        """Check the arguments; the coordinates of the body are on rank 0.  Collective."""
         check(
             math.isfinite(mass) and mass > 0,
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
@@ -177,9 +171,6 @@ class RigidBody:
         self.block = Block(IndexMap(comm, owned_nodes), 12)
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Coordinates [m, 1] and velocities [m/s, 1/s] (12 on the owning rank, else 0) at the
-        start.
-        """
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
@@ -257,7 +248,6 @@ class PointMass:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
-        """Check the arguments; the coordinates of the point are on rank 0.  Collective."""
         check(
             math.isfinite(mass) and mass > 0,
             f"PointMass '{name}': mass is {mass!r} kg; give a positive number.",
@@ -283,7 +273,6 @@ class PointMass:
         yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
 
     def port(self) -> Port:
-        """Where it is, for joints and springs."""
         return Port(self, (0,))
 
     def describe(self, node: int) -> str:
@@ -291,14 +280,14 @@ class PointMass:
 
 
 class RigidPiece:
-    """Position x and directors d_i, orthonormal by multipliers, without mass: what is tied to it
-    decides its motion.
+    """Position x and orthonormal directors d_i without mass: what is tied to it decides its motion.
+    Its coordinates are on rank 0; the arguments are the same on all ranks and not checked.
 
     Args:
         name: in messages.
         owner: the body that is tied to it.
-        start: positions (1 + k, 3) of x and the k directors, orthonormal.
-        rates: their velocities.
+        start: positions (1 + k, 3) of x [m] and the k directors.
+        rates: their velocities (1 + k, 3) [m/s, 1/s].
         rigid: whether lengths and angles of the directors are constant; one director alone may else
             change its length.
     """
@@ -306,12 +295,6 @@ class RigidPiece:
     def __init__(
         self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
     ) -> None:
-        """Take position, directors and rates of a massless rigid piece without a check.
-        Collective.
-
-        The coordinates of the piece are on rank 0; the arguments are the same on all ranks.
-
-        What is tied to the piece decides its motion."""
         self.name = name
         self.comm = owner.comm
         self._owner = owner
@@ -332,7 +315,6 @@ class RigidPiece:
 
     @property
     def directors(self) -> tuple[Port, ...]:
-        """The k directors as ports."""
         return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(1, len(self._q)))
 
     def port(self, *along: float) -> Port:
@@ -353,19 +335,10 @@ class RigidPiece:
 
 
 def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Mean position and directors of the points of all ranks, from those that this rank owns.
-    Collective.
-
-    Args:
-        comm: of the body; it has at least one point on all ranks together.
-        x, v: positions [m] and velocities [m/s] (n, 3) of this rank's points; n may be zero.
-
-    Returns:
-        The centre [m] and k unit vectors (1 + k, 3), one for each dimension of the set of points,
-        see `directors_of`; their rates (1 + k, 3) [m/s, 1/s] in the best affine motion; and the
-        coordinates (n, k) [m] of this rank's points along the directors.  The first two are the
-        same on all ranks.
-    """
+    """Frame (1 + k, 3) of the points x (n, 3) [m] of all ranks: their centre [m] and the k unit
+    vectors of `directors_of`; its rates (1 + k, 3) [m/s, 1/s] in the affine motion that fits the
+    velocities v (n, 3) [m/s] best; and the coordinates (n, k) [m] of this rank's points along the
+    directors.  n may be zero, but not on all ranks.  Collective."""
     count = comm.allreduce(len(x))
     mean = comm.allreduce(x.sum(axis=0)) / count
     mean_velocity = comm.allreduce(v.sum(axis=0)) / count
@@ -385,17 +358,11 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
 
 
 def directors_of(covariance: Array, flat: float = FLAT) -> Array:
-    """Orthonormal directors (k, 3) of a set of points: as many as it has dimensions.
+    """Orthonormal directors (k, 3) of a set of points, as many as it has dimensions.
 
     One along a line; two in a plane, right-handed with its normal; the axes of space for points in
-    space; none where all points coincide.
-
-    Args:
-        covariance: Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²] of the points.
-        flat: ratio of an extent to the largest one, below which the set counts as flat there.
-
-    Returns:
-        Unit vectors (k, 3), k from 0 to 3.
+    space; none where all points coincide.  `covariance` is Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²];
+    `flat` is the ratio to the largest extent, below which the set counts as flat in a direction.
     """
     # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
     squares, vectors = np.linalg.eigh(covariance)

@@ -94,7 +94,6 @@ class TabulatedCable(BarLaw):
     line_density: float
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
@@ -148,7 +147,7 @@ class TabulatedCable(BarLaw):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per natural length [J/m] of e = (ε,), equation (2)."""
+        """Equation (2) of the module."""
         x = _engineering_strain(e)
         total = ufl.as_ufl(0.0)
         # A sum over corners, not a search of the segment: UFL has no branches with a table.
@@ -162,17 +161,8 @@ class TabulatedCable(BarLaw):
         return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
 
     def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
-        """Mean stress S (1,) [N] of a step, a UFL vector, with S (e1 - e0) equal to the change of
-        energy.
-
-        S = N_mean/(½(λ0 + λ1)), with the force N [N] averaged over the stretches λ0 to λ1 of the
-        step; equation (3) of the module.
-
-        Args:
-            e0, e1: Green-Lagrange strains (1,) at the beginning and the end of the step.
-            c: constants of the mesh: `strains` (n,) [-] and `slope_changes` (n,) [N] at the n
-                corners of the table.
-        """
+        """Mean stress S (1,) [N] of a step, equation (3) of the module, from the Green-Lagrange
+        strains e0 and e1 (1,) at its ends."""
         # Engineering strains x0 and x1; s is the side, 1 or -1, of zero strain of a corner.
         x0 = _engineering_strain(e0)
         x1 = _engineering_strain(e1)
@@ -240,9 +230,6 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress of a step for each of n bars, and its derivative by the strain at the end.
-
-        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J]."""
         # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
@@ -255,18 +242,8 @@ class TabulatedBars:
 
 
 def corners_of(strain: Array, force: Array) -> Corners:
-    """The corners of the piecewise linear force through measured points.
-
-    A force N(x) = Σ_i c_i s_i max(s_i (x - x_i), 0) has a change c_i of slope at each corner x_i,
-    on the side s_i = ±1 of zero strain; corners without a change are left out.
-
-    Args:
-        strain: engineering strains (n,), rising.
-        force: [N] (n,); zero at zero strain.  Both have passed `_check_table`.
-
-    Returns:
-        The corners, in tension from zero upwards, then in compression from zero downwards.
-    """
+    """The corners of the force (1) of the module through measured points (n,), which have passed
+    `_check_table`: in tension from zero upwards, then in compression from zero downwards."""
     # The table is checked to have no force at zero strain, if only between two of its points.
     if not (strain == 0).any():
         at = int(np.searchsorted(strain, 0.0))
@@ -292,16 +269,9 @@ def corners_of(strain: Array, force: Array) -> Corners:
 
 
 def _check_table(strain: Array, force: Array) -> None:
-    """Raise `InputError` unless measured points are a force law.
-
-    Args:
-        strain: engineering strains (n,), dimensionless; two or more, rising, from at most zero and
-            above -1 to a positive one.
-        force: [N] (n,); not falling, zero at zero strain, and positive from there on.
-
-    Raises:
-        InputError: the first of these conditions that does not hold, with the values.
-    """
+    """Raise `InputError` unless measured points are a force law: two or more engineering strains
+    (n,), rising from at most zero and above -1 to a positive one, and forces [N] (n,) that do not
+    fall, are zero at zero strain and positive from there on."""
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
         f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; "
@@ -346,17 +316,8 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 
 
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Read the columns of engineering strain (dimensionless) and force [N] from a CSV file.
-
-    Args:
-        path: of a file with the header "strain [unit], force [unit]", in any order of the columns.
-
-    Returns:
-        Strains and forces, as many as there are rows.
-
-    Raises:
-        InputError: the file does not exist, has no such column, or a row is not two numbers.
-    """
+    """Engineering strains and forces [N] of a CSV file with the header "strain [unit], force
+    [unit]", its columns in any order."""
     check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
     # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
     with path.open(newline="", encoding="utf-8-sig") as file:
