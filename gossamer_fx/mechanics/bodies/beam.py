@@ -66,6 +66,10 @@ class Beam(Curve):
             rigid motions.  Default: at rest.
         name: name in messages and output.
 
+    Raises:
+        InputError: the mesh does not consist of lines in space, the normal is along the beam
+            somewhere, tension and strain are both given, or a function returns something else.
+
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
         >>> beam = gx.Beam(curve, section, normal=(0.0, 1.0, 0.0), name="boom")

@@ -101,14 +101,8 @@ class CableLaw(BarLaw):
 @check_arguments
 @dataclass(frozen=True)
 class TensionOnly(CableLaw):
-    """A bar as of `CableLaw` in tension, which stores nothing where it is slack.
-
-    Args:
-        EA: axial stiffness [N], positive.
-        line_density: mass per reference length [kg/m], positive.
-
-    Raises:
-        InputError: a number that is not positive.
+    """A bar as of `CableLaw`, with the same arguments, in tension; it stores nothing where it is
+    slack.
 
     Example:
         >>> gx.Cable(curve, gx.TensionOnly(1e4, 0.01)).name

@@ -29,7 +29,7 @@ ZERO_WEIGHT = 1e-12
 
 
 class Meshed(ABC):
-    """A body on a mesh."""
+    """A body on a mesh.  Making one is collective."""
 
     name: str
     comm: MPI.Intracomm

@@ -88,13 +88,6 @@ class Crease:
     name: str = "crease"
 
     def __post_init__(self) -> None:
-        """Check the arguments, and that the group has edges between two triangles.  Collective.
-
-        Raises:
-            InputError: the stiffness [N m/m/rad] or yield angle [rad] is not positive, the rest
-                angle is beyond half a turn, the triangles are curved, or the group is not a line of
-                interior edges (of a plate: one of its hinges).
-        """
         check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
         check(
@@ -127,12 +120,7 @@ class Crease:
 
     def _check_edges(self, who: str) -> None:
         """Check that the edges of the crease lie between two triangles with normals on one side.
-        Collective.
-
-        Raises:
-            InputError: on all ranks, if the group has no edges, edges on the rim, or edges where
-                normals change sides, or if the mesh was distributed without neighbouring triangles.
-        """
+        Collective."""
         table = self.body.mesh.edges
         lines = self.body.mesh.curve(self.edges, who)
         owned = lines[lines < table.owned]
@@ -172,20 +160,18 @@ class Crease:
 
     @property
     def _owned(self) -> Indices:
-        """Local edges (n,) of the crease that this rank owns."""
         table = self.body.mesh.edges
         lines = self.body.mesh.curve(self.edges, self.name)
         return lines[lines < table.owned]
 
     @cached_property
     def energy(self) -> CreaseEnergy:
-        """The crease as arrays over points of its edges that this rank owns, for the equations.
+        """The crease as arrays over points of its edges that this rank owns: one point on an edge
+        of a film of order 1, two for order 2.
 
-        A film of order 1 has one point on an edge, one of order 2 has two.  At each point three
-        dimensionless vectors, along the fold and into the left and right panels, are constant
-        linear maps [1/m] of the positions of the nodes of both triangles; they are unit vectors on
-        the stress-free mesh.  The stiffness [N m/rad] of a point is that per length, times its
-        share of the edge's length.  Collective at the first use.
+        At each point three dimensionless vectors, along the fold and into the left and right
+        panels, are constant linear maps [1/m] of the positions of the nodes of both triangles; they
+        are unit vectors on the stress-free mesh.  Collective at the first use.
         """
         table = self.body.mesh.edges
         owned = self._owned
@@ -250,14 +236,9 @@ class Crease:
         )
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
-        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of triangles, at points
-        of edges.
-
-        Args:
-            cells: local triangles (n,) with k nodes.
-            sides: number (n,) from 0 to 2 of the edge of each triangle.
-            points: positions (g,) along the edge, from 0 to 1.
-        """
+        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of n triangles, at the
+        positions (g,) of points, from 0 to 1, along one edge of each, whose number from 0 to 2
+        `sides` has."""
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
         # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
@@ -280,13 +261,8 @@ class Crease:
 
 
 def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Whether (n,) the two triangles of interior edges pass them in opposite directions.
-
-    The normals of both triangles are then on the same side of the film.
-
-    Args:
-        edges: local numbers (n,) of interior edges.
-    """
+    """Whether (n,) the two triangles of interior edges pass them in opposite directions, so that
+    their normals are on the same side of the film."""
     corners = table.domain.topology.connectivity(2, 0).array.reshape(-1, 3)
     cells = table.cells[edges]
     sides = table.sides[edges]
@@ -306,17 +282,8 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
-    """Remove nodes that both triangles have from those of the right one, and add up their maps.
-
-    The maps [1/m] give three vectors at each of g points of n edges from the positions of the
-    nodes.
-
-    Args:
-        nodes: (n, 2k) of the left and of the right triangle.
-        maps: (n, g, 3, 2k) of these nodes; changed in place.
-
-    Returns:
-        Nodes (n, r) and maps (n, g, 3, r), r = 4 for order 1 and 9 for order 2.
+    """Remove nodes (n, 2k) that both triangles have from those of the right one, and add up their
+    maps (n, g, 3, 2k), which are changed in place.  4 nodes remain for order 1 and 9 for order 2.
     """
     n = len(nodes)
     twins = nodes[:, k:, None] == nodes[:, None, :k]

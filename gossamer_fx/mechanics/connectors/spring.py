@@ -64,20 +64,12 @@ class LengthSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
     def energy(self, e: Array) -> Array:
-        """ψ (n,) [J] of strains e (n, 1) [m²]."""
         stretch = length_of(e) - self.L
         if self.side:
             return self.k * one_sided_energy(self.side * stretch)
         return self.k * stretch**2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress of a step for each of n springs, and its derivative.
-
-        The measure is e = ½ l² of the length l; the stress S = ∂ψ/∂e is the force over the length,
-        and S_mean (e1 - e0) the change of energy [J].
-
-        L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
-        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = length_of(e0)
         l1 = length_of(e1)
@@ -108,9 +100,6 @@ class LengthDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean viscous stress of a step for each of n dampers, and its derivative.
-
-        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = length_of(e0)
         l1 = length_of(e1)
@@ -133,11 +122,6 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean viscous stress of a step for each of n ropes, and its derivative.
-
-        The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
-        negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
-        [N s/m]."""
         # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
         l0 = length_of(e0)
         l1 = length_of(e1)
@@ -207,7 +191,6 @@ class Spring(Between):
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check(
@@ -217,7 +200,6 @@ class Spring(Between):
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -259,7 +241,6 @@ class Rope(Between):
     name: str = "rope"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
@@ -270,7 +251,6 @@ class Rope(Between):
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -361,11 +341,6 @@ class Damper(Between):
         check_positive(self, "damping", "N s/m")
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The dissipation of the damper: what it adds to the equations.
-
-        Raises:
-            InputError: the two ends coincide in the initial state.
-        """
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
@@ -404,7 +379,6 @@ class AxialSpring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
@@ -416,9 +390,6 @@ class AxialSpring:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The stored energy ½ k (n·(x - x0))² [J]: what the spring adds to the equations.
-
-        n is the unit vector of its direction, x [m] its point, x0 [m] its origin."""
         n = unit(self.direction)
         # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))
@@ -459,13 +430,6 @@ class RopeBundle:
     name: str = "ropes"
 
     def __post_init__(self) -> None:
-        """Check the ends, the lengths [m], the stiffness [N/m] and the damping [N s/m] of the
-        ropes.
-
-        Raises:
-            InputError: there is no rope, not one length for each pair of ends, a pair without a
-                body, a length or stiffness that is not positive, or a negative damping.
-        """
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
@@ -491,16 +455,9 @@ class RopeBundle:
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of each rope, for pictures."""
         return self.ends
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Stored energy and, with damping, dissipation of each rope.
-
-        Yields:
-            The terms, i.e. what the ropes add to the equations; all have the same name, under which
-            the ledger sums them.
-        """
         # Terms of one name are summed in the energy balance; those of one kind are one array.
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
@@ -539,7 +496,6 @@ class AttachedMass:
     name: str = "attached mass"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         # The weights of a direction add up to zero: it would have no mass in translation.
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),

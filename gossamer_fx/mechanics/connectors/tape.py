@@ -164,12 +164,6 @@ class Tape:
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
-        """Check the bars and their natural lengths (n,) [m], and make these an array.
-
-        Raises:
-            InputError: there are no bars, a length is not positive, or there is not one length for
-                each bar.
-        """
         lengths = np.asarray(self.lengths, dtype=float)
         object.__setattr__(self, "lengths", lengths)
         check(
@@ -188,18 +182,9 @@ class Tape:
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of each bar, for pictures."""
         return self.bars
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the bars: what the tape adds to the equations.
-
-        Yields:
-            The mass [kg] of the bars at their ends, and their stored energy [J].
-
-        Raises:
-            InputError: the law is not that of a cable.
-        """
         law = self.law
         L = np.asarray(self.lengths)
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
@@ -218,17 +203,9 @@ class Tape:
 
 
 def _density(law: BarLaw, lengths: Array) -> PointDensity:
-    """The stored energy of bars as a function of the measure e of each, which `Tape.terms` makes.
-
-    e = √(EA L) ε for laws with a constant axial stiffness, so that the energy is ½ e² [J]; e = ε
-    for a table.  ε = ½(λ² - 1) is the strain of the bar.
-
-    Args:
-        lengths: natural lengths (n,) [m] of the bars that this rank evaluates.
-
-    Raises:
-        InputError: the law is not that of a cable.
-    """
+    """The stored energy [J] of bars with natural lengths (n,) [m], as a function of the measure e
+    of each, which `Tape.terms` makes: ½ e² for laws with a constant axial stiffness, e = ε for a
+    table."""
     if isinstance(law, TensionOnly):
         return OneSided()
     if isinstance(law, CableLaw):
@@ -254,15 +231,8 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
 def _refuse_edges_without_length(
     body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
 ) -> None:
-    """Check that no edge of a tape has ends that coincide.  Collective.
-
-    Args:
-        lengths: lengths (n,) [m] of this rank's edges.
-        midpoints: their middles (n, 3) [m], for the message.
-
-    Raises:
-        InputError: on all ranks, if an edge is shorter than `SHORTEST_EDGE` of the longest one.
-    """
+    """Check that no edge of a tape, with the lengths (n,) and midpoints (n, 3) [m] of those of this
+    rank, has ends that coincide.  Collective."""
     longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
     bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
     own_place = tuple(midpoints[bad[0]].tolist()) if len(bad) else None

@@ -87,14 +87,6 @@ class Tether(Between):
     name: str = "tether"
 
     def __post_init__(self) -> None:
-        """Check ends, stiffness [N/m], length [m], brake force [N] and total length [m] of the
-        tether.
-
-        Raises:
-            InputError: both ends are of the ground, a number is not positive, a length that is a
-                number has no brake, one that is a function has a brake, or the total length is
-                below the length.
-        """
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
@@ -118,16 +110,9 @@ class Tether(Between):
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The rope on its reel, with a given length or a brake: what it adds to the equations.
-
-        Raises:
-            InputError: on all ranks, if the function does not return a positive length at t = 0 (or
-                later, in the run).
-        """
         measure = half_distance_squared(self.a, self.b)
         given = self.length
         if not callable(given):
@@ -161,16 +146,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
-        """Compile all ropes with a reel: arrays and indices that stay the same in a run.
-        Collective.
-
-        Args:
-            terms: the ropes of the scene, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: the stress rule takes the strain in the middle of the step.
-        """
         # The length of a rope between the ends of a step is not known to its brake.
         check(
             not system.rule.takes_mid_strain,
@@ -207,12 +182,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        """Evaluate the given natural lengths [m] of ropes at the end of the step that begins.
-
-        Raises:
-            InputError: on all ranks, if a user's function of time does not return a positive
-                length.
-        """
         system = self._system
         # The length is that of the end of the step, also where the forces are those of its middle.
         end = system.time + system.h
@@ -223,13 +192,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         self._next = np.where(np.isfinite(given), given, self.length)
 
     def commit(self) -> None:
-        """Make the accepted coordinates the start of the next step, and update the natural lengths
-        [m].
-
-        Collective.  A brake that slips has let out rope in the accepted step, and a reel with a
-        given length as much as that says.  The first call is at the initial state, where ropes that
-        are tighter than their brake allows become longer.
-        """
         # Unknowns (n, D) of the ends of this rank's n ropes.
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
@@ -246,7 +208,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         self._stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the forces [N] of all ropes to r."""
         q = self._gather(self._system.q1)[0]
         indices = self._at.indices.ravel()
         forces = self._stencil.force(q).ravel()
@@ -254,15 +215,12 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the tangents [N/m] of all ropes to A."""
         q = self._gather(self._system.q1)[0]
         add_blocks(A, self._at.indices, self._at.indices, self._stencil.tangent(q))
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress S_mean = T_mean/l_mean of a step for each of n ropes, and its derivative.
-
-        T_mean [N] is the mean tension, l_mean = (l0 + l1)/2 [m] the mean distance of the ends.
-        With e = ½ l², S_mean (e1 - e0) is the work T_mean (l1 - l0) [J]."""
+        """Mean stress T_mean/l_mean (n, 1) [N/m] of a step for each of n ropes with the measures e
+        = ½ l², and its derivative by e1; l_mean is the mean distance of the ends."""
         # Distances l0, l1 [m] of the ends; T (n,) [N]: mean tension; slope [N/m]: dT/dl1.
         l0 = length_of(e0)
         l1 = length_of(e1)
@@ -274,14 +232,12 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return stress[:, None], derivative[:, None, None]
 
     def supplied(self) -> float:
-        """Work [J] that the reels with a given length supply on this rank in the step."""
         l1 = self._lengths(self._gather(self._system.q1)[0])
         T, _ = self._tension(l1)
         paid_out = self._next - self.length
         return float(np.sum(-T * paid_out))
 
     def dissipated(self) -> Array:
-        """Energy [J] that each term with a brake dissipates on this rank in the step."""
         if not self._braked:
             return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
@@ -290,7 +246,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return of_terms[self._braked]
 
     def energies(self) -> dict[str, float]:
-        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found = dict.fromkeys((term.name for term in self.terms), 0.0)
         energies = self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2
         for i, energy in zip(self._at.owner, energies, strict=True):
@@ -313,7 +268,6 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return np.asarray(self._system.comm.allreduce(found))
 
     def get_state(self) -> dict[str, Any]:
-        """The lengths L [m], for a restart."""
         return {"lengths": self.lengths().tolist()}
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -339,32 +293,17 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """Tensions (n,) [N] of ropes in a step, as a function of their stretch.
-
-        They are k y, but no more than the brake force B as long as rope remains on the reel, and
-        zero for a slack rope.
-
-        Args:
-            y: distances of the ends less natural lengths (n,) [m] at the start of the step.
-        """
+        """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of
+        the step: k y, but no more than the brake force as long as rope remains on the reel, and
+        zero if slack."""
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)
         pull: Array = self._k * np.maximum(y - beyond, 0.0)
         return pull
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
-        """Mean tension of a step for each of n ropes, averaged exactly over its stretch, and the
-        derivative.
-
-        With backward Euler it is the tension at the end of the step.  The stretch, distance less
-        natural length, is y0 [m] at the start of the step and y1 [m] at its end.
-
-        Args:
-            l1: distances of the ends (n,) [m] at the end of the step, of this rank's ropes.
-
-        Returns:
-            T_mean (n,) [N] and dT_mean/dl1 (n,) [N/m].
-        """
+        """Mean tension T_mean (n,) [N] of a step to the distances l1 (n,) [m], averaged exactly
+        over its stretch, and dT_mean/dl1 (n,) [N/m]."""
         # The distance at the start of the step is the attribute `_l`.
         y1 = l1 - self._next
         y0 = self._l - self.length
@@ -402,7 +341,6 @@ class PaidOutRope:
     """A rope between two points, whose length is given or held by a brake.
 
     Args:
-        name: in the energy balance and in messages.
         measure: e = ½|x_a - x_b|² [m²] of the two points.
         stiffness: k [N/m].
         length: L [m] at the start.

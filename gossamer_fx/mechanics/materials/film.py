@@ -66,12 +66,7 @@ ROUND_OFF = 1e-12
 
 
 def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
-    """The numbers of a law as UFL constants on a mesh, under the same names.
-
-    Args:
-        law: dataclass; fields that are not numbers are left out.
-        mesh: of the body with this law.
-    """
+    """The numbers of a law, a dataclass, as UFL constants on a mesh under the same names."""
     result = SimpleNamespace()
     for field in fields(law):
         value = getattr(law, field.name)
@@ -99,10 +94,6 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
 
     A law with numbers that are derived from others has none but its density: the forms do not show
     how the derived ones change.  Tables of a law do not count as parameters.
-
-    Args:
-        law: dataclass of numbers.
-        coefficients: its numbers as UFL constants, see `constants`.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(
@@ -115,6 +106,9 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
 @dataclass(frozen=True, kw_only=True)
 class FilmLaw:
     """Base of all laws of films; a law of your own defines `energy`.
+
+    In its methods e is a strain (E11, E22, 2 E12) in the frame of the film, and c has the numbers
+    of the law as UFL constants.
 
     Attributes:
         density: mass density [kg/m³].
@@ -129,11 +123,6 @@ class FilmLaw:
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check density [kg/m³] and thickness [m].
-
-        Raises:
-            InputError: one of them is not a positive, finite number.
-        """
         law = type(self).__name__
         for name in ("density", "thickness"):
             value = getattr(self, name)
@@ -143,18 +132,14 @@ class FilmLaw:
             )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per unit reference area [J/m²] of the strain e = (E11, E22, 2 E12)."""
+        """Stored energy per unit reference area [J/m²] of the strain e."""
         raise TypeError(f"{type(self).__name__} has no energy")
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
         """Pieces of the straight path from strain e0 to e1 on which the energy is smooth.
 
         An empty list means that the pieces are not known; the path is then integrated by Gauss
-        points.  See `gossamer_fx.core.forms.strain_path`.
-
-        Args:
-            e0, e1: strains (E11, E22, 2 E12) at the start and at the end of a step.
-            c: the numbers of the law as UFL constants.
+        points. See `gossamer_fx.core.forms.strain_path`.
         """
         return []
 
@@ -164,11 +149,7 @@ class FilmLaw:
 
     def c_law(self, c: Any, comm: MPI.Intracomm) -> CLaw | None:
         """The C functions of a law that UFL cannot write as one expression; None of all others.
-
-        Args:
-            c: the numbers of the law as UFL constants.
-            comm: the ranks; collective.
-        """
+        Collective."""
         return None
 
     def unwrinkled(self) -> FilmLaw:
@@ -176,8 +157,7 @@ class FilmLaw:
         raise TypeError(f"{type(self).__name__} has no law without wrinkles")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """The strain (E11, E22, 2 E12) at which taut film has the stress S = (S11, S22, S12)
-        [N/m]."""
+        """The strain e at which taut film has the stress S = (S11, S22, S12) [N/m]."""
         raise TypeError(f"{type(self).__name__} has no strain of a given stress")
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
@@ -198,12 +178,6 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
-        """Check Young's modulus [Pa], Poisson's ratio [-], density [kg/m³] and thickness [m].
-
-        Raises:
-            InputError: E, density or thickness is not a positive number, or nu is outside (-1,
-                0.5].
-        """
         law = type(self).__name__
         check(
             math.isfinite(self.E) and self.E > 0,
@@ -213,12 +187,6 @@ class IsotropicFilm(FilmLaw):
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant: plane stress, Hooke's law inverted.
-
-        Args:
-            S: stress resultant (S11, S22, S12) [N/m].
-            c: the numbers of the law as UFL constants.
-        """
         stiffness = c.E * c.thickness
         return ufl.as_vector(
             [
@@ -281,10 +249,7 @@ class Miyazaki(IsotropicFilm):
     continuity or isotropy, so there is one.
 
     Args:
-        E: Young's modulus [Pa], positive.
-        nu: Poisson's ratio, above -1 and at most 0.5.
-        density: mass density ρ [kg/m³], positive.
-        thickness: t [m], positive.
+        E, nu, density, thickness: as of `Linear`.
         residual_stiffness: u, compressive over tensile stiffness, between 0 and 1.
 
     Raises:
@@ -303,12 +268,6 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
-
-        Raises:
-            InputError: E, density or thickness is not positive, nu is outside (-1, 0.5], or the
-                residual stiffness is outside [0, 1].
-        """
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -320,22 +279,10 @@ class Miyazaki(IsotropicFilm):
         return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """Pieces of the path from e0 to e1, as the module `gossamer_fx.core.forms.strain_path`
-        describes.
+        """Five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
 
         Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone -h ≥
-        (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.  The rest is wrinkled.
-
-        ν is Poisson's ratio and u the residual stiffness, the ratio of the stiffness in
-        compression to that in tension; f1 = γ2 + ν γ1 and f2 = γ1 + u ν γ2 with the principal
-        strains γ1 ≥ γ2. a and b are the ends of a piece.
-
-        Args:
-            e0, e1: strains (E11, E22, 2 E12) [-] at the start and at the end of a step.
-            c: the numbers of the law as UFL constants.
-
-        Returns:
-            five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
+        (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.
         """
         ν = c.nu
         uν = c.residual_stiffness * c.nu
@@ -373,12 +320,6 @@ class Miyazaki(IsotropicFilm):
 
         With γ1 = h + r the energy is quadratic except for a multiple of h r, with centre h and
         radius r of Mohr's circle.
-
-        ν is Poisson's ratio, u the residual stiffness [-], γ1 the larger principal strain; tr is
-        the trace of a strain and det its determinant.
-
-        Args:
-            ea, eb: strains (E11, E22, 2 E12) [-] at both ends of the path.
         """
         ν = c.nu
         u = c.residual_stiffness
@@ -392,12 +333,10 @@ class Miyazaki(IsotropicFilm):
         return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
     def _taut(self, e: Expr, c: Any) -> Expr:
-        """Energy of the taut state [J/m²]."""
         tr, det = _invariants(e)
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
-        """Energy of the wrinkled state [J/m²]."""
         h, r = half_trace_and_radius(e)
         tr, det = _invariants(e)
         ν = c.nu
@@ -406,7 +345,6 @@ class Miyazaki(IsotropicFilm):
         return factor * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
 
     def _slack(self, e: Expr, c: Any) -> Expr:
-        """Energy of the slack state [J/m²]."""
         tr, det = _invariants(e)
         ν = c.nu
         u = c.residual_stiffness
@@ -417,15 +355,8 @@ class Miyazaki(IsotropicFilm):
         return self._by_state(e, c, TAUT, WRINKLED, SLACK)
 
     def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-        """One of three expressions, by the state of the film at a strain.
-
-        h and r are centre and radius of Mohr's circle, γ1 ≥ γ2 the principal strains. The film is
-        taut if f1 = γ2 + ν γ1 ≥ 0, to round-off, and otherwise wrinkled if f2 = γ1 + u ν γ2 > 0,
-        with u the residual stiffness [-].
-
-        Args:
-            e: strain (E11, E22, 2 E12) [-].
-        """
+        """One of three expressions, by the state of the film at the strain e: taut if f1 ≥ 0, to
+        round-off, otherwise wrinkled if f2 > 0."""
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -444,10 +375,7 @@ class TensionField(Miyazaki):
     carries it.
 
     Args:
-        E: Young's modulus [Pa], positive.
-        nu: Poisson's ratio, above -1 and at most 0.5.
-        density: mass density ρ [kg/m³], positive.
-        thickness: t [m], positive.
+        E, nu, density, thickness: as of `Linear`.
         residual_stiffness: zero; another value is refused.
 
     Raises:
@@ -465,7 +393,6 @@ class TensionField(Miyazaki):
     residual_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             self.residual_stiffness == 0,

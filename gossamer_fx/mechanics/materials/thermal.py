@@ -72,11 +72,6 @@ class ThermalExpansion:
     gradient: Temperature | None = None
 
     def __post_init__(self) -> None:
-        """Check that coefficients [1/K] and absolute temperatures [K] are possible.
-
-        Raises:
-            InputError: a coefficient is too large, or a temperature is below 0 K.
-        """
         for alpha in self.alphas:
             check(
                 abs(alpha) <= MAX_ALPHA,
