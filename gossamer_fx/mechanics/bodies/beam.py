@@ -133,8 +133,7 @@ class Beam(Curve):
 
     def stress_free(self, nodes: Indices) -> Array:
         """Position and directors (n, 3, 3) of local nodes where the beam is free of stress."""
-        q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
-        return q
+        return self._reference.x.array.reshape(-1, 3, 3)[nodes]
 
     def measure(self, q: Expr) -> Expr:
         """Strains (ε, γ2, γ3, κ2, κ3, τ)."""

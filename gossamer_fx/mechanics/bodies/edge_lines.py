@@ -65,8 +65,7 @@ class EdgeLine:
     def fractions(self) -> Array:
         """σ (n + 1,) at the ends of the edges, from 0 to 1."""
         sums = np.concatenate([[0.0], np.cumsum(self.edge_lengths)])
-        found: Array = sums / sums[-1]
-        return found
+        return sums / sums[-1]
 
     @property
     def order(self) -> int:

@@ -185,8 +185,7 @@ def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     # Projections on the plane of each cell.
     projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    in_film: Array = projections @ tensors @ projections
-    return in_film
+    return projections @ tensors @ projections
 
 
 def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:

@@ -119,8 +119,7 @@ def positions(
 def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
     dim, entities = mesh.group(group)
     mesh.domain.topology.create_connectivity(dim, mesh.domain.topology.dim)
-    nodes: np.ndarray = fem.locate_dofs_topological(space, dim, entities)
-    return nodes
+    return fem.locate_dofs_topological(space, dim, entities)
 
 
 def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:

@@ -196,13 +196,11 @@ class Corners:
     def force(self, x: Array) -> Array:
         """N(x) [N] of strains of any shape."""
         forces = self.slope_changes * self.sides * np.maximum(self._beyond(x), 0.0)
-        total: Array = forces.sum(axis=-1)
-        return total
+        return forces.sum(axis=-1)
 
     def energy(self, x: Array) -> Array:
         """W(x) [J/m] of strains of any shape."""
-        total: Array = (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
-        return total
+        return (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
 
     def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
         mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
@@ -212,8 +210,7 @@ class Corners:
 
     def _beyond(self, x: Array) -> Array:
         """How far strains are beyond each corner, with a last axis of n corners."""
-        beyond: Array = self.sides * (x[..., None] - self.strains)
-        return beyond
+        return self.sides * (x[..., None] - self.strains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,8 +359,7 @@ def _engineering_strain(e: Expr) -> Expr:
 
 def _stretch(ε: Array) -> Array:
     """λ of ε = ½(λ² - 1)."""
-    λ: Array = np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
-    return λ
+    return np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
 
 
 def _mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:

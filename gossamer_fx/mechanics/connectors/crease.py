@@ -256,8 +256,7 @@ class Crease:
         corners = geometry.x[geometry.dofmap[cells, :3]]
         J = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
         dual = np.linalg.solve(J @ np.swapaxes(J, 1, 2), J)
-        gradients: Array = np.einsum("nac,angk->ngck", dual, table)
-        return gradients
+        return np.einsum("nac,angk->ngck", dual, table)
 
 
 def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dtype[np.bool_]]:
@@ -267,8 +266,7 @@ def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dt
     cells = table.cells[edges]
     sides = table.sides[edges]
     first = corners[cells, _ENDS[sides, 0]]
-    same: np.ndarray[Any, np.dtype[np.bool_]] = (first == table.vertices[edges]).all(axis=1)
-    return same
+    return (first == table.vertices[edges]).all(axis=1)
 
 
 def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
@@ -277,8 +275,7 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
     n = np.arange(len(t))
     away = corners[n, sides] - corners[n, _ENDS[sides, 0]]
     away = away - np.einsum("nc,nc->n", away, t)[:, None] * t
-    result: Array = away / np.linalg.norm(away, axis=1)[:, None]
-    return result
+    return away / np.linalg.norm(away, axis=1)[:, None]
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:

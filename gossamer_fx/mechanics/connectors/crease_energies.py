@@ -335,8 +335,7 @@ class _Points:
         The rows are vectors along the fold, into the left and into the right panel.
         """
         positions = q.reshape(len(q), q.shape[1] // 3, 3)
-        result: Array = self._maps @ positions
-        return result
+        return self._maps @ positions
 
     def keep(self, q: Array) -> None:
         """Update fold angles and rest angles from the positions q (n, D) [m] at the start of a
@@ -439,8 +438,7 @@ class _Points:
     def energy_slope(self) -> Array:
         """Derivative k (θ - θr) (n,) [N m/rad] of the stored energy at the start of a step by the
         angle; by the rest angle it has the opposite sign."""
-        slope: Array = self._k * (self.θ - self.rest)
-        return slope
+        return self._k * (self.θ - self.rest)
 
     def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
         """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] at the end of a step, with the
@@ -530,8 +528,7 @@ class _Points:
         if self._rule.conserves:
             return X
         α = self._rule.alpha
-        in_middle: Array = (1 - α) * self._X + α * X
-        return in_middle
+        return (1 - α) * self._X + α * X
 
     def _direction(self, X: Array, θ1: Array) -> Array:
         """G (n, 3, 3), dimensionless: discrete gradient of the angle by the vectors X of

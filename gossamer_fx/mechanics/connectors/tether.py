@@ -289,8 +289,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
         [m]."""
         beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
-        slip: Array = np.where(self._brakes, beyond, 0.0)
-        return slip
+        return np.where(self._brakes, beyond, 0.0)
 
     def _pull(self, y: Array) -> Array:
         """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of
@@ -298,8 +297,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         zero if slack."""
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)
-        pull: Array = self._k * np.maximum(y - beyond, 0.0)
-        return pull
+        return self._k * np.maximum(y - beyond, 0.0)
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
         """Mean tension T_mean (n,) [N] of a step to the distances l1 (n,) [m], averaged exactly

@@ -112,8 +112,7 @@ class AroundAxis:
     def __call__(self, points: Array) -> Array:
         """The directions (3, n) at points (3, n)."""
         arms = points - np.array(self.point, dtype=float)[:, None]
-        directions: Array = np.cross(np.array(self.axis, dtype=float), arms.T).T
-        return directions
+        return np.cross(np.array(self.axis, dtype=float), arms.T).T
 
 
 @check_arguments
