@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx.common import IndexMap
+from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -29,6 +30,28 @@ FRAME_SIZE = 12
 
 # Vectors as bodies have them by themselves, outside of any scene.
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
+
+
+class OneNode:
+    """A body with one node of one or more vectors, which rank 0 owns; all ranks know its start."""
+
+    comm: MPI.Intracomm
+    block: Block
+    # Coordinates and rates at the start, of any shape
+    _q: Array
+    _v: Array
+
+    def _make_node(self, size: int) -> None:
+        """Make the block of the node, of `size` coordinates.  Collective."""
+        self.block = Block(IndexMap(self.comm, int(self.comm.rank == 0)), size)
+
+    def initial_state(self) -> tuple[Array, Array]:
+        here = self.block.size * self.block.index_map.size_local
+        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+
+    def vector(self, k: int) -> Port:
+        """The vector k of the node, from zero."""
+        return Port(self, (0,), weights=(1.0,), vectors=(k,))
 
 
 @check_arguments
@@ -127,7 +150,7 @@ def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INI
     return bool(np.allclose(components, 0, atol=SAME_DIRECTION))
 
 
-class SectionFrame:
+class SectionFrame(OneNode):
     """A massless body that follows a section of a beam and has its normal as third director.
 
     Problem.  Products of the directors of two sections in one plane do not change to first order
@@ -151,9 +174,7 @@ class SectionFrame:
         self._origin = origin
         self.name = f"frame of {section.name or origin.body.name}"
         self.comm = origin.body.comm
-        # One node with four vectors, on rank 0.
-        node_count = int(self.comm.rank == 0)
-        self.block = Block(IndexMap(self.comm, node_count), FRAME_SIZE)
+        self._make_node(FRAME_SIZE)
 
     @property
     def frame(self) -> Frame:
@@ -161,7 +182,7 @@ class SectionFrame:
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
-        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
+        return tuple(self.vector(k) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
         yield self._origin.body
@@ -242,6 +263,17 @@ class Between:
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(*self._sides)
+
+
+class LineBetween(Between):
+    """Two points between which pictures show a straight line."""
+
+    a: Attached
+    b: Attached
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        return [(self.a, self.b)]
 
 
 class FrameJoint(Between):

@@ -3,25 +3,25 @@ to three directors, moved by what is tied to them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, is_vector
-from gossamer_fx.core.model.body import Array, Block, Body, Port, Vector
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Body, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.frames import Frame, OneNode
 from gossamer_fx.mechanics.terms.masses import NodeKineticEnergy
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+
+Mass = Annotated[float, positive("kg")]
 
 # The six products of three directors: three lengths, then three right angles.
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -67,7 +67,7 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
 
 
 @check_arguments
-class RigidBody:
+class RigidBody(OneNode):
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
     Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in
@@ -96,7 +96,7 @@ class RigidBody:
 
     def __init__(
         self,
-        mass: float,
+        mass: Mass,
         inertia: npt.ArrayLike,
         *,
         position: Vector = (0.0, 0.0, 0.0),
@@ -106,20 +106,12 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        check(
-            math.isfinite(mass) and mass > 0,
-            f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
-        )
         tensor = np.asarray(inertia, dtype=float)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         # The shape is tested first: a matrix of another shape cannot be compared with its
         # transpose.
-        is_symmetric = (
-            tensor.shape == (3, 3)
-            and bool(np.isfinite(tensor).all())
-            and bool(np.allclose(tensor, tensor.T))
-        )
+        is_symmetric = tensor.shape == (3, 3) and bool(np.allclose(tensor, tensor.T))
         check(
             is_symmetric,
             f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; "
@@ -166,13 +158,7 @@ class RigidBody:
         directors *= np.sign(np.sum(directors * R, axis=0))
         self._q = np.vstack([self._position, directors.T])
         self._v = np.vstack([self._velocity, np.cross(self._spin, directors.T)])
-        # One node of four vectors.  Rank 0 owns it; all ranks know the initial state.
-        owned_nodes = int(comm.rank == 0)
-        self.block = Block(IndexMap(comm, owned_nodes), 12)
-
-    def initial_state(self) -> tuple[Array, Array]:
-        here = 12 * self.block.index_map.size_local
-        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+        self._make_node(12)
 
     @property
     def velocity(self) -> Array:
@@ -206,8 +192,7 @@ class RigidBody:
 
     def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
-        d1, d2, d3 = (Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in (1, 2, 3))
-        return Frame(self.port(point), (d1, d2, d3))
+        return Frame(self.port(point), (self.vector(1), self.vector(2), self.vector(3)))
 
     def frame_at(self, place: Sequence[float]) -> Frame:
         """The body's axes at the material point that is at `place` [m] in space at the start."""
@@ -218,7 +203,7 @@ class RigidBody:
 
 
 @check_arguments
-class PointMass:
+class PointMass(OneNode):
     """A point with mass.  It lives on rank 0.
 
     Args:
@@ -241,33 +226,22 @@ class PointMass:
 
     def __init__(
         self,
-        mass: float,
+        mass: Mass,
         position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         *,
         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
-        check(
-            math.isfinite(mass) and mass > 0,
-            f"PointMass '{name}': mass is {mass!r} kg; give a positive number.",
-        )
-        for what, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
-            check(
-                is_vector(value),
-                f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.",
-            )
         self.mass = mass
         self.name = name
         self.comm = comm
+        # Arguments that a restart compares, see `outputs.arguments`.
         self._position = np.asarray(position, dtype=float)
         self._velocity = np.asarray(velocity, dtype=float)
-        self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)
-
-    def initial_state(self) -> tuple[Array, Array]:
-        # All of it on rank 0, nothing elsewhere.
-        here = 3 * self.block.index_map.size_local
-        return self._position[:here].copy(), self._velocity[:here].copy()
+        self._q = self._position
+        self._v = self._velocity
+        self._make_node(3)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
@@ -279,7 +253,7 @@ class PointMass:
         return "the point mass"
 
 
-class RigidPiece:
+class RigidPiece(OneNode):
     """Position x and orthonormal directors d_i without mass: what is tied to it decides its motion.
     Its coordinates are on rank 0; the arguments are the same on all ranks and not checked.
 
@@ -302,20 +276,14 @@ class RigidPiece:
         # Initial coordinates and rates, (1 + k, 3).
         self._q = start
         self._v = rates
-        # One node, which rank 0 owns; all ranks know the initial state.
-        owned_nodes = int(self.comm.rank == 0)
-        self.block = Block(IndexMap(self.comm, owned_nodes), start.size)
+        self._make_node(start.size)
 
     def requires(self) -> Iterable[Any]:
         yield self._owner
 
-    def initial_state(self) -> tuple[Array, Array]:
-        here = self._q.size * self.block.index_map.size_local
-        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
-
     @property
     def directors(self) -> tuple[Port, ...]:
-        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(1, len(self._q)))
+        return tuple(self.vector(k) for k in range(1, len(self._q)))
 
     def port(self, *along: float) -> Port:
         """The point x + Σ along[i] d_i."""

@@ -8,12 +8,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array, Indices
@@ -81,25 +81,18 @@ class Crease:
     body: Membrane
     edges: str
     _: KW_ONLY
-    stiffness: float
+    stiffness: Annotated[float, positive("N m/m/rad")]
     rest_angle: float = 0.0
-    yield_angle: float | None = None
+    yield_angle: Annotated[float, positive("rad")] | None = None
     initial_fold: int | None = None
     name: str = "crease"
 
     def __post_init__(self) -> None:
-        check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
         check(
-            math.isfinite(self.rest_angle) and abs(self.rest_angle) <= math.pi,
+            abs(self.rest_angle) <= math.pi,
             f"{who}: rest_angle is {self.rest_angle!r} rad; "
             "stay within half a turn, between -π and π.",
-        )
-        φ = self.yield_angle
-        check(
-            φ is None or (math.isfinite(φ) and φ > 0),
-            f"{who}: yield_angle is {φ!r} rad; "
-            "give a positive number, or None for a crease that does not yield.",
         )
         check(
             self.initial_fold in (None, VALLEY, MOUNTAIN),

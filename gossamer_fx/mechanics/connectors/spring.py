@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_weight
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive, require_positive
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Between, bodies_of
+from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
 from gossamer_fx.mechanics.terms.point_energies import (
     AttachedKineticEnergy,
     PointDissipation,
@@ -27,6 +26,12 @@ from gossamer_fx.mechanics.terms.point_energies import (
 
 STIFFNESS = Parameter("stiffness", "N/m", "k")
 LENGTH = Parameter("length", "m", "L")
+
+Stiffness = Annotated[float, positive("N/m")]
+Length = Annotated[float, positive("m")]
+LengthOrZero = Annotated[float, not_negative("m")]
+Damping = Annotated[float, positive("N s/m")]
+DampingOrZero = Annotated[float, not_negative("N s/m")]
 
 
 @dataclass(frozen=True)
@@ -159,9 +164,25 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+class LengthConnector(Between):
+    """A stiffness between two points: ψ of `LengthSpring`, by `side` in both directions or one."""
+
+    a: Attached
+    b: Attached
+    stiffness: float
+    length: float
+
+    side = 0
+
+    def terms(self, start: State) -> Iterable[Term]:
+        density = LengthSpring(self.stiffness, self.length, self.side)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Spring(Between):
+class Spring(LengthConnector, LineBetween):
     """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
     Args:
@@ -186,31 +207,14 @@ class Spring(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
+    stiffness: Stiffness
+    length: LengthOrZero
     name: str = "spring"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check(
-            self.length >= 0,
-            f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
-        )
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        return [(self.a, self.b)]
-
-    def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Rope(Between):
+class Rope(LengthConnector, LineBetween):
     """A rope without mass: it holds two points within its length.
 
     Its tension is k (l - L) where its ends are l > L apart, and zero where they are nearer.
@@ -235,29 +239,17 @@ class Rope(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
-    damping: float = 0.0
+    stiffness: Stiffness
+    length: Length
+    damping: DampingOrZero = 0.0
     name: str = "rope"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check_positive(self, "length", "m")
-        check(
-            math.isfinite(self.damping) and self.damping >= 0,
-            f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
-        )
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        return [(self.a, self.b)]
+    side = 1
 
     def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, side=1)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+        yield from super().terms(start)
         if self.damping:
+            measure = half_distance_squared(self.a, self.b)
             # It knows stiffness and length: a damper that pushed would slacken the rope, so that
             # the whole tension is kept from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
@@ -267,7 +259,7 @@ class Rope(Between):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Stop(Between):
+class Stop(LengthConnector):
     """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else
     zero.
 
@@ -293,19 +285,11 @@ class Stop(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
+    stiffness: Stiffness
+    length: Length
     name: str = "stop"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check_positive(self, "length", "m")
-
-    def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, side=-1)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+    side = -1
 
 
 @check_arguments
@@ -333,12 +317,8 @@ class Damper(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    damping: float
+    damping: Damping
     name: str = "damper"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "damping", "N s/m")
 
     def terms(self, start: State) -> Iterable[Term]:
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
@@ -372,14 +352,13 @@ class AxialSpring:
     """
 
     port: Port
-    stiffness: float
+    stiffness: Stiffness
     _: KW_ONLY
     direction: tuple[float, float, float]
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
             f"AxialSpring '{self.name}': direction is {self.direction!r}; "
@@ -424,9 +403,9 @@ class RopeBundle:
 
     ends: Sequence[tuple[Attached, Attached]]
     _: KW_ONLY
-    stiffness: float
-    lengths: Sequence[float]
-    damping: float = 0.0
+    stiffness: Stiffness
+    lengths: Sequence[Length]
+    damping: DampingOrZero = 0.0
     name: str = "ropes"
 
     def __post_init__(self) -> None:
@@ -435,19 +414,12 @@ class RopeBundle:
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
             f"and {len(self.lengths)} lengths; give as many of both, and at least one.",
         )
-        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+        for k, pair in enumerate(self.ends):
             check(
                 bool(list(bodies_of(*pair))),
                 f"RopeBundle '{self.name}': rope {k} joins the ground to itself; "
                 "give a port of a body.",
             )
-            require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
-        check_positive(self, "stiffness", "N/m")
-        check(
-            math.isfinite(self.damping) and self.damping >= 0,
-            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; "
-            "give none or a positive one.",
-        )
 
     def requires(self) -> Iterable[Any]:
         for pair in self.ends:
@@ -491,7 +463,7 @@ class AttachedMass:
     """
 
     port: Port
-    mass: float
+    mass: Annotated[float, positive("kg")]
     _: KW_ONLY
     name: str = "attached mass"
 
@@ -502,7 +474,6 @@ class AttachedMass:
             f"AttachedMass '{self.name}': its port is not a point of a body; "
             "give one, as film.port('tip').",
         )
-        check_positive(self, "mass", "kg")
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body

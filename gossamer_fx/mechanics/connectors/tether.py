@@ -29,8 +29,8 @@ from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Attached, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Between
-from gossamer_fx.mechanics.connectors.spring import half_distance_squared, length_of
+from gossamer_fx.mechanics.bodies.frames import LineBetween
+from gossamer_fx.mechanics.connectors.spring import Stiffness, half_distance_squared, length_of
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -46,7 +46,7 @@ ROUND_OFF = 1e-9
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tether(Between):
+class Tether(LineBetween):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
     else none.
 
@@ -80,7 +80,7 @@ class Tether(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
+    stiffness: Stiffness
     length: float | Callable[[float], float]
     brake_force: float | None = None
     total_length: float = math.inf
@@ -88,7 +88,6 @@ class Tether(Between):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
         if callable(self.length):
             check(
                 self.brake_force is None,
@@ -107,10 +106,6 @@ class Tether(Between):
             f"Tether '{self.name}': total_length is {self.total_length!r} m; "
             f"give {self.length:g} m or more.",
         )
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = half_distance_squared(self.a, self.b)

@@ -15,14 +15,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
@@ -186,13 +186,12 @@ class TorsionSpring(AboutHinge):
     b: Frame
     _: KW_ONLY
     axis: Vector
-    stiffness: float
+    stiffness: Annotated[float, positive("N m/rad")]
     rest_angle: float = 0.0
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest_angle) < math.pi,
             f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
@@ -238,12 +237,8 @@ class TorsionDamper(AboutHinge):
     b: Frame
     _: KW_ONLY
     axis: Vector
-    damping: float
+    damping: Annotated[float, positive("N m s/rad")]
     name: str = "torsion damper"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "damping", "N m s/rad")
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
