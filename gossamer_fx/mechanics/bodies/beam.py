@@ -21,13 +21,12 @@ from gossamer_fx.core.model.body import Array, Indices, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.core.sections import Section
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
+from gossamer_fx.mechanics.bodies.initial_strain import Numbers, stored_energy
 from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, global_node
 from gossamer_fx.mechanics.bodies.rigid_body import orthonormality
 from gossamer_fx.mechanics.materials.film import constants
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
@@ -77,6 +76,8 @@ class Beam(Curve):
         9
     """
 
+    strains = 6
+
     def __init__(
         self,
         mesh: Mesh | DolfinxMesh,
@@ -89,11 +90,11 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
-        super().__init__("Beam", name, mesh, 2, 9)
+        self._take_mesh(name, mesh, 2, size=9, dim=1)
         self.section = section
-        self._take_expansion("Beam", thermal)
-        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
+        self._take_expansion(thermal)
+        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self._frames: dict[int, Frame] = {}
         # A restart compares this argument, see `outputs.arguments`.
         self._normal = tuple(normal)
@@ -177,20 +178,7 @@ class Beam(Curve):
 
     def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(self, self.mass)
-        thermal = self._thermal_strain("Beam", components=6)
-        stored = prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
-            self,
-            self.measure,
-            self.density,
-            self.dx,
-            quadratic=True,
-            thermal=thermal,
-            parameters=stored,
-        )
+        yield stored_energy(self, (), quadratic=True)
         # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range

@@ -1,18 +1,17 @@
-"""Cables: lines without bending stiffness."""
+"""Curves, i.e. bodies on line elements in space, and cables: curves without bending stiffness."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
@@ -21,15 +20,22 @@ from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.curve import Curve
-from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
-from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, positions
+from gossamer_fx.mechanics.bodies.initial_strain import (
+    Numbers,
+    check_one_given,
+    check_strain,
+    line_numbers,
+    stored_energy,
+)
+from gossamer_fx.mechanics.bodies.meshed import Meshed, PointFunction, checked, positions
 from gossamer_fx.mechanics.materials.film import constants, parameters
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+
+
+LineDensity = Annotated[float, positive("kg/m")]
 
 
 class BarLaw:
@@ -55,14 +61,6 @@ class BarLaw:
         """Pieces of the path from e0 to e1 with exact averages; none: Gauss points take them."""
         return []
 
-    def _check_line_density(self) -> None:
-        """Check that the mass per length [kg/m] is positive."""
-        value = self.line_density
-        check(
-            math.isfinite(value) and value > 0,
-            f"{type(self).__name__}: line_density is {value!r}; give a positive number.",
-        )
-
 
 @check_arguments
 @dataclass(frozen=True)
@@ -82,17 +80,10 @@ class CableLaw(BarLaw):
         10000.0
     """
 
-    EA: float
-    line_density: float
+    EA: Annotated[float, positive("N")]
+    line_density: LineDensity
 
     quadratic = True
-
-    def __post_init__(self) -> None:
-        check(
-            math.isfinite(self.EA) and self.EA > 0,
-            f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
-        )
-        self._check_line_density()
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.EA / 2 * e[0] ** 2
@@ -114,6 +105,54 @@ class TensionOnly(CableLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
+
+
+class Curve(Meshed):
+    """A body on line elements.  Its constants include EA [N] where there is one."""
+
+    strains = 1  # number of its strains
+
+    def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
+        """Add an initial axial force [N] or Green-Lagrange strain to the constants of the body."""
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_tension = tension
+        self._initial_strain = strain
+        check_one_given(self.name, strain, tension, "initial_tension")
+        if strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = line_numbers(self.mesh, strain, what)
+            check_strain(self.mesh, self.constants.initial_strain, what)
+        if tension is not None:
+            what = f"'{self.name}': its initial_tension"
+            self.constants.initial_tension = line_numbers(self.mesh, tension, what)
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """Initial axial strain ε0, given itself or as N0/EA of the initial tension N0 [N]; None
+        without prestress."""
+        strain = getattr(self.constants, "initial_strain", None)
+        if strain is not None:
+            return strain
+        tension = getattr(self.constants, "initial_tension", None)
+        if tension is not None:
+            # At the natural length the axial force is EA ε0.
+            return tension / self.constants.EA
+        return None
+
+    @property
+    def initial_force(self) -> Expr | None:
+        """Axial force [N] in the shape of the mesh; None without prestress."""
+        strain = self.initial_strain
+        if strain is None:
+            return None
+        return self.constants.EA * strain
+
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        from gossamer_fx.mechanics.bodies.thermal_expansion import metric_strain
+
+        # The axial strain is the first; the others do not change.
+        axial = metric_strain(alphas[0], ΔT)
+        return ufl.as_vector([axial] + [0 * ΔT] * (self.strains - 1))
 
 
 @check_arguments
@@ -158,7 +197,7 @@ class Cable(Curve):
         *,
         order: int = 1,
         thermal: ThermalExpansion | None = None,
-        length_factor: float = 1.0,
+        length_factor: Annotated[float, positive()] = 1.0,
         initial_tension: Numbers | None = None,
         initial_strain: Numbers | None = None,
         displacement: PointFunction | None = None,
@@ -166,14 +205,10 @@ class Cable(Curve):
         name: str = "cable",
     ) -> None:
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
-        super().__init__("Cable", name, mesh, order, 3)
+        self._take_mesh(name, mesh, order, size=3, dim=1)
         self.law = law
-        check(
-            0 < length_factor < math.inf,
-            f"Cable '{name}': length_factor is {length_factor!r}; give a positive number.",
-        )
         self.constants = law.constants(self.mesh.domain)
-        self._take_expansion("Cable", thermal)
+        self._take_expansion(thermal)
         self.length_factor = length_factor
         self._length_ratio: Expr | None = None
         if length_factor != 1:
@@ -229,20 +264,11 @@ class Cable(Curve):
             ),
             parameters=numbers,
         )
-        thermal = self._thermal_strain("Cable", components=1)
-        stored = numbers + prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
+        yield stored_energy(
             self,
-            self.measure,
-            self.density,
-            self.dx,
+            numbers,
             self.law.quadratic,
-            lambda e0, e1: self.law.pieces(e0, e1, self.constants),
-            thermal=thermal,
-            parameters=stored,
+            pieces=lambda e0, e1: self.law.pieces(e0, e1, self.constants),
         )
 
     def density(self, e: Expr) -> Expr:

@@ -19,14 +19,13 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.mechanics.bodies.properties import cellwise
+from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 
 # A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or
 # number}; or a function of points (3, n) that returns (3, 3, n) or (n,).
@@ -49,14 +48,32 @@ LEAST_STRAIN = -0.5
 PRESTRESS_UNITS = {"initial_strain": "", "initial_stress": "Pa", "initial_tension": "N"}
 
 
-def prestress_parameters(constants: Any) -> tuple[Parameter, ...]:
-    """The prestress of a body as parameters of its stored energy; empty without prestress."""
-    found = []
+def stored_energy(
+    body: Any, numbers: tuple[Parameter, ...], quadratic: bool, **law: Any
+) -> StoredEnergy:
+    """The stored energy of a body on a mesh, with its prestress and thermal strain.
+
+    Parameters of the energy are the `numbers` of its law, the prestress, and what the thermal
+    strain depends on; `law` are further arguments of `StoredEnergy`.  Collective."""
+    parameters = list(numbers)
     for name, unit in PRESTRESS_UNITS.items():
-        coefficient = getattr(constants, name, None)
+        coefficient = getattr(body.constants, name, None)
         if coefficient is not None:
-            found.append(Parameter(name, unit, coefficient))
-    return tuple(found)
+            parameters.append(Parameter(name, unit, coefficient))
+    thermal = body.thermal_strain()
+    if thermal is not None:
+        parameters += thermal.parameters
+    return StoredEnergy(
+        body.name,
+        body,
+        body.measure,
+        body.density,
+        body.dx,
+        quadratic,
+        thermal=thermal,
+        parameters=tuple(parameters),
+        **law,
+    )
 
 
 def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> None:
@@ -74,12 +91,22 @@ def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
     """A function of symmetric tensors (3, 3), constant in each cell, in the unit of what was given.
     A number stands for that multiple of the unit tensor, the same in all directions.  Collective.
     """
+    shape = (3, 3)
     if isinstance(given, Mapping):
         by_group = {}
         for group, value in given.items():
             by_group[group] = _tensor(value, f"{what} in '{group}'")
-        return cellwise(mesh, by_group, np.zeros((3, 3)), (3, 3), what)
-    return cellwise(mesh, _GivenTensors(given, what), np.zeros((3, 3)), (3, 3), what)
+        return cellwise(mesh, by_group, np.zeros(shape), shape, what)
+    if not callable(given):
+        return cellwise(mesh, {}, _tensor(given, what), shape, what)
+
+    def tensors(points: Array) -> Any:
+        values = given(points)
+        if np.shape(values) == (points.shape[1],):
+            return np.eye(3)[:, :, None] * np.asarray(values)
+        return values
+
+    return cellwise(mesh, tensors, np.zeros(shape), shape, what)
 
 
 def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) -> None:
@@ -132,27 +159,6 @@ def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constant
     return law.taut_strain(constants.thickness * S, constants)
 
 
-class _GivenTensors:
-    """A tensor, a number or a function of points, as a function of points (3, n) that returns (3,
-    3, n).  Numbers (n,) of a user's function become multiples of the unit tensor; other results are
-    returned as they are, for the caller to check."""
-
-    def __init__(self, given: Tensors, what: str) -> None:
-        self._function = given if callable(given) else None
-        self._tensor: Array = np.zeros((3, 3))
-        if not callable(given) and not isinstance(given, Mapping):
-            self._tensor = _tensor(given, what)
-
-    def __call__(self, points: Array) -> Any:
-        count = points.shape[1]
-        if self._function is None:
-            return np.repeat(self._tensor[:, :, None], count, axis=2)
-        values = self._function(points)
-        if np.shape(values) == (count,):
-            return np.eye(3)[:, :, None] * np.asarray(values)
-        return values
-
-
 def _tensor(value: Any, what: str) -> Array:
     """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit."""
     numbers = real_numbers(value)
@@ -178,14 +184,10 @@ def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
 
 def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
     """Parts in the film of the stresses (n, 3, 3) [Pa] of this rank's n cells."""
-    owned = mesh.domain.topology.index_map(2).size_local
-    nodes = cell_nodes(stresses.function_space)[:owned].ravel()
-    tensors = stresses.x.array.reshape(-1, 3, 3)[nodes]
-    normals = area_vectors(corner_points(mesh.domain))[:owned]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = cell_normals(mesh)
     # Projections on the plane of each cell.
     projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    return projections @ tensors @ projections
+    return projections @ owned_values(stresses) @ projections
 
 
 def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:

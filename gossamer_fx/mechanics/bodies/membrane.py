@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import ufl
-from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -21,7 +20,7 @@ from gossamer_fx.core.forms.kinematics import (
 )
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
@@ -30,7 +29,7 @@ from gossamer_fx.mechanics.bodies.initial_strain import (
     check_strain,
     check_stress,
     film_tensors,
-    prestress_parameters,
+    stored_energy,
     strain_in_frame,
     strain_of_stress,
 )
@@ -43,12 +42,10 @@ from gossamer_fx.mechanics.bodies.meshed import (
     positions,
 )
 from gossamer_fx.mechanics.materials.film import FilmLaw, constants, parameters
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
-    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 
 @check_arguments
@@ -89,8 +86,6 @@ class Membrane(Meshed):
         ('sail', 3)
     """
 
-    bends = False  # whether it has bending stiffness
-
     def __init__(
         self,
         mesh: Mesh | DolfinxMesh,
@@ -105,26 +100,16 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
-        self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
-        domain = self.mesh.domain
-        check(
-            domain.topology.dim == 2 and domain.geometry.dim == 3,
-            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} "
-            f"in {domain.geometry.dim}-D space; give triangles in 3-D.",
-        )
         check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
+        self._take_mesh(name, mesh, order, size=3, dim=2)
+        domain = self.mesh.domain
         check(
             order >= domain.geometry.cmap.degree,
             f"Membrane '{name}': a film of order {order} cannot take the curved shape "
             f"of a mesh of order {domain.geometry.cmap.degree} without stress; "
             "use order=2, or mesh with plane triangles.",
         )
-        self.name = name
         self.law = law
-        self.order = order
-        self.comm = domain.comm
-        self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
-        self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
         self._properties = properties  # a restart compares them, see `outputs.arguments`
         if properties:
@@ -133,9 +118,7 @@ class Membrane(Meshed):
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = cell_axes(domain)
         self._orient()
-        self.thermal = thermal
-        if thermal is not None:
-            self._check_expansion(thermal)
+        self._take_expansion(thermal)
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_stress = initial_stress
         self._initial_strain = initial_strain
@@ -150,9 +133,6 @@ class Membrane(Meshed):
         else:
             self._displacement = checked(displacement, what, mesh.comm)
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
-        degree = max(2 * (order - 1), 1)
-        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
-        self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _orient(self) -> None:
         """Add the axes of an orthotropic law to the constants of the film.  Collective."""
@@ -164,32 +144,10 @@ class Membrane(Meshed):
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)
 
-    def _check_expansion(self, thermal: ThermalExpansion) -> None:
-        """Refuse two coefficients of expansion for a law without axes, and a difference of
-        temperature across the thickness of a film that does not bend."""
-        # Imported here: a film without thermal expansion does not load it.
-        from gossamer_fx.mechanics.bodies.thermal_expansion import (
-            check_expansion,
-            check_no_gradient,
-        )
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain
 
-        what = f"{type(self).__name__} '{self.name}'"
-        check_expansion(thermal, what, has_axes=hasattr(self.constants, "cosine"))
-        if not self.bends:
-            check_no_gradient(thermal, what)
-
-    def _thermal_strain(self) -> ThermalStrain | None:
-        """The thermal strain (E11, E22, 2 E12), in the frame of the mesh, for one compiled scene;
-        None without thermal expansion.  Collective."""
-        if self.thermal is None:
-            return None
-        from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain, thermal_strain
-
-        return thermal_strain(
-            self,
-            lambda alphas, ΔT: film_strain(alphas, ΔT, self.constants),
-            f"{type(self).__name__} '{self.name}'",
-        )
+        return film_strain(alphas, ΔT, self.constants)
 
     def _prestress(self) -> None:
         """Add the initial stress [Pa] or strain to the constants of the film, as a tensor (3, 3) in
@@ -261,22 +219,13 @@ class Membrane(Meshed):
         # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
-        thermal = self._thermal_strain()
-        stored = numbers + prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
+        yield stored_energy(
             self,
-            self.measure,
-            self.density,
-            self.dx,
+            numbers,
             self.law.quadratic,
-            self.pieces,
-            pulling,
+            pieces=self.pieces,
+            pulling=pulling,
             c_law=self.law.c_law(self.constants, self.comm),
-            thermal=thermal,
-            parameters=stored,
         )
 
     @cached_property

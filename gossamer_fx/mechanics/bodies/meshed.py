@@ -6,22 +6,33 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import ufl
 from dolfinx import fem, geometry
+from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block, MeshBody, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
+
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
 Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
+
+# What messages call cells of one and two dimensions.
+CELLS = {1: "line elements", 2: "triangles"}
 
 # Shape functions below this value count as zero: a point on an edge of a cell depends on the nodes
 # of that edge only, and then on fewer unknowns.
@@ -36,6 +47,61 @@ class Meshed(ABC):
     mesh: Mesh
     space: fem.FunctionSpace
     block: Block
+    # Of its law or section, as coefficients of forms
+    constants: SimpleNamespace
+
+    bends = False  # whether it is a film with bending stiffness
+
+    def _take_mesh(
+        self, name: str, mesh: Mesh | DolfinxMesh, order: int, *, size: int, dim: int
+    ) -> None:
+        """Check that the mesh has cells of this dimension in space, and make the space of the
+        coordinates, `size` numbers a node, and the measures.  Collective."""
+        self.name = name
+        self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
+        domain = self.mesh.domain
+        check(
+            domain.topology.dim == dim and domain.geometry.dim == 3,
+            f"{self._title}: the mesh has cells of dimension {domain.topology.dim} "
+            f"in {domain.geometry.dim}-D space; give {CELLS[dim]} in 3-D.",
+        )
+        self.comm = domain.comm
+        self.order = order
+        self.space = fem.functionspace(domain, ("Lagrange", order, (size,)))
+        self.block = Block(self.space.dofmap.index_map, size)
+        # The strain of a beam is taken where it does not lock.
+        degree = max(2 * (order - 1), 1)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
+        self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _take_expansion(self, thermal: ThermalExpansion | None) -> None:
+        """Set the thermal expansion, which must fit the constants of the body."""
+        self.thermal = thermal
+        if thermal is not None:
+            # Imported here: a body without thermal expansion does not load it.
+            from gossamer_fx.mechanics.bodies.thermal_expansion import check_expansion
+
+            has_axes = hasattr(self.constants, "cosine")
+            check_expansion(thermal, self._title, has_axes=has_axes, bends=self.bends)
+
+    def thermal_strain(self) -> ThermalStrain | None:
+        """The thermal strain of the body for one compiled scene; None without thermal expansion.
+        Collective."""
+        if self.thermal is None:
+            return None
+        from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_strain
+
+        return thermal_strain(self, self._free_strain, self._title)
+
+    @abstractmethod
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        """Strains of a free piece whose temperature changes by ΔT [K], with its coefficients of
+        expansion [1/K]."""
+
+    @property
+    def _title(self) -> str:
+        """What messages call the body."""
+        return f"{type(self).__name__} '{self.name}'"
 
     @cached_property
     @abstractmethod

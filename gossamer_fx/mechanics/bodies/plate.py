@@ -12,7 +12,6 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import (
     DEGREE,
     EDGE_DEGREE,
@@ -26,14 +25,14 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import area_vectors, corner_points
+from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import Tensors
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import PointFunction, Property
-from gossamer_fx.mechanics.bodies.properties import cellwise
+from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
@@ -239,7 +238,7 @@ class Plate(Membrane):
             from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
             thermal = thermal_curvature(self)
-            varying = Varying(thermal.difference, thermal.given.set)
+            varying = Varying(thermal.difference, thermal.set)
             rest = thermal.curvature
             if bending.rest is not None:
                 rest += bending.rest
@@ -311,6 +310,7 @@ class Plate(Membrane):
         """The curvature H0 (2, 2) [1/m] without moments in the frame of the mesh, from a given
         tensor (3, 3), {group: tensor} or function of midpoints.  Collective."""
         what = f"Plate '{self.name}': its rest_curvature"
+        base = np.zeros((3, 3))
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
             if tensor is None:
@@ -320,13 +320,12 @@ class Plate(Membrane):
                 f"{what} is not an array (3, 3) of real numbers; "
                 "give a tensor in 1/m, a function of the points, or those of groups.",
             )
-            given = _Uniform(tensor)
+            base = tensor
+            given = {}
         # H: the given tensor (3, 3) [1/m] of each cell, in the axes of space.
-        H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
-        n = self.mesh.domain.topology.index_map(2).size_local
-        values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]
-        normals = area_vectors(corner_points(self.mesh.domain))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        H = cellwise(self.mesh, given, base, (3, 3), what)
+        values = owned_values(H)
+        normals = cell_normals(self.mesh)
         size = CURVATURE_TOLERANCE * np.abs(values).max(initial=0.0)
         asymmetry = np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0)
         out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
@@ -337,16 +336,6 @@ class Plate(Membrane):
             "give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
-
-
-class _Uniform:
-    """The same tensor everywhere."""
-
-    def __init__(self, tensor: Array) -> None:
-        self._tensor = tensor
-
-    def __call__(self, points: Array) -> Array:
-        return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
 def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:

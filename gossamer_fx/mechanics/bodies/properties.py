@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -20,8 +20,10 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.bodies.meshed import Property
 from gossamer_fx.mechanics.materials.film import FilmLaw
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.meshed import Property
 
 LIMITS = {
     "E": (0.0, np.inf),
@@ -84,9 +86,10 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     """A function of this shape, () for numbers, that is constant in each cell of a mesh of
     triangles or lines, ghosts included.  Collective.
 
-    It is given as {group: value}, with the value `base` in cells of no group, or as a function of
-    midpoints (3, n) [m] that returns (*shape, n).  `what` is the subject of the messages about
-    groups that do not consist of cells, values of another shape, and values that are not finite.
+    It is given as {group: value}, with the value `base` in cells of no group (in all, for {}), or
+    as a function of midpoints (3, n) [m] that returns (*shape, n).  `what` is the subject of the
+    messages about groups that do not consist of cells, values of another shape, and values that are
+    not finite.
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
@@ -103,7 +106,7 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     else:
         for group, value in given.items():
             numbers = _numbers(value, shape, f"{what} in '{group}'")
-            values[_cells(mesh, group, what)] = numbers.ravel()
+            values[cells_of_group(mesh, group, what)] = numbers.ravel()
     check_on_all(
         mesh.comm,
         bool(np.isfinite(values).all()),
@@ -113,21 +116,31 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     return function
 
 
-def _cells(mesh: Mesh, group: str, what: str) -> Indices:
+def cells_of_group(mesh: Mesh, group: str, what: str) -> Indices:
     """Local cells (n,) of a named group of triangles or lines, owned and ghost."""
     dim, cells = mesh.group(group)
-    if mesh.domain.topology.dim == 1:
-        check(
-            dim == 1,
-            f"{what}: the group '{group}' is not a group of line elements; "
-            "name a curve of the mesh.",
-        )
-        return cells
+    wanted = mesh.domain.topology.dim
     check(
-        dim == 2,
-        f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",
+        dim == wanted,
+        f"{what}: the group '{group}' has dimension {dim}; "
+        f"name a group of the cells, of dimension {wanted}.",
     )
     return cells
+
+
+def owned_values(function: fem.Function) -> Array:
+    """Values (n, *shape) in the n cells that this rank owns, of a function constant in each."""
+    space = function.function_space
+    topology = space.mesh.topology
+    owned = topology.index_map(topology.dim).size_local
+    values: Array = function.x.array.reshape(-1, *space.value_shape)
+    return values[cell_nodes(space)[:owned].ravel()]
+
+
+def cell_normals(mesh: Mesh) -> Array:
+    """Unit normals (n, 3) of the n triangles that this rank owns."""
+    normals = area_vectors(corner_points(mesh.domain))
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
@@ -147,21 +160,10 @@ def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
     n).
     """
     what = f"Membrane '{name}': the direction of its law"
-    if callable(given):
-
-        def ask(points: Array) -> Array:
-            return ask_points(mesh.domain.comm, what, lambda: given(points), points.shape)
-
-        function = cellwise(mesh, ask, np.zeros(3), (3,), what)
-    elif isinstance(given, Mapping):
+    if callable(given) or isinstance(given, Mapping):
         function = cellwise(mesh, given, np.zeros(3), (3,), what)
     else:
-        vector = np.asarray(given, dtype=float)[:, None]
-
-        def everywhere(points: Array) -> Array:
-            return np.repeat(vector, points.shape[1], axis=1)
-
-        function = cellwise(mesh, everywhere, vector, (3,), what)
+        function = cellwise(mesh, {}, given, (3,), what)
     _check_in_film(mesh, function, what)
     return function
 
@@ -169,10 +171,8 @@ def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
 def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
     """Check that the directions (3,) of all cells have a length, and a part in the film.
     Collective."""
-    owned = mesh.domain.topology.index_map(2).size_local
-    nodes = cell_nodes(function.function_space)[:owned].ravel()
+    directions = owned_values(function)
     # Zero first: a vector without length would also fail the next check, with the wrong advice.
-    directions = function.x.array.reshape(-1, 3)[nodes]
     lengths = np.linalg.norm(directions, axis=1)
     check_on_all(
         mesh.domain.comm,
@@ -180,8 +180,7 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
         f"{what} is zero or not given in some cells; "
         "give a vector everywhere (of groups: of all surfaces).",
     )
-    normals = area_vectors(corner_points(mesh.domain))[:owned]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = cell_normals(mesh)
     across = np.einsum("ni,ni->n", normals, directions)
     in_film = directions - across[:, None] * normals
     check_on_all(

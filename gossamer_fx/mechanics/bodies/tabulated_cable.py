@@ -45,7 +45,7 @@ from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.cable import BarLaw
+from gossamer_fx.mechanics.bodies.cable import BarLaw, LineDensity
 from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
 
 # The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
@@ -91,10 +91,9 @@ class TabulatedCable(BarLaw):
     strain: Sequence[float] | Array
     force: Sequence[float] | Array
     _: KW_ONLY
-    line_density: float
+    line_density: LineDensity
 
     def __post_init__(self) -> None:
-        self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
         _check_table(strain, force)

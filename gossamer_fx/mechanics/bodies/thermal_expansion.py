@@ -20,6 +20,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.materials.thermal import Temperature, ThermalExpansion
 from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
@@ -43,7 +44,9 @@ class TemperatureInTime:
         self._parts: list[tuple[Any, Indices | None, str]] = []
         if isinstance(given, Mapping):
             for group, value in given.items():
-                self._parts.append((value, _cells(mesh, group, what), f"{what} in '{group}'"))
+                self._parts.append(
+                    (value, cells_of_group(mesh, group, what), f"{what} in '{group}'")
+                )
         else:
             self._parts.append((given, None, what))
         self.in_time = any(not isinstance(value, Real) for value, _, _ in self._parts)
@@ -84,31 +87,15 @@ class TemperatureInTime:
         return ask_points(self._comm, f"{what} at t = {t:.6g} s", at_points, (count,))
 
 
-def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group, owned and ghost."""
-    dim, cells = mesh.group(group)
-    wanted = mesh.domain.topology.dim
+def check_expansion(thermal: ThermalExpansion, what: str, *, has_axes: bool, bends: bool) -> None:
+    """Refuse two coefficients of expansion for a law without axes, and a difference of temperature
+    across the thickness of a body that does not bend."""
     check(
-        dim == wanted,
-        f"{what}: the group '{group}' has dimension {dim}; "
-        f"name a group of the cells, of dimension {wanted}.",
-    )
-    return cells
-
-
-def check_expansion(thermal: ThermalExpansion | None, what: str, *, has_axes: bool) -> None:
-    """Check that a law has axes if the thermal expansion has two coefficients."""
-    check(
-        thermal is None or len(thermal.alphas) == 1 or has_axes,
+        len(thermal.alphas) == 1 or has_axes,
         f"{what}: alpha has two numbers, but its law has no axes; give one number.",
     )
-
-
-def check_no_gradient(thermal: ThermalExpansion | None, what: str) -> None:
-    """Check that a body without bending stiffness has no difference of temperature across its
-    thickness."""
     check(
-        thermal is None or thermal.gradient is None,
+        thermal.gradient is None or bends,
         f"{what}: gradient is given, but only a Plate bends by it; leave it out.",
     )
 
