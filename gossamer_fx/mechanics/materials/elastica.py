@@ -42,7 +42,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm, invariants
 
 # Shortening δ up to which the cubic is fitted to the elastica.
 FITTED_UP_TO = 0.3
@@ -189,16 +189,10 @@ class Elastica(IsotropicFilm):
             object.__setattr__(self, name, value)
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        h, r = half_trace_and_radius(e)
-        γ1 = h + r
-        γ2 = h - r
-        f = γ2 + c.nu * γ1
-        # Taut energy by trace and determinant, which are smooth where the principal strains
-        # coincide.
-        trace = e[0] + e[1]
-        det = e[0] * e[1] - e[2] ** 2 / 4
-        biaxial = trace**2 - 2 * (1 - c.nu) * det
-        taut = c.E / (2 * (1 - c.nu**2)) * biaxial
+        γ1, γ2, f = _strains(e, c)
+        # By trace and determinant, which are smooth where the principal strains coincide.
+        trace, det = invariants(e)
+        taut = c.E / (2 * (1 - c.nu**2)) * (trace**2 - 2 * (1 - c.nu) * det)
         wrinkled = c.E * γ1**2 / 2 + _buckled(f, c)
         tensile = ufl.conditional(ufl.ge(f, -c.onset), taut, wrinkled)
         one_way = _unloaded(γ2, c)
@@ -208,10 +202,7 @@ class Elastica(IsotropicFilm):
         return c.thickness * ufl.conditional(is_tensile, tensile, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:
-        h, r = half_trace_and_radius(e)
-        γ1 = h + r
-        γ2 = h - r
-        f = γ2 + c.nu * γ1
+        γ1, _, f = _strains(e, c)
         tensile = ufl.conditional(ufl.ge(f, -c.onset), TAUT, WRINKLED)
         is_tensile = ufl.ge(self._larger_stress(γ1, f, c), 0)
         return ufl.conditional(is_tensile, tensile, SLACK)
@@ -224,6 +215,14 @@ class Elastica(IsotropicFilm):
         along = c.E * γ1
         # The second term is ν ψ'(f): the stress of the strips, by Poisson's effect.
         return along - c.nu * c.E / (1 - c.nu**2) * compression
+
+
+def _strains(e: Expr, c: Any) -> tuple[Expr, Expr, Expr]:
+    """Principal strains γ1 ≥ γ2 of e, and the strain f = γ2 + ν γ1 that bears on the strips."""
+    h, r = half_trace_and_radius(e)
+    γ1 = h + r
+    γ2 = h - r
+    return γ1, γ2, γ2 + c.nu * γ1
 
 
 def _stretch(f: Expr) -> Expr:

@@ -12,18 +12,17 @@ are written by trace and determinant as far as possible.
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass, fields
 from numbers import Real
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import ufl
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.errors import check, require_positive
 from gossamer_fx.core.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
@@ -53,6 +52,11 @@ class CLaw:
     numbers: Expr
     owner: object
 
+
+Modulus = Annotated[float, positive("Pa")]
+PoissonsRatio = Annotated[float, Range(-1.0, 0.5, above=True)]
+# Compressive over tensile stiffness
+StiffnessRatio = Annotated[float, Range(0.0, 1.0)]
 
 # Values of `FilmLaw.state`.
 SLACK = 0
@@ -117,19 +121,15 @@ class FilmLaw:
             path is then its average.
     """
 
-    density: float
-    thickness: float
+    density: Annotated[float, positive("kg/m³")]
+    thickness: Annotated[float, positive("m")]
 
     quadratic = False
 
     def __post_init__(self) -> None:
-        law = type(self).__name__
-        for name in ("density", "thickness"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"{law}: {name} is {value!r}; give a positive number.",
-            )
+        # Of laws of your own, too, which need not check their arguments.
+        require_positive(f"{type(self).__name__}: density", self.density, "kg/m³")
+        require_positive(f"{type(self).__name__}: thickness", self.thickness, "m")
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference area [J/m²] of the strain e."""
@@ -174,17 +174,8 @@ class IsotropicFilm(FilmLaw):
         nu: Poisson's ratio.
     """
 
-    E: float
-    nu: float
-
-    def __post_init__(self) -> None:
-        law = type(self).__name__
-        check(
-            math.isfinite(self.E) and self.E > 0,
-            f"{law}: E is {self.E!r}; give a positive number.",
-        )
-        super().__post_init__()
-        check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+    E: Modulus
+    nu: PoissonsRatio
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
         stiffness = c.E * c.thickness
@@ -227,8 +218,7 @@ class Linear(IsotropicFilm):
     quadratic = True
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        tr, det = _invariants(e)
-        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+        return _taut(e, c)
 
 
 @check_arguments
@@ -265,18 +255,10 @@ class Miyazaki(IsotropicFilm):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 1e-6
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            0 <= self.residual_stiffness <= 1,
-            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; "
-            "the ratio of compressive to tensile stiffness lies between 0 and 1.",
-        )
+    residual_stiffness: StiffnessRatio = 1e-6
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
+        return self._by_state(e, c, _taut(e, c), self._wrinkled(e, c), self._slack(e, c))
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
         """Five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
@@ -301,7 +283,7 @@ class Miyazaki(IsotropicFilm):
         ]
 
         def taut_stress(a: Expr, b: Expr) -> Expr:
-            return gradient(lambda e: self._taut(e, c), (a + b) / 2)
+            return gradient(lambda e: _taut(e, c), (a + b) / 2)
 
         def slack_stress(a: Expr, b: Expr) -> Expr:
             return gradient(lambda e: self._slack(e, c), (a + b) / 2)
@@ -326,26 +308,22 @@ class Miyazaki(IsotropicFilm):
         factor = c.E * c.thickness / (1 - u * ν**2)
 
         def quadratic(e: Expr) -> Expr:
-            tr, det = _invariants(e)
+            tr, det = invariants(e)
             return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
 
         of_quadratic = gradient(quadratic, (ea + eb) / 2)
         return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
-    def _taut(self, e: Expr, c: Any) -> Expr:
-        tr, det = _invariants(e)
-        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
-
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
         h, r = half_trace_and_radius(e)
-        tr, det = _invariants(e)
+        tr, det = invariants(e)
         ν = c.nu
         u = c.residual_stiffness
         factor = c.E * c.thickness / (2 * (1 - u * ν**2))
         return factor * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
 
     def _slack(self, e: Expr, c: Any) -> Expr:
-        tr, det = _invariants(e)
+        tr, det = invariants(e)
         ν = c.nu
         u = c.residual_stiffness
         factor = c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2))
@@ -390,7 +368,7 @@ class TensionField(Miyazaki):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 0.0
+    residual_stiffness: StiffnessRatio = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -400,7 +378,13 @@ class TensionField(Miyazaki):
         )
 
 
-def _invariants(e: Expr) -> tuple[Expr, Expr]:
+def _taut(e: Expr, c: Any) -> Expr:
+    """Energy [J/m²] of taut isotropic film."""
+    tr, det = invariants(e)
+    return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+
+
+def invariants(e: Expr) -> tuple[Expr, Expr]:
     """Trace and determinant of a strain (E11, E22, 2 E12)."""
     trace = e[0] + e[1]
     determinant = e[0] * e[1] - e[2] ** 2 / 4

@@ -65,7 +65,16 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, CLaw, FilmLaw
+from gossamer_fx.mechanics.materials.film import (
+    ROUND_OFF,
+    SLACK,
+    TAUT,
+    WRINKLED,
+    CLaw,
+    FilmLaw,
+    Modulus,
+    StiffnessRatio,
+)
 
 Vector = Sequence[float]  # (3,)
 Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
@@ -147,10 +156,10 @@ class LinearOrthotropic(FilmLaw):
         0.03
     """
 
-    E1: float
-    E2: float
+    E1: Modulus
+    E2: Modulus
     nu12: float
-    G12: float
+    G12: Modulus
     _: KW_ONLY
     direction: Direction
 
@@ -158,24 +167,14 @@ class LinearOrthotropic(FilmLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        law = type(self).__name__
-        for name in ("E1", "E2", "G12"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"{law}: {name} is {value!r} Pa; give a positive number.",
-            )
         check(
             self.nu12**2 < self.E1 / self.E2,
-            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; "
+            f"{type(self).__name__}: nu12 is {self.nu12!r}, "
+            "so that the stiffness is not positive definite; "
             f"give less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
-        self._check_direction()
-
-    def _check_direction(self) -> None:
-        """Check what can be said of the direction without a film, which later checks functions of
-        points."""
         given = self.direction
+        # A film checks functions of points.
         if callable(given):
             return
         vectors = {"": given} if not isinstance(given, Mapping) else given
@@ -306,17 +305,9 @@ class Orthotropic(LinearOrthotropic):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 0.0
+    residual_stiffness: StiffnessRatio = 0.0
 
     quadratic = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            0 <= self.residual_stiffness <= 1,
-            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; "
-            "the ratio of compressive to tensile stiffness lies between 0 and 1.",
-        )
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """W, with the direction of tension t from a grid of directions and bracketed steps of
@@ -326,13 +317,8 @@ class Orthotropic(LinearOrthotropic):
         taut = ufl.dot(_taut_stress(e, c), e) / 2
         t = _tension_direction(in_axes(frozen, c), c)
         # One more step, of which UFL takes derivatives: that of a converged iteration, dt/de.
-        strain = _strain_along(e, t)
-        F = _compliance_along(t, c)
-        φ = strain[1] * F[0] - strain[0] * F[1] / 2
-        slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
-        is_maximum = ufl.lt(slope, 0)
-        step = ufl.conditional(is_maximum, -φ / ufl.conditional(is_maximum, slope, -1.0), 0.0)
-        t = _turned(t, step)
+        _, is_maximum, step = _newton_step(e, t, c)
+        t = _turned(t, ufl.conditional(is_maximum, step, 0.0))
         wrinkled = _strain_along(e, t)[0] ** 2 / (2 * _compliance_along(t, c)[0])
         relaxed = _by_state(in_axes(frozen, c), c, taut, wrinkled, 0.0)
         u = c.residual_stiffness
@@ -454,6 +440,17 @@ def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
     return value, double_sine * slope, second
 
 
+def _newton_step(e: Expr, t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
+    """φ of equation (3), whether its slope is that of a maximum of e_tt²/F_tt, and the step of the
+    angle of t towards it."""
+    strain = _strain_along(e, t)
+    F = _compliance_along(t, c)
+    φ = strain[1] * F[0] - strain[0] * F[1] / 2
+    slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
+    is_maximum = ufl.lt(slope, 0)
+    return φ, is_maximum, -φ / ufl.conditional(is_maximum, slope, -1.0)
+
+
 def _turned(t: tuple[Expr, Expr], step: Expr) -> tuple[Expr, Expr]:
     """The direction t turned by atan(step)."""
     x = t[0] - step * t[1]
@@ -488,17 +485,12 @@ def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
     offset: Expr = ufl.as_ufl(0.0)
     for _ in range(NEWTON_STEPS):
         t = _turned(middle, offset)
-        strain = _strain_along(e, t)
-        F = _compliance_along(t, c)
-        φ = strain[1] * F[0] - strain[0] * F[1] / 2
-        slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
+        φ, is_maximum, step = _newton_step(e, t, c)
         rises = ufl.gt(φ, 0)
         low = ufl.conditional(rises, offset, low)
         high = ufl.conditional(rises, high, offset)
         # The derivative of the tangent by the angle is 1 + tangent².
-        is_maximum = ufl.lt(slope, 0)
-        step = -φ / ufl.conditional(is_maximum, slope, -1.0) * (1 + offset**2)
-        following = offset + step
+        following = offset + step * (1 + offset**2)
         is_inside = ufl.And(ufl.ge(following, low), ufl.le(following, high))
         follows = ufl.And(is_maximum, is_inside)
         offset = ufl.conditional(follows, following, (low + high) / 2)
