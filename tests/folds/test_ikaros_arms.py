@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import ikaros_arms
+from demos.sails import ikaros_arms
 
 
 @pytest.mark.mpi

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import folded_tube
 from demos.common.manufacturing import (
     LARGEST,
     Scatter,
@@ -20,6 +19,7 @@ from demos.common.manufacturing import (
     stations,
 )
 from demos.common.tube_bending import bent_tube, straight_stiffness
+from demos.inflatables import folded_tube
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 

@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import sprout, sprout_deployed
+from demos.inflatables import sprout, sprout_deployed
 
 SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 

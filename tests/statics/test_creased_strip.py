@@ -20,7 +20,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from demos import crease_identification
+from demos.design import crease_identification
 from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
 from gossamer_fx.meshes.creased_strip import creased_strip

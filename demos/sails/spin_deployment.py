@@ -16,10 +16,10 @@ Where the values come from:
     damping              chosen: 0.1 ms, viscosity of the film over its stiffness
 
     ./gossamer demo spin_deployment
-    ./gossamer run demos/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin
+    ./gossamer run demos/sails/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin
     ./gossamer report out/spin
-    ./gossamer run demos/spin_deployment.py held=True crease=5e-4
-    ./gossamer run demos/spin_deployment.py crease=3e-3 set_angle_ratio=1.0 yield_angle=0.35
+    ./gossamer run demos/sails/spin_deployment.py held=True crease=5e-4
+    ./gossamer run demos/sails/spin_deployment.py crease=3e-3 set_angle_ratio=1.0 yield_angle=0.35
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ their creases have memory, and there is residual air.  A run ends when the tip i
 of the same specimen, deployed, against a force across the tube: an equilibrium under the pressure
 that it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
 
-    ./gossamer sweep demos/robust_tube.py --jobs 2
-    ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored
+    ./gossamer sweep demos/design/robust_tube.py --jobs 2
+    ./gossamer run demos/design/robust_tube.py start=roll specimen=stored_a --output out/stored
 
 The last one is one of the runs.
 
@@ -34,8 +34,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
-from demos.folded_tube import ARRIVED, SCATTER
-from demos.folded_tube import build as folded_tube
+from demos.inflatables.folded_tube import ARRIVED, SCATTER
+from demos.inflatables.folded_tube import build as folded_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.records.outputs.output import Probe
 

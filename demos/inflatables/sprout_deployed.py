@@ -15,7 +15,7 @@ For a tube alone there is another closed form, the first frequency 1.8751² √(
 mass m per length.
 
 Where the values come from:
-    tubes, film, cube    `demos/sprout.py`; the pressure is that at the end of its run
+    tubes, film, cube    the demo `sprout`; the pressure is that at the end of its run
     tension              chosen: 8 mN/m.  The tubes then bear half of π p r³/2, at which a tube
                          begins to wrinkle (Comer & Levy, AIAA J. 1 (1963) 1652)
     cords                chosen: 1 N/m, so that an error of a millimetre changes the tension by a
@@ -37,7 +37,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
+from demos.inflatables.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased import creased_tube
 from gossamer_fx.presets.films import KAPTON_HN
@@ -422,7 +422,7 @@ def build(
         held: whether the cube is fixed in space.
         with_film: whether there is a film; without it the tubes are two cantilevers.
         round_ends: whether the tubes have round plates as ends, by which they are fixed to the
-            cube; else they are pressed flat there, as in `demos/sprout.py`, and do not bear a film.
+            cube; else they are pressed flat there, as in the demo `sprout`, and do not bear a film.
 
     Raises:
         InputError: a film between tubes with flat ends.

@@ -4,7 +4,7 @@ Four trapezoids of film are folded to strips and wound round the hub; 16 tethers
 edges, masses of 0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring guide the
 roll.  In stage 1 the tension of the free arms turns the ring against a brake, and arms are unwound
 as it turns.  At the `release` the ring is drawn down along the hub and the tethers are paid out.
-Stage 2 ends with the open sail; `demos/ikaros.py` starts it from the cross. Layers, hub and rods
+Stage 2 ends with the open sail; the demo `ikaros` starts it from the cross. Layers, hub and rods
 are in contact; there are no external loads.
 
 If all bodies rotate as one, the spin is ω = L/(I + J), with the moments of inertia I of the hub and
@@ -16,7 +16,7 @@ than the centrifugal force on the roll, and the film leaves the rods before the 
 
 Where the values come from:
     sail, hub, tethers, film
-                         as in `demos/ikaros.py`, here with a roll that begins at the hub's 0.84 m
+                         as in the demo `ikaros`, here with a roll that begins at the hub's 0.84 m
                          and grows inwards
     25 rpm before stage 1
                          project's blog, item 894; docs/measured.md compares the spin with the
@@ -25,7 +25,8 @@ Where the values come from:
                          chosen; the flight had four guides, and a roll without slack
 
     ./gossamer demo ikaros_stages                     # half an hour
-    ./gossamer run demos/ikaros_stages.py brake=10.0 release=6.0 until=14.0 --output out/stages
+    ./gossamer run demos/sails/ikaros_stages.py brake=10.0 release=6.0 until=14.0 \\
+        --output out/stages
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from demos.common.deployment import (
     run_figures,
     write_figure,
 )
-from demos.ikaros import (
+from demos.sails.ikaros import (
     FLIGHT,
     HUB_HEIGHT,
     HUB_INERTIA,
@@ -115,7 +116,7 @@ def build(
     """The sail on the hub, held by the rods.
 
     Args:
-        pitch, refine, contact, gap, damping, largest, growth: as in `demos/ikaros.py`.
+        pitch, refine, contact, gap, damping, largest, growth: as in the demo `ikaros`.
         brake: of the ring [N m s/rad].
         release: when the ring begins to be drawn down [s].
         out: length of the tips that stand out at the start [m].

@@ -11,19 +11,19 @@ If it takes seconds, as here, the arms lag behind, stop the hub like the cords o
 it backwards before they stand out; the curves show both.  The demo ends with the cross: the
 undamped swings of the arms after it are not part of stage 1.  With a stronger brake the arms are
 let out one by one.  An arm is a cable with the mass of its two half strips, wound in a spiral
-between those of its neighbours.  Arms, hub and rods are in contact.  `demos/ikaros.py` is stage 2,
+between those of its neighbours.  Arms, hub and rods are in contact.  The demo `ikaros` is stage 2,
 from the cross.
 
 Where the values come from:
     3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before
     stage 1
                          JAXA's press kit and the project's blog (item 894); inertia as in
-                         `demos/ikaros.py`
+                         the demo `ikaros`
     spin after it        docs/measured.md compares it with the flight's
     rods, brake          chosen: the flight took days, here the arms are out after six seconds
 
     ./gossamer demo ikaros_arms
-    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms
+    ./gossamer run demos/sails/ikaros_arms.py brake=30.0 until=8.0 --output out/arms
     ./gossamer report out/arms
 """
 
@@ -43,7 +43,7 @@ from demos.common.deployment import (
     run_figures,
     write_figure,
 )
-from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
+from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.outputs.output import Output, Probe

@@ -8,7 +8,7 @@ rad/s with an out-of-plane velocity sin πx sin πy m/s.  Without load or dampin
 stay as they are at the start while every cell switches between taut, wrinkled and slack.
 
     ./gossamer demo spinning_sheet
-    ./gossamer run demos/spinning_sheet.py n=30 until=0.2 --output out/sheet
+    ./gossamer run demos/films/spinning_sheet.py n=30 until=0.2 --output out/sheet
     ./gossamer report out/sheet
 """
 

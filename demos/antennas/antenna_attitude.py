@@ -19,7 +19,7 @@ with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and 
     case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
 
     ./gossamer demo antenna_attitude
-    ./gossamer run demos/antenna_attitude.py case=2 dt=0.04 --output out/turn
+    ./gossamer run demos/antennas/antenna_attitude.py case=2 dt=0.04 --output out/turn
     ./gossamer report out/turn
 """
 

@@ -12,7 +12,8 @@ Where the values come from:
     damping            chosen: 100 1/s slows the whole, 1e-5 s the shortest waves
 
     ./gossamer demo pillow
-    ./gossamer run demos/pillow.py cells=12 --output out/pillow; ./gossamer report out/pillow
+    ./gossamer run demos/inflatables/pillow.py cells=12 --output out/pillow
+    ./gossamer report out/pillow
 """
 
 from __future__ import annotations

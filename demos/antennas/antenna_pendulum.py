@@ -1,6 +1,6 @@
 """The membrane antenna swings from one corner under g = 1 m/s² for two seconds.
 
-The antenna of `demos/antenna_attitude.py`, horizontal and at rest, corner C on a ball joint.  In
+The antenna of the demo `antenna_attitude`, horizontal and at rest, corner C on a ball joint.  In
 the rigid limit, for any masses of film and booms,
 
     θ'' = (12 g/(7 d)) cos θ,    d = √2 · 2.1 m,    tip A at depth d sin θ
@@ -13,7 +13,7 @@ sags between the booms.  The figures of the paper agree with a commercial code w
 `./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and
 quadratic films, and draws errors against unknowns and run time.  One of them, to look at:
 
-    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing
+    ./gossamer run demos/antennas/antenna_pendulum.py cells=4 elements=8 --output out/swing
     ./gossamer report out/swing
 """
 
@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.antenna_attitude import FILM, SIDE, antenna
+from demos.antennas.antenna_attitude import FILM, SIDE, antenna
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.steppers.stepping import Stepper
 

@@ -26,10 +26,10 @@ The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo ha
 minute.  The rings between the compartments open at the same times, 4.5 and 5.7 ms.
 
     ./gossamer demo folded_tube
-    ./gossamer run demos/folded_tube.py cells=6 --output out/folded_tube
+    ./gossamer run demos/inflatables/folded_tube.py cells=6 --output out/folded_tube
     ./gossamer report out/folded_tube
-    ./gossamer run demos/folded_tube.py start=roll
-    ./gossamer run demos/folded_tube.py length=0.8 panels=5 tank=3.2e-6 until=0.1
+    ./gossamer run demos/inflatables/folded_tube.py start=roll
+    ./gossamer run demos/inflatables/folded_tube.py length=0.8 panels=5 tank=3.2e-6 until=0.1
 """
 
 from __future__ import annotations

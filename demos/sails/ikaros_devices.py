@@ -1,7 +1,7 @@
 """The sail of IKAROS as it was built: devices where they are, reinforcing tapes, creases; flown by
 sunlight for a day.
 
-`demos/ikaros.py` spreads the mass of the devices evenly over a film without bending stiffness.
+The demo `ikaros` spreads the mass of the devices evenly over a film without bending stiffness.
 Here the sail is a `Plate` whose film bears no compression.  Where devices are bonded to it, it is
 thicker, has nearly all of the mass, and has a natural curvature: a laminate of several layers
 curls.  Tapes that only bear tension run along the edges and the seams of the trapezoids.  Creases
@@ -18,7 +18,7 @@ has the surfaces of the deformed sail.
 Where the values come from:
     7.5 µm polyimide; cells of 25 µm; 15 kg in all
                          sheets and press kit of the project; 14 kg in the four trapezoids as in
-                         `demos/ikaros.py`
+                         the demo `ikaros`
     devices along the outer edge steer, cells lie in the middle of each trapezoid
                          pictures of the project; sizes here are whole squares of 0.64 m, chosen
     natural curvature    not published: the study varies it
@@ -26,7 +26,7 @@ Where the values come from:
                          chosen: not published; the study varies them
     -2.7e-5 N m          windmill torque in June 2011, 1.03 au, from > 1 to 0.4 rpm in 21 days
                          (docs/measured.md)
-    front with aluminium the optics of `demos/windmill.py`
+    front with aluminium the optics of the demo `windmill`
 
     ./gossamer demo ikaros_devices
     ./gossamer study tapes
@@ -44,8 +44,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import ikaros
-from demos.windmill import DISTANCE, FLIGHT, OPTICS
+from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS
+from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.orbit.eclipse import AU
 from gossamer_fx.mechanics.orbit.sky import MU_SUN

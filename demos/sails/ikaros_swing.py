@@ -28,9 +28,9 @@ from mpi4py import MPI
 from scipy.optimize import curve_fit
 
 import gossamer_fx as gx
-from demos import ikaros
 from demos.common.deployment import dissipation, dissipation_by_part
 from demos.common.figures import BLUE, GREY, RED, new_figure, save
+from demos.sails import ikaros
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 

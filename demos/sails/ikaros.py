@@ -25,8 +25,9 @@ Where the values come from:
     damping              chosen: the flight's is not known
 
     ./gossamer demo ikaros
-    ./gossamer run demos/ikaros.py until=8.0 --output out/ikaros; ./gossamer report out/ikaros
-    ./gossamer run demos/ikaros.py pitch=0.32 until=8.0
+    ./gossamer run demos/sails/ikaros.py until=8.0 --output out/ikaros
+    ./gossamer report out/ikaros
+    ./gossamer run demos/sails/ikaros.py pitch=0.32 until=8.0
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System
 
-CASES = Path(__file__).parent / "validation" / "cases"
+CASES = Path(__file__).parents[1] / "validation" / "cases"
 NAMES = ("stretching", "shear")
 # Moduli of the law that are proportional to each factor.
 MODULI = {"stretching": ("E1", "E2"), "shear": ("G12",)}

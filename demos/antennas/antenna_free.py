@@ -1,12 +1,13 @@
 """The membrane antenna free in space, spun up and let go: nothing may be lost while its film
 switches states.
 
-The antenna of `demos/antenna_attitude.py` without joint and control, thrown into a spin about an
+The antenna of the demo `antenna_attitude` without joint and control, thrown into a spin about an
 axis between the film's normal and its plane; then the energy, the momentum and the angular momentum
 stay as they are.
 
     ./gossamer demo antenna_free
-    ./gossamer run demos/antenna_free.py until=5 --output out/antenna; ./gossamer report out/antenna
+    ./gossamer run demos/antennas/antenna_free.py until=5 --output out/antenna
+    ./gossamer report out/antenna
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.antenna_attitude import antenna
+from demos.antennas.antenna_attitude import antenna
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.totals import relative_drift

@@ -1,7 +1,7 @@
 """Dampers between the hub and the open sail of IKAROS that leave the least swing, by gradients of
 runs.
 
-The hub is given a little more spin than the sail and swings in it (`demos/ikaros_swing.py`).
+The hub is given a little more spin than the sail and swings in it (the demo `ikaros_swing`).
 Dampers in the tethers hardly act, as a small turn changes their length only to second order.  Here
 eight dampers lie obliquely between the rim of the hub and the inner edges of the sail, so that a
 turn changes their length to first order.  Weak ones take long; strong ones hold the inner edges
@@ -14,7 +14,7 @@ with the angular momentum L, which is constant, and the moments of inertia I of 
 sail: the energy above that of a steady spin.  Each run gives J, and one pass backwards through its
 steps dJ/dc. `gx.analysis.minimise_runs` finds c; its logarithm is varied, which keeps c positive.
 
-The gradient is of the film as it is, not of a reduced model, on the mesh of `demos/ikaros.py`.
+The gradient is of the film as it is, not of a reduced model, on the mesh of the demo `ikaros`.
 
     ./gossamer demo swing_damper
 """
@@ -31,7 +31,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import ikaros
+from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
 
 # Spin of the sail, and how much faster the hub is at first [rpm].
@@ -40,7 +40,7 @@ EXTRA = 0.03
 # Angle at the axis between the ends of a damper [deg].
 OBLIQUITY = 60.0
 NAME = "log of damping"
-# Viscosity of the film over its stiffness [s], as in `demos/ikaros_swing.py`.
+# Viscosity of the film over its stiffness [s], as in the demo `ikaros_swing`.
 VISCOSITY = 1e-4
 
 

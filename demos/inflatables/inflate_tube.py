@@ -23,7 +23,8 @@ Where the values come from:
     residual 1e-6      ratio of compressive to tensile stiffness; no result depends on it visibly
 
     ./gossamer demo inflate_tube        # 10254 unknowns, about three minutes
-    ./gossamer run demos/inflate_tube.py cells=14 --output out/tube; ./gossamer report out/tube
+    ./gossamer run demos/inflatables/inflate_tube.py cells=14 --output out/tube
+    ./gossamer report out/tube
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ Chosen: cylinder of 0.1 m radius, masses of 20 g, cords of 0.1 g/m; I such that 
 the hub.
 
     ./gossamer demo yo_yo
-    ./gossamer run demos/yo_yo.py cells=60 --output out/yo_yo; ./gossamer report out/yo_yo
+    ./gossamer run demos/sails/yo_yo.py cells=60 --output out/yo_yo
+    ./gossamer report out/yo_yo
 """
 
 from __future__ import annotations

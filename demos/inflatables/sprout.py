@@ -33,13 +33,16 @@ Where the values come from:
     damping              chosen: 1 ms, viscosity of the film over its stiffness
 
     ./gossamer demo sprout
-    ./gossamer run demos/sprout.py crease=1.3e-3 --output out/sprout; ./gossamer report out/sprout
-    ./gossamer run demos/sprout.py inset=0.025 --output out/tethers
-    ./gossamer run demos/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 until=0.12 \\
-        --output out/short
-    ./gossamer run demos/sprout.py mass=5.0 box=True delay=0.06 until=1.5 --output out/box
-    ./gossamer run demos/sprout.py gravity=9.80665 down=-z --output out/ground
-    ./gossamer run demos/sprout.py gravity=9.80665 down=-z air=1000.0 --output out/chamber
+    ./gossamer run demos/inflatables/sprout.py crease=1.3e-3 --output out/sprout
+    ./gossamer report out/sprout
+    ./gossamer run demos/inflatables/sprout.py inset=0.025 --output out/tethers
+    ./gossamer run demos/inflatables/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 \\
+        until=0.12 --output out/short
+    ./gossamer run demos/inflatables/sprout.py mass=5.0 box=True delay=0.06 until=1.5 \\
+        --output out/box
+    ./gossamer run demos/inflatables/sprout.py gravity=9.80665 down=-z --output out/ground
+    ./gossamer run demos/inflatables/sprout.py gravity=9.80665 down=-z air=1000.0 \\
+        --output out/chamber
 """
 
 from __future__ import annotations
