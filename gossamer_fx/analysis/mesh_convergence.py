@@ -213,11 +213,6 @@ class Convergence:
     ) -> Iterator[tuple[str, Array, Array, Array]]:
         """Yield the curves of `plot`, one for each quantity of each series.
 
-        Args:
-            name: label of this series; may be empty.
-            others: further series by label.
-            of_errors: whether errors are drawn, of quantities that have any, instead of values.
-
         Yields:
             label, CPU times (m,) [s], sizes of cells (m,), and values or errors (m,) on m meshes.
         """
@@ -417,7 +412,6 @@ def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
 
     Args:
         meshes: m meshes, or numbers of cells n, whose size is 1/n.
-        given: sizes that the user gave; empty: they are measured.
 
     Raises:
         InputError: another number of sizes than of meshes, one that is not positive, or a mesh

@@ -84,12 +84,10 @@ def _of_shape(
 
     Args:
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
         density: [kg/m³].
         A: area [m²].
         I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the principal axes d2 and d3.
         J: torsion constant [m⁴].
-        k: shear coefficient, effective over true shear area.
 
     Raises:
         InputError: nu is not in (-1, 0.5], or a stiffness is not positive.

@@ -110,14 +110,6 @@ class RunSource:
         start: Mapping[str, Any],
         comm: MPI.Intracomm,
     ) -> None:
-        """Copy the first values; no run is made yet.
-
-        Args:
-            evaluate: takes values by name, arrays (k,), makes a run with them, and returns the
-                gradient of its result.
-            start: first values by name, numbers or arrays (k,).
-            comm: of the runs.
-        """
         self.comm = comm
         self._evaluate = evaluate
         self._values = {}
@@ -248,14 +240,6 @@ class DesignProblem:
     ) -> None:
         """Make the vector of scaled numbers, and evaluate the result at its start.  Collective.
 
-        Args:
-            who: name of the function, for messages.
-            source: of results and gradients.
-            of: the result.
-            basis: for fields by name the columns (k, m) that are combined.
-            record: file to which parameters are written after each iteration; None: no file.
-            restart: whether the search goes on from that file.
-
         Raises:
             InputError: a basis of another parameter or of another shape, or no file to restart
                 from.
@@ -290,7 +274,6 @@ class DesignProblem:
         """Return the part of the vector that varies one parameter; collective.
 
         Args:
-            name: "item.parameter".
             values: of the parameter at the start (k,), in its unit.
             columns: basis (k, m) whose amounts are varied; None: all values are.
 
@@ -389,7 +372,6 @@ class DesignProblem:
         """Return a bound of one parameter, scaled (k,); collective.
 
         Args:
-            variable: the parameter, with k numbers on this rank.
             given: one number for all of them, or an array (k,), in the unit of the parameter.
 
         Raises:

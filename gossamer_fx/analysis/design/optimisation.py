@@ -259,13 +259,8 @@ def _search(
     """Choose the method, minimise, and leave the source at the minimum.  Collective.
 
     Args:
-        problem: result and parameters as a function of one scaled vector.
-        bounds: smallest and largest value of parameters by name, in their units.
-        limits: bounds of other results.
         method: of SciPy or of PETSc's TAO; None: SLSQP with limits, blmvm for fields on several
             ranks, else L-BFGS-B.
-        iterations: at most.
-        tolerance: relative change of the value at which the search ends.
 
     Raises:
         InputError: limits with a method that takes none, or a field on several ranks with a method
@@ -328,11 +323,7 @@ def _optimum(
     """Return what was found; the source gets the parameters.  Collective.
 
     Args:
-        problem: the minimised function.
         x: scaled numbers (n,) of this rank at the minimum.
-        iterations: number of those made.
-        converged: whether the method reached its tolerance.
-        message: of the method.
     """
     # The last evaluation of a line search need not be the best one.
     problem.move_to(x)
@@ -348,12 +339,7 @@ def _optimum(
 
 
 def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[str, Any]]:
-    """Return limits as SciPy's SLSQP takes them, over the size of each result at the start.
-
-    Args:
-        problem: the minimised function, with the scaled vector at its start.
-        limits: smallest and largest values of other results, in their units.
-    """
+    """Return limits as SciPy's SLSQP takes them, over the size of each result at the start."""
     found: list[dict[str, Any]] = []
     for limit in limits:
         size = max(abs(problem.evaluate(limit.of, problem.start)[0]), TINY)

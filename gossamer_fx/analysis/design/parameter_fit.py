@@ -278,11 +278,7 @@ def _solve(
     Args:
         problem: variables of the fit, with scaled (dimensionless) numbers.
         evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
-        measured: the values y, in the units of the results.
-        uncertainty: standard deviations, one number for all or one for each value.
         bounds: smallest and largest value by name of a parameter; None for no bounds.
-        iterations: largest number of evaluations.
-        tolerance: relative change of sum and numbers at which the search ends.
 
     Returns:
         parameters, their standard deviations and covariance in the units of the parameters.
@@ -370,12 +366,9 @@ def _check(
     """Refuse measurements that do not fit, and numbers out of range.  Collective.
 
     Args:
-        problem: variables of the fit.
         evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
         y: measured values (n,), in the units of the results.
         σ: their standard deviations (n,), positive.
-        iterations: largest number of evaluations, positive.
-        tolerance: dimensionless, between 0 and 1.
 
     Raises:
         InputError: one of these conditions is not met, the number of results differs from that of

@@ -54,13 +54,6 @@ class SearchProgress:
     """
 
     def __init__(self, comm: MPI.Intracomm, unknowns: int, is_wanted: bool) -> None:
-        """Note the time of the start; nothing is written before `QUIET_SECONDS` have passed.
-
-        Args:
-            comm: of the scene; only rank 0 writes.
-            unknowns: number of unknowns of the scene.
-            is_wanted: whether to write at all.
-        """
         self._writes = is_wanted and comm.rank == 0
         self._unknowns = unknowns
         self._stream = sys.stderr
@@ -99,7 +92,6 @@ class SearchProgress:
         )
 
     def close(self) -> None:
-        """End the line on a terminal."""
         if self._has_line:
             self._stream.write("\n")
             self._stream.flush()

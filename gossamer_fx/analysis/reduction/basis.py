@@ -235,9 +235,7 @@ def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> 
     """Check the arguments of `make_basis`.  Collective.
 
     Args:
-        film: the film, which has n nodes on this rank.
         snapshots: recorded positions, which should be (n, 3) [m] each.
-        count: number of modes that the user asks for.
 
     Raises:
         InputError: fewer than one mode is asked for, there are no snapshots, or one is of another
@@ -283,7 +281,6 @@ def _scaled(
     accurately, and switch at random between taut and wrinkled.
 
     Args:
-        film: with n nodes on this rank.
         snapshots: positions (n, 3) [m] each.
         fixed: modes (n, k), orthogonal with respect to the mass, of modal mass `mass`.
         mass: of the film [kg].
@@ -342,7 +339,6 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     Args:
         film: the film, with the mass matrix M [kg].
         columns: scalar fields (n, k) at the owned nodes.
-        smallest: share of the squared norm of a column that has to be independent of earlier ones.
 
     Returns:
         columns φ (n, j ≤ k) with φ_iᵀMφ_j = δ_ij.  Collective.
@@ -370,7 +366,6 @@ def _orthonormalised(
     Orthonormal means φ_iᵀMφ_j = δ_ij with the mass matrix M [kg] of the film.
 
     Args:
-        film: with n nodes on this rank.
         modes: scalar fields (n, k) at these nodes.
         fixed: modes (n, j) with φ_iᵀMφ_j = m δ_ij.
         mass: m of the film [kg].
@@ -397,7 +392,6 @@ def _examples(
     """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all.  Collective.
 
     Args:
-        film: with n nodes on this rank.
         snapshots: positions (n, 3) [m] each.
         values: modes φ (n, r) at these nodes, orthogonal, of modal mass `mass`.
         mass: of the film [kg].

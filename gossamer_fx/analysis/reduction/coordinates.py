@@ -34,7 +34,6 @@ class ReducedCoordinates(Coordinates):
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
-        """Make the functions of the full film that follow from the coefficients of the modes."""
         super().__init__(space, alpha)
         self._modes = values
         self._comm = space.mesh.comm
@@ -63,13 +62,7 @@ class ReducedCoordinates(Coordinates):
     def add_forces(self, b: Array, forces: Array) -> None:
         """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.  Collective.
 
-        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c.
-
-        Args:
-            b: assembled forces [N] at owned and ghost nodes, flattened.
-            forces: on this rank's unknowns (3r,) [N], changed in place; empty on other ranks than
-                0.
-        """
+        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c."""
         nodal = b.reshape(-1, 3)[: self._owned]
         total = self._comm.reduce(self._modes[: self._owned].T @ nodal)
         if total is not None:

@@ -72,7 +72,6 @@ class OutsideBasis:
     """
 
     def __init__(self, body: ReducedMembrane) -> None:
-        """Take the reduced film; the estimate is set up at the first call."""
         check(
             isinstance(body, ReducedMembrane),
             f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that "
@@ -104,12 +103,7 @@ class _Estimate:
 
         It stores `_P` = MΦ (n, r) [kg], the mass matrix times the modes at the n nodes of this
         rank; `_weights`, the compliances 1/k (n,) [m/N] across the film and in it; `_inverses`, for
-        each of them (PᵀwP)⁻¹ (r, r); and `_b`, a work vector of nodal forces with ghosts.
-
-        Args:
-            film: the reduced film, with the examples (shapes) from which the nodal stiffness is
-                taken.
-        """
+        each of them (PᵀwP)⁻¹ (r, r); and `_b`, a work vector of nodal forces with ghosts."""
         full = film.full
         index_map = full.space.dofmap.index_map
         self._comm = film.comm
@@ -191,7 +185,6 @@ class _Estimate:
         Both are zero at nodes with ports, the nodes that other terms of the scene move or load.
 
         Args:
-            stiffness: bilinear form of the stiffness of the full film.
             examples: coefficients (snapshots, r, 3) [m] of shapes.
 
         Returns:
@@ -228,7 +221,6 @@ class _Estimate:
         """Stiffness (n, 3, 3) [N/m] of each owned node for itself: diagonal blocks of the matrix.
 
         Args:
-            stiffness: bilinear form of the stiffness of the full film.
             c: coefficients (r, 3) [m] of the shape in which it is evaluated.
 
         Collective: all ranks call it.

@@ -45,16 +45,6 @@ class Points:
     def __init__(
         self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
     ) -> None:
-        """Make the arrays of strains and stresses at the q quadrature points of the sampled cells.
-
-        Args:
-            functions: of the law, compiled.
-            cells: local numbers of the sampled cells.
-            dA: weights times areas (cells, points a cell) [m²].
-            G: gradients of the r modes in the frame of the film (q, 2, r) [1/m].
-            may_choose: whether a point may choose, in Newton's iteration, between the linearised
-                strain and the strain of the linearised stress.
-        """
         self._c = library(functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
         self.past = np.zeros((q, 3))
@@ -111,11 +101,7 @@ class Points:
 
         The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis
         has no modes that alternate from step to step, unlike a full film, and a sail takes half an
-        iteration less.
-
-        Args:
-            change: coefficients (r, 3) [m] of the change of the modes since the last iterate.
-        """
+        iteration less."""
 
         def linear_strain() -> Array:
             self._set_strains(self._linear_strain, change)

@@ -64,16 +64,7 @@ class RecordedShapes:
     def __init__(self, body: Membrane, folder: str | Path) -> None:
         """Read all shapes [m] from the field files, and give each node of the film its positions.
 
-        Collective.
-
-        Args:
-            body: a film with the mesh and the name of the recorded one.
-            folder: of the run.
-
-        Raises:
-            InputError: the folder has no fields of the film, the mesh has other nodes, two nodes
-                coincide, or a file is damaged.
-        """
+        Collective."""
         self.body = body
         self.folder = Path(folder)
         self.times: list[float] = []
@@ -187,10 +178,6 @@ class _Part:
     def _read(self, file: Any, comm: MPI.Intracomm) -> None:
         """Read this rank's share of an open file into `times` [s], `X` and `displacements` [m].
 
-        Args:
-            file: reader of ADIOS2.
-            comm: ranks, which take equal shares of the points.
-
         Raises:
             Exception: whatever ADIOS2 raises for a damaged file; the caller turns it into
                 `InputError`.
@@ -221,10 +208,6 @@ class _Part:
 
         Each rank that wrote the file wrote one block; ranks that read it take equal shares of all
         rows.
-
-        Args:
-            file: reader of ADIOS2.
-            comm: ranks that read.
 
         Returns:
             (block, first row, number of rows) for each block in which this rank has rows.

@@ -89,11 +89,7 @@ class ReducedEnergies(
         Collective.
 
         K is the sum over ranks of the stiffness (3r, 3r) of the r modes; on ranks other than 0 it
-        is empty. The matrix is not assembled here.
-
-        Args:
-            A: the tangent, sparse or dense; rank 0 has the rows of reduced films.
-        """
+        is empty. The matrix is not assembled here."""
         for body, force in self._forces:
             block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
@@ -105,13 +101,7 @@ class ReducedEnergies(
 
     def _on_rank_zero(self, values: Array) -> Array:
         """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the
-        others.
-
-        Args:
-            values: this rank's share, of the same shape on every rank.
-
-        Collective: all ranks call it.
-        """
+        others."""
         comm = self._system.comm
         if comm.size == 1:
             return values
@@ -162,14 +152,6 @@ class ModeForces:
     """
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
-        """Compute the gradients of the modes at the quadrature points of this rank's cells.
-
-        Args:
-            term: stored energy of a reduced film, with modes (n, r) and weights (cells,) of its
-                cells.
-            at: coordinates of the film in the system.
-            rule: weight α of the end of a step, and how stresses are averaged over a step.
-        """
         assert term.modes is not None and term.weights is not None
         film: Any = term.body
         reference_points, dA = points_and_areas(film)
@@ -186,7 +168,6 @@ class ModeForces:
         self._alpha = rule.alpha
 
     def begin(self) -> None:
-        """Start a step."""
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:

@@ -91,13 +91,7 @@ class ReducedMembrane(Membrane):
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
         """Make a film over the sampled cells whose unknowns are the coefficients of modes.
-        Collective.
-
-        Args:
-            made_from: modes of the full film.
-            over: sampled cells of the full film on this rank, with weights.
-            name: of the body in messages and outputs.
-        """
+        Collective."""
         film = made_from.film
         part, parents = backend.part_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
@@ -115,13 +109,7 @@ class ReducedMembrane(Membrane):
 
     def _restrict(self, parents: Any) -> None:
         """Weight the measures by the sampled cells' weights, and take the film's properties on
-        these cells.
-
-        Args:
-            parents: the film's cells, for each owned and ghost cell of the sample.
-
-        Collective: all ranks call it.
-        """
+        these cells."""
         film = self._full
         cells = film.space.mesh.topology.index_map(2)
         weights = np.zeros(cells.size_local + cells.num_ghosts)
@@ -154,7 +142,6 @@ class ReducedMembrane(Membrane):
         return self._full
 
     def coordinates(self, alpha: float) -> ReducedCoordinates:
-        """The coordinates of the body for a rule of weight alpha."""
         return ReducedCoordinates(self.space, alpha, self._modes)
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -181,11 +168,7 @@ class ReducedMembrane(Membrane):
         its modes.
 
         The modes φ are orthogonal, φ_iᵀMφ_j = m δ_ij with the mass m [kg] of the film, so that the
-        mass matrix is m times the identity.
-
-        Args:
-            start: initial state of the scene; not used.
-        """
+        mass matrix is m times the identity."""
         mass = self.basis.mass * np.eye(self.basis.size)
         nodes = self.block.index_map.size_local
         yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
@@ -203,7 +186,6 @@ class ReducedMembrane(Membrane):
         )
 
     def describe(self, node: int) -> str:
-        """Where a node is, for messages."""
         return "its modes"
 
     def port(self, group: str) -> Port:
@@ -219,10 +201,6 @@ class ReducedMembrane(Membrane):
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
         """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective.
-
-        Args:
-            nodes: global nodes of the full film.
-            weights: one for each node, dimensionless.
 
         Returns:
             the vector as a linear function of the coefficients of all modes.
@@ -276,7 +254,6 @@ def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> f
     """A function that is constant in each cell; ghost values come from the owners.  Collective.
 
     Args:
-        mesh: the mesh.
         values: (cells,), or (cells, k) of vectors, of owned and ghost cells, in any unit.
         shape: () or (k,).
     """
@@ -289,13 +266,7 @@ def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> f
 
 
 def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
-    """Φ (n, r) at the owned and ghost nodes of the sampled cells; dimensionless.
-
-    Args:
-        space: on the mesh of the sampled cells.
-        basis: modes on the full film.
-        parents: the film's cell of each sampled cell.
-    """
+    """Φ (n, r) at the owned and ghost nodes of the sampled cells; dimensionless."""
     film_space = basis.film.space
     film_nodes = cell_nodes(film_space)
     nodes = cell_nodes(space)

@@ -154,8 +154,6 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
     over the examples of the basis.  Collective; dimensionless, the same on every rank.
 
     Args:
-        cells: energies of this rank's cells.
-        basis: modes, with the coefficients of examples.
         weights: of this rank's cells (n,); zero for a cell that is not sampled.
 
     Raises:
@@ -191,11 +189,7 @@ def _equations(
     fulfil; they are dimensionless by the scaling.
 
     Args:
-        cells: energies of this rank's cells.
-        basis: modes.
         c: coefficients (r, 3) [m] of the shape about which the film moves.
-        random: generator of ζ, in the same state on every rank.
-        count: number of motions.
 
     Returns:
         energies and work of k motions in this rank's cells, as rows of an array (2k, cells).
@@ -350,13 +344,6 @@ class CellEnergies:
     """
 
     def __init__(self, basis: Basis) -> None:
-        """Compile the one expression for deformation, stress and stiffness at all quadrature
-        points.
-
-        Args:
-            basis: modes (n, r) of a film; their gradients are computed at the points of this rank's
-                cells.
-        """
         film = basis.film
         self._film = film
         self._modes = basis.values

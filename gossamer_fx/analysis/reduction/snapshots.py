@@ -47,7 +47,6 @@ class Snapshots:
         return self.schedule.times
 
     def open(self, run: Run) -> None:
-        """Start with no shapes, at the start of a run."""
         check(
             self.body in run.system.bodies,
             f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
@@ -55,7 +54,6 @@ class Snapshots:
         self.positions.clear()
 
     def record(self, run: Run, last: bool) -> None:
-        """Keep the current shape if it is due."""
         if self.schedule.due(run.step, run.time, last):
             # a copy: the state changes in place
             self.positions.append(run.system.state[self.body].positions().copy())

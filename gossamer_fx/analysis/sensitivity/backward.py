@@ -170,9 +170,6 @@ class BackwardSteps:
         """Compare the residual of the repeated step [N] to the change of momentum in it over its
         length.
 
-        Args:
-            start, end: states at both ends of the step.
-
         Raises:
             StepFailure: the residual is more than `MAX_RESIDUAL` of that, as after an event that
                 changed the scene between two steps.
@@ -249,12 +246,7 @@ class BackwardSteps:
 
     def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Replace the derivatives with respect to the end of a step by those with respect to its
-        start, by (4) and (5); after `solve`.  Collective.
-
-        Args:
-            start, end: states at both ends of the step.
-            a, b: derivatives with respect to positions and velocities, changed in place.
-        """
+        start, by (4) and (5); after `solve`.  Collective."""
         system = self._system
         h = end.h
         c = 2 / h**2
@@ -337,11 +329,6 @@ class ScalarParts:
     """
 
     def __init__(self, system: System) -> None:
-        """Collect the adjoints of the scalar unknowns, and set c to zero.
-
-        Raises:
-            InputError: scalar unknowns without derivatives.
-        """
         self.parts: list[ScalarsAdjoint] = []
         self._sizes: list[int] = []
         for scalars in system.scalar_unknowns:

@@ -70,7 +70,6 @@ class FormDerivative:
     """
 
     def __init__(self, forms: Sequence[ufl.Form], coefficient: Coefficient) -> None:
-        """Compile the derivatives of those forms that depend on the coefficient."""
         self._coefficient = coefficient
         self._stand_in: fem.Function | None = None
         self._forms: list[fem.Form] = []

@@ -104,9 +104,6 @@ class Integral:
         """Return the forms of the integral and of its derivative, which read the present positions.
         Collective.
 
-        Args:
-            system: the compiled scene, in the state of which the integral is taken.
-
         Returns:
             both forms, compiled at the first use.
 

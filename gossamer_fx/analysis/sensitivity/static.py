@@ -52,16 +52,7 @@ class StaticGradients:
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
         """Check that the scene has a gradient at an equilibrium, and find the variables.
-        Collective.
-
-        Args:
-            equilibrium: of the scene.
-            by: names of the variables, "item.parameter".
-
-        Raises:
-            InputError: a name that the scene has not, a part of the scene without a gradient, or
-                gas chambers.
-        """
+        Collective."""
         system = equilibrium.system
         check(
             not system.scalar_unknowns,
@@ -123,9 +114,6 @@ class StaticGradients:
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
         """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.
-
-        Args:
-            objective: the result J.
 
         Returns:
             for each variable the derivatives of the forms of J, compiled at the first use; empty

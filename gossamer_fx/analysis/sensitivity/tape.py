@@ -117,15 +117,7 @@ class RunTape:
     """
 
     def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
-        """Check the arguments, and record every step from now on.  Collective.
-
-        Args:
-            run: a `Simulation` with `Midpoint` steps.
-            memory: what the tape may take on each rank [bytes].
-
-        Raises:
-            InputError: another stepper or stress rule, or no room for four states.
-        """
+        """Check the arguments, and record every step from now on.  Collective."""
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
@@ -156,7 +148,6 @@ class RunTape:
         self.system.recorders.append(self._record)
 
     def close(self) -> None:
-        """Record no more steps."""
         if self._record in self.system.recorders:
             self.system.recorders.remove(self._record)
 
@@ -179,7 +170,6 @@ class RunTape:
         """Return the accepted state of the system as a node of the tape.
 
         Args:
-            index: number of steps before it.
             h: length of the step that led to it [s]; zero for the first node.
         """
         system = self.system
@@ -275,13 +265,7 @@ class RunTape:
 
     def _between(self, first: Node, end: Node, last: int, free: int) -> Iterator[tuple[Node, Node]]:
         """Steps from `first` to `end`, last step first, as far as they are among the first `last`
-        ones.
-
-        Args:
-            first, end: states that are known.
-            last: number of the last step that is asked for.
-            free: number of further states for which there is room.
-        """
+        ones."""
         count = end.index - first.index
         if count == 1:
             if end.index <= last:
@@ -303,10 +287,6 @@ class RunTape:
     def _advance(self, node: Node, index: int) -> Node:
         """Make the recorded steps again from a known state to a later one, and return that one.
         Collective.
-
-        Args:
-            node: the known state.
-            index: number of the step that leads to the wanted state.
 
         Raises:
             StepFailure: a step of the run cannot be made again.

@@ -58,16 +58,7 @@ class TransientGradients:
     """
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient of runs, and find the variables.  Collective.
-
-        Args:
-            tape: of the run, which stands at its last step.
-            by: names of the variables, "item.parameter".
-
-        Raises:
-            InputError: a name that the scene has not, a part of the scene without a gradient, or no
-                step.
-        """
+        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
         system = tape.system
         check(
             tape.steps > 0,
@@ -149,10 +140,6 @@ class TransientGradients:
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
         """Return the value of a result, and which states of the tape it depends on.
 
-        Args:
-            objective: the result; a `CrossingTime` depends on the two states before and after the
-                crossing, others on the last state.
-
         Returns:
             the value; the result that is observed in these states; and the derivative of the value
             by the observed result, by the number of the state.
@@ -188,13 +175,7 @@ class TransientGradients:
 
     def _add_result(self, objective: Objective, node: Node, share: float) -> None:
         """Add a share of the derivatives of a result in a state, also those by parameters.
-        Collective.
-
-        Args:
-            objective: the result.
-            node: the state, which becomes that of the system.
-            share: derivative of the value by the result in this state.
-        """
+        Collective."""
         system = self._system
         self._tape.restore(node)
         by_position = system.numbering.vector()
@@ -223,12 +204,7 @@ class TransientGradients:
 
     def _add_energy(self, variable: object, share: float) -> None:
         """Add the part of the derivative of the energy that is not in its forms: of energies
-        between points, and of kinetic energy by masses.
-
-        Args:
-            variable: to whose sum it is added.
-            share: derivative of the value by the energy of the present state.
-        """
+        between points, and of kinetic energy by masses."""
         system = self._system
         if isinstance(variable, PointVariable):
             variable.sum += share * variable.energy_derivative()
@@ -259,7 +235,6 @@ class TransientGradients:
         """Log for how long the gradient predicts finite changes, if that is shorter than the run.
 
         Args:
-            growth: of the adjoint over the run, as a factor; see `growth_of`.
             duration: of the run [s].
         """
         if growth < GROWTH_TO_WARN_OF:

@@ -73,7 +73,6 @@ class AdjointFields:
             self._system.fields[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
-        """μ·r of all forces that are forms, complete: with expressions for tabulated functions."""
         expressions: dict[fem.Function, Any] = {}
         for tabulated in roles.playing(roles.TabulatedCoefficients, self._system.compiled):
             expressions.update(tabulated.expressions())
@@ -461,13 +460,6 @@ def _find(
 ) -> Variable:
     """Return the variable of a parameter.
 
-    Args:
-        system: the compiled scene.
-        name: "item.parameter".
-        adjoint: fields of the adjoint vector, which derivatives of forms read.
-        in_time: whether the result is one of a run, which also has initial conditions.
-        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
-
     Raises:
         InputError: a name without a dot, an item that the scene has not or has twice, or a
             parameter that the item has not; the message lists what there is.
@@ -520,14 +512,7 @@ def _find(
 def _names_of(
     system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
 ) -> list[str]:
-    """List the parameters of an item by which a result has a derivative, in alphabetical order.
-
-    Args:
-        system: the compiled scene.
-        item: of the scene.
-        in_time: whether the result is one of a run, which also has initial conditions.
-        scalars: adjoints of scalar unknowns, which add parameters of gas.
-    """
+    """List the parameters of an item by which a result has a derivative, in alphabetical order."""
     names = {
         parameter.name
         for term in system.terms_of(item)
@@ -551,12 +536,6 @@ def _has_shape(item: object) -> bool:
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
     """Return the variable of the stress-free positions [m] of the nodes of a body.
-
-    Args:
-        system: the compiled scene.
-        name: of the variable, "body.shape".
-        body: a film, plate, cable or beam.
-        adjoint: fields of the adjoint vector, which derivatives of forms read.
 
     Raises:
         InputError: a part of the scene measures the stress-free shape in another way than by forms.

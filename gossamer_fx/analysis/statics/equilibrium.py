@@ -298,16 +298,7 @@ class Equilibrium:
         *,
         gas: GasProcess = "adiabatic",
     ) -> None:
-        """Check the arguments, and compile the scene.  Collective.
-
-        Args:
-            scene: whose equilibrium is looked for; it needs a body.
-            search: step lengths, tolerance and limits of the search.
-            gas: how the gas of chambers changes state while the search moves the film.
-
-        Raises:
-            InputError: the scene has no body.
-        """
+        """Check the arguments, and compile the scene.  Collective."""
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
@@ -540,7 +531,6 @@ class Equilibrium:
         """End the search if a signal has come.  Collective.
 
         Args:
-            signals: listens for SIGINT, SIGTERM and the like on this rank.
             residual: unbalanced force over the load [-], for the warning in the log.
 
         Raises:

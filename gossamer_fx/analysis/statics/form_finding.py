@@ -95,7 +95,6 @@ class ConstantTension:
         return e[:, 0]
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Average of ψ' over a step (n, 1), and its derivative (n, 1, 1)."""
         return np.ones_like(e1), np.zeros((*e1.shape, 1))
 
 
@@ -137,7 +136,6 @@ class EdgeCable:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 
     def requires(self) -> Iterable[Any]:
-        """The items that must be in the scene with this one."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -145,9 +143,6 @@ class EdgeCable:
 
         N [N] is the force of the cable, L [m] the length of an edge, x_a and x_b the positions [m]
         of its ends.
-
-        Args:
-            start: initial state of the scene; not used.
 
         Raises:
             InputError: the mesh has no edges of this name, or one of them has no length.

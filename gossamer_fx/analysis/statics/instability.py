@@ -54,12 +54,7 @@ def advice(system: System, displacements: Displacements) -> str:
 
 
 def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[str]:
-    """Films that resist compression, and which the mode moves as far as anything.
-
-    Args:
-        system: in the state of the equilibrium.
-        largest: displacement of each body in the mode, by name.
-    """
+    """Films that resist compression, and which the mode moves as far as anything."""
     most = max(largest.values(), default=0.0)
     for body in system.bodies:
         if not isinstance(body, Membrane) or body.bends or largest.get(body.name, 0.0) < most:

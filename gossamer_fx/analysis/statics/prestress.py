@@ -215,11 +215,8 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
 
 
 def _asked(body: Any) -> Any:
-    """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without prestress.
-
-    Args:
-        body: a film, cable or beam.
-    """
+    """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without
+    prestress."""
     if isinstance(body, Membrane):
         if body.initial_strain is None:
             return None

@@ -63,12 +63,6 @@ class StaticRun:
     mass_error = 0.0
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Take scene, system and totals of the equilibrium; the run has no steps.
-
-        Args:
-            equilibrium: its state is that of this run, at the time `equilibrium.time` [s] of its
-                loads.
-        """
         self.equilibrium = equilibrium
         self.comm = equilibrium.comm
         self.scene = equilibrium.scene
@@ -163,16 +157,7 @@ class ModeRun(StaticRun):
         """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration.
 
         Side effect: the amplitude of the mode is appended to the compiled terms of the system, so
-        that it is recorded as a field.
-
-        Args:
-            equilibrium: about which the mode vibrates; `show` changes its state, and `end` restores
-                it.
-            mode: complex shape of modal mass 1 kg, and frequency [Hz].
-            number: of the mode, from 1, for captions.
-            amplitude: largest displacement of a node [m].
-            frames: number of states in a period.
-        """
+        that it is recorded as a field."""
         super().__init__(equilibrium)
         self._frames = frames
         self._frequency = mode.frequency or 1.0
@@ -415,10 +400,6 @@ def _mode_recording(equilibrium: Equilibrium, path: Path, title: str, overwrite:
 def _open(run: StaticRun, outputs: Sequence[Output]) -> FileLocks:
     """Lock the files of the outputs, and open them.  Collective.
 
-    Args:
-        run: an equilibrium or a mode, in the form of a run.
-        outputs: that will record it.
-
     Returns:
         the locks, to be released after the outputs are closed.
 
@@ -456,11 +437,7 @@ def _close(run: StaticRun, outputs: Sequence[Output], locks: FileLocks) -> None:
 
 
 def _scene_size(equilibrium: Equilibrium) -> float:
-    """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective.
-
-    Args:
-        equilibrium: with the positions of the bodies.
-    """
+    """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective."""
     low: Array = np.full(3, np.inf)
     high: Array = np.full(3, -np.inf)
     for body in equilibrium.system.bodies:

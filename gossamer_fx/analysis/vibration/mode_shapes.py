@@ -59,18 +59,7 @@ class ModeShapes:
 
         x0 (nodes, 3) [m] are this rank's nodes at the equilibrium, φ the displacements of a mode,
         scaled so that the largest coordinate of h φ is `height` over all ranks. A part of a mode in
-        which the film does not move gives no shape. Collective.
-
-        Args:
-            body: the film.
-            equilibrium: about which it vibrates; `find` was called.
-            modes: of this equilibrium.
-            height: h [m], the largest coordinate of a displacement in each shape.
-
-        Raises:
-            InputError: the film is not in the scene of the equilibrium, or the height is not
-                positive.
-        """
+        which the film does not move gives no shape. Collective."""
         system = equilibrium.system
         check(
             body in system.bodies,

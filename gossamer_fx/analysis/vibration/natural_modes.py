@@ -222,8 +222,6 @@ def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]
     Their effective masses would not add up.  Collective.
 
     Args:
-        found: the modes.
-        M: mass matrix.
         least: square of a frequency [rad²/s²] that is round-off.
     """
 
@@ -279,10 +277,6 @@ def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
     """Return the stiffness κ g⊗g that the gas gives each closed film.
 
-    Args:
-        system: the compiled scene, at its equilibrium.
-        is_turning: whether modes are asked for in a frame that turns.
-
     Returns:
         for each closed film the derivative g (n,) [m²] of its volume by this rank's coordinates,
         zero where these are fixed, and κ [Pa/m³].
@@ -333,8 +327,6 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
     Collective.
 
     Args:
-        equilibrium: whose modes they are.
-        found: the modes.
         least: square of an angular frequency [rad²/s²] that round-off explains.
     """
     result = equilibrium.result
@@ -371,7 +363,6 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
     Collective.
 
     Args:
-        equilibrium: whose modes they are.
         found: the modes, with their growth [1/s].
         least: square of an angular frequency [rad²/s²] that round-off explains.
     """
@@ -550,11 +541,7 @@ def _modes_at_rest(
     """The modes of equation (2) of the module whose ω² are nearest to a shift.  Collective.
 
     Args:
-        K, M: tangent and mass matrix, without fixed coordinates.  K may be unsymmetric, by loads
-            that follow the body.
-        count: how many modes are wanted.
         shift: ω² [1/s²] near which they are.
-        stiffnesses: vectors g and factors k of further stiffness k g gᵀ, as of gas in chambers.
 
     Returns:
         modes with frequency [Hz] and growth [1/s], in the order in which they are found.
@@ -576,12 +563,7 @@ def _modes_at_rest(
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
     """Yield the eigenvalues of largest magnitude, and this rank's parts of their vectors.
 
-    Collective, by SLEPc.  There may be more or fewer of them than asked for.
-
-    Args:
-        operator: matrix whose eigenvalues they are; it need not be symmetric.
-        count: how many are wanted.
-    """
+    Collective, by SLEPc.  There may be more or fewer of them than asked for."""
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 
@@ -608,8 +590,6 @@ def _modes_in_turning_frame(
     Of each conjugate pair only the one with positive frequency is returned.  Collective.
 
     Args:
-        K, G, M: tangent, Coriolis and mass matrix, without fixed coordinates.
-        count: how many modes are wanted.
         shift: `real` or `imaginary` part of the shift [1/s].
 
     Raises:

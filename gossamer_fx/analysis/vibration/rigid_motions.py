@@ -187,7 +187,6 @@ def _edges_within_nodes(
     """Return edges of a graph that connect the free components of each node with each other.
 
     Args:
-        system: the compiled scene.
         is_fixed: mask (n,) of this rank's unknowns.
 
     Returns:
@@ -217,10 +216,7 @@ def _common_labels(
     """Labels of the parts that agree on all ranks: the smallest index of an unknown in the part.
 
     Args:
-        system: compiled scene.
         component: of this rank's unknowns (n,) and of those of other ranks in its rows.
-        count: number of components on this rank.
-        others: indices of these unknowns of other ranks in the system.
 
     Returns:
         The label of each unknown of this rank, (n,).
@@ -271,10 +267,8 @@ def _motions(
     """Yield the free motions of each part, at most `MAX_PARTS` of them.  Collective.
 
     Args:
-        system: the compiled scene.
         K: its tangent [N/m].
         part: number (n,) of the part of each of this rank's unknowns, -1 where it is fixed.
-        count: number of parts.
         unbalanced: force [N] that the equilibrium leaves, below which a stiffness is not known.
         stiffnesses: of gas, as `natural_modes` has them: g (n,) and κ of κ g⊗g for each closed
             film.
@@ -350,13 +344,7 @@ def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str
 
 
 def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
-    """Return the mean position of the free nodes of each part, (count, 3) [m].  Collective.
-
-    Args:
-        comm: the ranks.
-        nodes: of each body on this rank, with the part that each belongs to.
-        count: number of parts.
-    """
+    """Return the mean position of the free nodes of each part, (count, 3) [m].  Collective."""
     sums = np.zeros((count, 4))  # of positions, and number of nodes
     for one in nodes:
         positions = one.vectors[one.is_free, 0]
@@ -391,8 +379,6 @@ def _rigid_motions(
     about these axes through the centre, which move the farthest node by one.
 
     Args:
-        system: compiled scene.
-        nodes: those of each body on this rank.
         centre: of each part, (parts, 3) [m].
         radius: largest distance of a node of each part from its centre, (parts,) [m].
 
@@ -424,7 +410,6 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
     change of the forces by such a motion, in N/m for rows of positions.
 
     Args:
-        system: compiled scene in equilibrium.
         K: tangent [N/m] without inertia, with fixed coordinates taken out.
         unbalanced: norm of the residual [N] over the radius of the smallest part, of at most 1 m,
             in N/m.  A rotation turns the inner forces of a part with it, and changes a residual f
@@ -469,7 +454,6 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
         forces: triangular factor (6, 6) of D⁻¹ K R, with the tangent K, the rigid motions R and the
             round-off D of the rows of K R.
         moved: triangular factor (6, 6) of R.
-        n: number of unknowns of the part on all ranks.
 
     Returns:
         c (6, k), of which each of the k columns is a free motion.

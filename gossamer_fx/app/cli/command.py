@@ -118,11 +118,7 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
     """Whether mpirun has started several ranks of which each sees only itself; prints why.
 
     That happens where mpirun belongs to another MPI than mpi4py.  It is found by the environment
-    variables of Open MPI and MPICH.
-
-    Args:
-        comm: all ranks that mpi4py sees.
-    """
+    variables of Open MPI and MPICH."""
     from mpi4py import MPI
 
     # The first is set by Open MPI, the second by MPICH.
@@ -152,11 +148,7 @@ def _with_values(words: Sequence[str]) -> list[str]:
     """The words with an explicit value of `--restart`, `newest` where none is given.
 
     The value is left out where what follows `--restart` is the scene, an argument of it, or an
-    option.
-
-    Args:
-        words: a command line, which is not changed.
-    """
+    option."""
     rest = list(words)
     given: list[str] = []
     # argparse would take the scene for the optional value of --restart.
@@ -342,10 +334,6 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     It writes the folder of the run, with checkpoints; with `--dry-run` it only prints what the
     scene contains.
 
-    Args:
-        wanted: options of the command line, see `_parser`.
-        comm: all ranks.
-
     Raises:
         InputError: the folder holds a run already, or the scene file is wrong.
         StepFailure: a time step did not converge.
@@ -400,10 +388,6 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
 
     Nothing is computed; rank 0 prints.
 
-    Args:
-        case: scene and time stepping of the run.
-        comm: all ranks.
-
     Raises:
         InputError: what is wrong with the scene.
     """
@@ -429,11 +413,7 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
 
 
 def _sides(bodies: Iterable[Body]) -> Iterator[str]:
-    """Sentences about the side of the normals of films that enclose a volume [m³].  Collective.
-
-    Args:
-        bodies: of the compiled scene; only films count.
-    """
+    """Sentences about the side of the normals of films that enclose a volume [m³].  Collective."""
     from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
     from gossamer_fx.mechanics.bodies.membrane import Membrane
 
@@ -453,11 +433,6 @@ def _sides(bodies: Iterable[Body]) -> Iterator[str]:
 
 def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """The `Case` that the function `build` of a scene file returns.  Collective.
-
-    Args:
-        wanted: options of the command line: `scene` is the file, `options` are arguments of `build`
-            as NAME=VALUE, `debug` raises errors of the file as they are.
-        comm: all ranks.
 
     Raises:
         InputError: the file does not exist, it has no `build`, or `build` has other arguments or
@@ -510,10 +485,6 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
     The sweep is over arguments of a scene file (`--over`), or the object SWEEP of a design file.
 
-    Args:
-        wanted: options of the command line, see `_parser`.
-        comm: all ranks.
-
     Raises:
         InputError: the file does not exist or has no SWEEP, options contradict each other, or the
             folder holds runs of another scene.
@@ -562,11 +533,6 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
     """The sweep (a `Factorial`) over the arguments of the function `build` of a scene file.
 
-    Args:
-        wanted: options of the command line: `over` has words NAME=VALUE,VALUE, `list` says whether
-            values belong together one by one.
-        module: the scene file, which has been executed.
-
     Raises:
         InputError: there is no `build`, or it has no such arguments, or a word has another form.
     """
@@ -588,10 +554,6 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """Write the pictures of a run that the options ask for, and print their paths.
 
     Without an option for a picture it writes a strip of six times and the curves.
-
-    Args:
-        wanted: options of the command line, see `_parser`; angles of the camera are in degrees.
-        comm: all ranks; not used, as pictures are made on each.
 
     Raises:
         InputError: several kinds of pictures, or `--output` without one, or no run in the folder,

@@ -44,7 +44,6 @@ class MessageFilter:
     """
 
     def __init__(self, write: Callable[[bytes], object]) -> None:
-        """Start without output; `feed` and `close` pass it on."""
         self._write = write
         self._waiting = b""
         self._removed = b""
@@ -59,7 +58,6 @@ class MessageFilter:
             pass
 
     def close(self) -> None:
-        """Pass on the remaining text, and the removed text if nothing else was written."""
         self._pass_on(self._waiting)
         self._waiting = b""
         if not self._anything_passed:

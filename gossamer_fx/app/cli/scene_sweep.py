@@ -181,9 +181,6 @@ class SceneOutcome:
 def _probe_numbers(folder: Path) -> dict[str, float]:
     """Results of a recorded run by name: of its probes and of the pressures of its chambers.
 
-    Args:
-        folder: of the run.
-
     Returns:
         "... at the end", "... smallest" and "... largest" for each probe, in the unit of the probe,
         and "... pressure [Pa] at the end" for each chamber.

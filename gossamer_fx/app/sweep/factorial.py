@@ -236,14 +236,7 @@ def _draw_panel(
     results: Sequence[Result],
     number: str,
 ) -> None:
-    """Draw one number over the first factor that varies.
-
-    Args:
-        axes: of matplotlib.
-        sweep: that was run.
-        results: of its runs; those that failed leave a gap.
-        number: name of a number of the outcome, in the user's unit.
-    """
+    """Draw one number over the first factor that varies."""
     from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
     from gossamer_fx.records.plot.units import plain_text
 

@@ -79,10 +79,6 @@ def _runs(name: str) -> int:
 def _linear(levels: int, generators: int) -> Levels:
     """All linear combinations of some independent columns, modulo a prime number of levels.
 
-    Args:
-        levels: number of levels p, a prime.
-        generators: number of independent columns k.
-
     Returns:
         levels from 0 to p - 1, (p^k runs, (p^k - 1)/(p - 1) columns).
     """

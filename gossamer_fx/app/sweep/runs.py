@@ -122,9 +122,6 @@ class SharedRuns:
         """The result of a run, or None if it has not been made; the same on every rank.
         Collective.
 
-        Args:
-            values: of the factors of the run, by name.
-
         Raises:
             InputError: the file of the result is damaged.
         """
@@ -154,9 +151,6 @@ class SharedRuns:
         The claim is a lock on the file of the result, which is released in any case. It also counts
         as claimed if the lock cannot be made.
 
-        Args:
-            values: of the factors of the run, by name.
-
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.
             InputError: the file of a result is damaged.
@@ -178,10 +172,6 @@ class SharedRuns:
         A step or an equilibrium that fails is a result too, with the reason.
 
         Other exceptions of the outcome are raised as they are, and write no result.
-
-        Args:
-            values: of the factors of the run, by name.
-            path: of the file of the result; other files are written to the folder of the same name.
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.

@@ -88,9 +88,7 @@ def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -
     lines.
 
     Args:
-        design: that was run.
         results: of its `cases()`, in order.
-        goal: name of a number of the outcome.
 
     Raises:
         InputError: all runs of a factor failed.
@@ -121,7 +119,6 @@ def _confirmation_table(
     """Predicted and found ratios [dB] at the usual and at the best levels, for the first goal.
 
     Args:
-        design: that was run.
         results: of its `cases()`, in order.
         confirmed: of its `confirmations(results)`, in order.
 
@@ -206,9 +203,6 @@ def _draw_panel(
     """Draw the effects of the levels of one factor, and the mean of all runs.
 
     Args:
-        panel: axes of matplotlib.
-        name: of the factor.
-        levels: its k values.
         effect: (k,) [dB]; NaN leaves a gap.
         mean: of all runs [dB].
     """

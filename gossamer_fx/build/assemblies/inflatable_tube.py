@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Property
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.constraints.fixed import Fixed
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.orifice import Orifice
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.mechanics.materials.film import FilmLaw
-from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
 
 if TYPE_CHECKING:
+    from gossamer_fx.build.fold.fold_map import FoldMap
+    from gossamer_fx.build.fold.folded import Folded
     from gossamer_fx.mechanics.connectors.crease import Crease
     from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
     from gossamer_fx.mechanics.contact.contact import Contact
     from gossamer_fx.mechanics.contact.obstacles import Obstacle
-    from gossamer_fx.build.fold.fold_map import FoldMap
-    from gossamer_fx.build.fold.folded import Folded
 
 
 @check_arguments
@@ -121,35 +121,7 @@ class InflatableTube:
         name: str = "tube",
     ) -> None:
         """Check the arguments, and make the film, chambers, passages and supports of a tube.
-        Collective.
-
-        Args:
-            mesh: closed flat tube [m] with the groups of `gossamer_fx.meshes.tube.flat_tube`.
-            law: stored energy of the film.
-            gas: in the tube.
-            properties: numbers of the law that differ from cell to cell.
-            pressure, temperature: of the gas at the start [Pa] and [K].
-            dead_volume: of each compartment [m³].
-            discharge_coefficient, laminar: of the passages (dimensionless), see `Orifice`.
-            outside: gas outside; None: vacuum.
-            clamp: group of the mesh that is fixed; None: the tube is free.
-            caps: by the group of an end: a rigid body, or the mass [kg] of a bar.
-            rod_width: side of such bars [m].
-            folds: map from the flat to a folded shape; None: the tube starts flat.
-            origin, turn: position (3,) [m] and rotation vector (3,) [rad] of the folded shape.
-            crease_stiffness: [N m/m/rad]; zero: no creases.
-            set_angle_ratio: rest angle of creases over the angle of their folds.
-            yield_angle: of creases [rad]; None: elastic.
-            contact_distance: activation distance [m] of contact with itself; zero: no contact.
-            contact_stiffness: [N/m³]; None: from closing speeds.
-            obstacles: solids that the film touches, too.
-            name: for messages and outputs.
-
-        Raises:
-            InputError: a mesh, map or dictionary of another type, a negative stiffness or distance,
-                creases without folds, obstacles or contact stiffness without contact, a cap that is
-                neither a rigid body nor a positive mass, or what the parts refuse.
-        """
+        Collective."""
         who = f"InflatableTube '{name}'"
         check(
             isinstance(mesh, Mesh),
@@ -251,7 +223,6 @@ class InflatableTube:
         Collective.
 
         Args:
-            end: name of the group of nodes of the mesh.
             what: a rigid body that exists, or the mass [kg] of a bar that is made along the end.
             bar: side [m] of the square section of such a bar.
 
@@ -282,7 +253,6 @@ class InflatableTube:
         Collective.
 
         Args:
-            end: name of the group of nodes of the mesh; they lie about a line.
             mass: [kg], positive.
             side: side [m] of the bar's square section; its length is the extent of the nodes.
 
@@ -328,7 +298,6 @@ class InflatableTube:
         Args:
             distance: activation distance [m], the gap below which pairs repel each other; positive.
             stiffness: [N/m³], positive; None: from closing speeds.
-            obstacles: solids that the film touches, too; may be empty.
 
         Raises:
             InputError: the distance or stiffness is not positive and finite, the distance is too

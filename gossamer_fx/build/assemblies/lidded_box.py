@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.connectors.spring import Rope
 from gossamer_fx.mechanics.connectors.torsion import TorsionDamper, TorsionSpring
 from gossamer_fx.mechanics.constraints.joint import RevoluteJoint
 from gossamer_fx.mechanics.loads.force import Torque
-from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.contact.obstacles import Box
@@ -92,28 +92,7 @@ class LiddedBox:
         """Check the arguments, and make lid, hinge, spring, latch and stop.
 
         The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
-        released.
-
-        Args:
-            sizes: inner lengths (3,) [m] along x, y, z.
-            centre: of the inner space (3,) [m].
-            wall_thickness: of walls and lid [m].
-            mass: of the lid [kg].
-            stiffness: of the spring about the hinge [N m/rad].
-            rest_angle: of the lid at which the spring is relaxed [rad], between 0 and π.
-            release_time: of the latch [s].
-            damping: of the hinge [N m s/rad].
-            max_angle: at the stop [rad], between 0 and π; None: no stop.
-            stop_stiffness: of the rope that stops the lid [N/m].
-            body: rigid body that carries the box; None: the box is fixed in space.
-            turn: rotation vector (3,) [rad] of the box about its centre.
-            name: for messages and outputs.
-
-        Raises:
-            InputError: a size, mass or stiffness is not positive, an angle is not between 0 and π,
-                a vector has not three finite numbers, or the release time or the damping is
-                negative.
-        """
+        released."""
         self.name = name
         self._wall = wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, require_positive
-from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
-from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
+from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.between import FrameJoint
@@ -88,24 +88,7 @@ class RotationGuides:
         """Check the arguments, and make ring, joint, brake and reel.
 
         The assembly is a ring with upright rods that turns about the z axis of a hub against a
-        brake, and lets wound arms of a sail unwind; a reel can draw it down.
-
-        Args:
-            hub: rigid body whose axes are those of space at the start.
-            count: number of rods, evenly spaced.
-            radius: [m] of the circle of their axes.
-            rod_radius, height: radius and height [m] of a rod.
-            mass: [kg] of the ring with its rods, on that circle.
-            brake_damping: moment over angular velocity [N m s/rad].
-            first_angle: of the first rod from the x axis [rad].
-            drawn: displacement of the ring by the reel [m], a function of time [s]; None: no reel.
-            reel_depth: of the reel below the ring [m].
-            name: for messages and outputs.
-
-        Raises:
-            InputError: a number is not positive, `count` is not between 1 and `MAX_RODS`, the rods
-                are thicker than their circle, or `drawn` is not a function.
-        """
+        brake, and lets wound arms of a sail unwind; a reel can draw it down."""
         self.name = name
         check(
             1 <= count <= MAX_RODS,

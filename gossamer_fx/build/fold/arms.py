@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Round-off of a point's column, in columns: a node on a column must not count as left of it.

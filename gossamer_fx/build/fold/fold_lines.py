@@ -167,10 +167,6 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
 
     Collective.
 
-    Args:
-        folds: the map, which is named in messages.
-        mesh: of the flat film.
-
     Raises:
         InputError: on all ranks, if one of these does not hold.
     """
@@ -202,8 +198,6 @@ def _kinked_edges(
     """Return the owned edges at which a fold map has a kink, and what fold each belongs to.
 
     Args:
-        folds: the map.
-        mesh: of the flat film.
         shut: positions (n, 3) [m] of the vertices with all layers on each other, folds of ±π
             included; it gives the size of each angle.
         ajar: positions (n, 3) [m] of the vertices with no fold at ±π; it gives the sign.
@@ -248,8 +242,6 @@ def _refuse_cut_triangles(
     """Refuse a mesh of which an edge of a triangle changes its length in the fold; collective.
 
     Args:
-        folds: the map, which is named in the message.
-        mesh: of the flat film.
         flat: corners (triangles, 3, 3) [m] on the flat film.
         folded: corners (triangles, 3, 3) [m] with all layers on each other.
 
@@ -314,12 +306,7 @@ def _angles(
 
 
 def _sheets(mesh: Mesh) -> Indices:
-    """Return the sheet of each local cell (n,), ghosts included: 1 for "top", 2 for "bottom".
-
-    Args:
-        mesh: whose groups of these names are the sheets; without both of them, and in other cells,
-            it is 0.
-    """
+    """Return the sheet of each local cell (n,), ghosts included: 1 for "top", 2 for "bottom"."""
     index_map = mesh.domain.topology.index_map(2)
     sheet = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     if has_two_sheets(mesh):
@@ -331,12 +318,7 @@ def _sheets(mesh: Mesh) -> Indices:
 
 def _names(keys: list[Key]) -> dict[Key, str]:
     """Return names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are
-    several.
-
-    Args:
-        keys: what the edges of each fold line have in common, all different.  Of several with the
-            same name the one with the largest angle is number 1.
-    """
+    several."""
     by_name: dict[str, list[Key]] = {}
     for key in keys:
         by_name.setdefault(_plain_name(key), []).append(key)
@@ -352,11 +334,7 @@ def _names(keys: list[Key]) -> dict[Key, str]:
 
 
 def _plain_name(key: Key) -> str:
-    """Return the name of a fold line by its number or sign, and its sheet, e.g. "mountain top".
-
-    Args:
-        key: its number, 0 for folds without numbers, its sheet, its sign and its angle.
-    """
+    """Return the name of a fold line by its number or sign, and its sheet, e.g. "mountain top"."""
     name = "valley"
     if key.fold:
         name = f"fold {key.fold}"

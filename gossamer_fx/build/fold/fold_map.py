@@ -10,13 +10,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
 from gossamer_fx.build.fold.fold_lines import FoldLine, find_lines
 from gossamer_fx.build.fold.folded import Folded
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices, Vector
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
 
 # Misfit of a film and its fold map, over the size of the film, that counts as round-off.
 FIT = 1e-6

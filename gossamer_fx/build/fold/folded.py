@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from gossamer_fx.core.algebra.rotations import rotations
-from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.core.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.build.fold.fold_lines import SHEETS, Map, has_two_sheets
+from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import InitialState
+from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +52,9 @@ class Folded:
             )
 
     def requires(self) -> Iterable[Any]:
-        """The film, which joins the scene."""
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
-        """Set the film's positions in the initial state."""
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:

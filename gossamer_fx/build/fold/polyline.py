@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array, Indices
 
 # Share of the length: points that differ by less are the same.

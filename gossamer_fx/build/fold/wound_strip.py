@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Thickness of the roll over its radius at which mountains and valleys are distinguished: far above

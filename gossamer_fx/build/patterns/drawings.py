@@ -143,7 +143,6 @@ def _read(path: Path, scale: float | None) -> Drawing:
     """Read curves and texts of a DXF file, scaled to metres.
 
     Args:
-        path: of the file.
         scale: metres in a unit of the drawing; None: the drawing says its unit.
 
     Raises:
@@ -178,13 +177,7 @@ def _read(path: Path, scale: float | None) -> Drawing:
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
     """Add an entity of a DXF file to a drawing, if it is a curve or a text; others are left out.
 
-    Parts of polylines and blocks are added one by one.
-
-    Args:
-        entity: of ezdxf, with coordinates in units of the drawing.
-        scale: metres in a unit of the drawing.
-        drawing: to which it is added, in metres.
-    """
+    Parts of polylines and blocks are added one by one."""
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -226,7 +219,6 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
     Args:
         curves: of a drawing, with points (m, 2) [m].
         tolerance: distance of the ends of two curves that meet [m].
-        path: of the file, for messages.
 
     Returns:
         the loops, counterclockwise.
@@ -309,10 +301,6 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 def _check_names(panels: Sequence[Panel], path: str) -> None:
     """Raise `InputError` unless all groups of the mesh have different names.
 
-    Args:
-        panels: named, with curves on named layers; each panel and each layer becomes a group.
-        path: of the file, for messages.
-
     Raises:
         InputError: a panel has the name of another panel, of a layer, or "film".
     """
@@ -343,7 +331,6 @@ def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
     Neighbouring panels share no edge: seams join them later.
 
     Args:
-        model: of gmsh; it gets the groups "film", each panel, each layer and "panel/layer".
         panels: with loops of curves [m], of which the first is the outer one.
         size: of the cells [m].
     """

@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.constraints.seam import Seam
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.constraints.seam import Seam
 
 # Radius at an end, over the largest one, below which the gore ends in a point.
 POINT = 1e-9
@@ -160,13 +160,7 @@ class Gores:
         return found
 
     def _build(self, model: Any, along: int, across: int) -> None:
-        """Put the panels into a gmsh model as triangles with named groups; on one rank.
-
-        Args:
-            model: of gmsh, empty.
-            along: cells from end to end.
-            across: cells from edge to edge.
-        """
+        """Put the panels into a gmsh model as triangles with named groups; on one rank."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
@@ -272,9 +266,6 @@ def _first(found: Any) -> int:
 
 def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
     """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
-
-    Args:
-        rows: numbers of the nodes of each row, from one edge to the other.
 
     Returns:
         three numbers of nodes for each triangle.

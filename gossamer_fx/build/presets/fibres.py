@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gossamer_fx.mechanics.bodies.cable import CableLaw
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.bodies.cable import CableLaw
 
 # Of a makers' unit of the modulus: cN/dtex times g/cm³ is this many Pa.
 _PA_PER_CN_DTEX = 1e8
@@ -68,10 +68,8 @@ def _fibre(
     """A fibre whose modulus is given in the makers' unit cN/dtex; the result is in SI units.
 
     Args:
-        name: as it is sold.
         cn_per_dtex: tensile modulus [cN/dtex].
         grams_per_cm3: density [g/cm³].
-        source: where the figures are from.
     """
     return Fibre(
         name,

@@ -88,13 +88,7 @@ class Numbering:
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
         """Number the unknowns of all blocks, rank by rank and block by block.  Collective.
 
-        A block is the unknowns of one body: nodes with the same number of unknowns each.
-
-        Args:
-            comm: the ranks.
-            blocks: index map (which rank owns which node) and unknowns a node (`size`) of each
-                block, in the same order on all ranks.
-        """
+        A block is the unknowns of one body: nodes with the same number of unknowns each."""
         self.comm = comm
         self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
@@ -198,9 +192,6 @@ class Numbering:
 
 def _common_block_size(sizes: set[int]) -> int:
     """Size of the blocks of a matrix whose nodes have these numbers of unknowns.
-
-    Args:
-        sizes: the different numbers of unknowns a node.
 
     Returns:
         The size itself if there is only one; 3 if all are multiples of 3, as of nodes that consist

@@ -264,12 +264,6 @@ class PointMeasures:
         A measure is a strain ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some
         ports: points [m] and directions [-] of bodies, linear in the unknowns q.
 
-        Args:
-            numbering: global indices of the unknowns of all bodies.
-            bodies: the bodies of the system, in the order of the numbering.
-            measures: of one kind, at least one: all with H (m, 3k, 3k) and L (m, 3k) of the same
-                shapes.
-
         Raises:
             InputError: a port whose nodes, weights and vectors do not belong together.
         """
@@ -425,14 +419,7 @@ class Gather:
     """
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
-        """Make the scatter to this rank from the owners of the unknowns.  Collective.
-
-        Args:
-            numbering: layout of the distributed vector of all unknowns.
-            indices: arrays of global indices, of any shape, that this rank needs; may differ
-                between ranks and be empty.  An index may occur several times.  Each call returns
-                arrays of these shapes.
-        """
+        """Make the scatter to this rank from the owners of the unknowns.  Collective."""
         self._shapes = [some.shape for some in indices]
         # The empty array gives the result a type if there are no others.
         nothing = np.zeros(0, dtype=PETSc.IntType)

@@ -27,13 +27,7 @@ class RankExchange:
 
     def __init__(self, comm: MPI.Intracomm, ranks: npt.NDArray[np.integer]) -> None:
         """Prepare the exchange: tell each rank how many rows it receives from each other.
-        Collective.
-
-        Args:
-            comm: the ranks.
-            ranks: destination (n,) of each of the n rows of this rank, 0 <= rank < comm.size; n may
-                be zero and differ between ranks.
-        """
+        Collective."""
         self._comm = comm
         self._order = np.argsort(ranks, kind="stable")
         sent = np.bincount(ranks, minlength=comm.size).astype(np.int64)
@@ -77,10 +71,6 @@ class RankExchange:
 
         Args:
             values: rows (s, ...) to be sent, in any unit, ordered by destination, contiguous.
-            sent_parts: destination rank and range of rows for each message that leaves.
-            received_parts: source rank and range of rows in the result for each message that
-                arrives.
-            count: number of rows that arrive.
 
         Returns:
             Rows (count, ...) of the other ranks, ordered by source.

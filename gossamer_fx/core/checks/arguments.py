@@ -122,9 +122,6 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Defaults are not checked.
 
-    Args:
-        function: whose arguments have annotations; also the `__init__` of a class.
-
     Returns:
         A function with the same name and signature.  It raises `InputError` with one sentence,
         which names the argument, its value and what to give, if an argument is missing, unknown or
@@ -202,13 +199,7 @@ def _wrong_call(
 ) -> str:
     """Explain in one clause of a message why arguments do not fit a signature.
 
-    Unknown names are looked for first, then too many positional arguments, then missing ones.
-
-    Args:
-        signature: of the function that was called.
-        args, kwargs: the arguments of the call.
-        error: what Python raised, which is used if no better reason is found.
-    """
+    Unknown names are looked for first, then too many positional arguments, then missing ones."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"
@@ -265,7 +256,6 @@ def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
 
     Args:
         function: a function, or the `__init__` of a class.
-        argument: name of one of its arguments.
     """
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
@@ -294,9 +284,6 @@ class _TypeCheckingNames(dict[str, Any]):
 @functools.cache
 def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
     """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a module.
-
-    Args:
-        module: name of a module that has been imported and whose source can be read.
 
     Raises:
         OSError: there is no source.
@@ -359,11 +346,6 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
     """The test of values of an `Annotated` type, with the words for messages; None if it allows
     all.
 
-    Args:
-        hint: the type that is annotated.
-        marks: its annotations.  `Count`, of which there is one or none, prescribes the number of
-            entries; others mean nothing.
-
     Raises:
         TypeError: `hint` cannot be tested.
     """
@@ -382,9 +364,6 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
     """The test of values of a union of types, with the words for messages.
 
     It accepts what one of the types accepts.
-
-    Args:
-        alternatives: the types of the union.
 
     Returns:
         None if one of them allows all values.
@@ -409,10 +388,6 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
 def _tuple(hints: tuple[Any, ...]) -> Kind:
     """The test of a collection of fixed length, with a type for each entry, and the words for
     messages.
-
-    Args:
-        hints: types of the entries.  If all are `float`, they are components of a vector, which may
-            be tiny next to each other.
 
     Raises:
         TypeError: one of them cannot be tested.
@@ -440,7 +415,6 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
     messages.
 
     Args:
-        origin: the class, e.g. `Sequence`.
         arguments: the types in its brackets, e.g. `(float,)`; those of functions and arrays are not
             tested.
 
@@ -467,9 +441,6 @@ def _mapping(key: Any, value: Any) -> Kind:
     """The test of a mapping whose keys and values are of annotated types, and the words for
     messages.
 
-    Args:
-        key, value: the types.
-
     Raises:
         TypeError: one of them cannot be tested.
     """
@@ -491,9 +462,6 @@ def _mapping(key: Any, value: Any) -> Kind:
 
 def _collection(entry: Any) -> Kind:
     """The test of a list, tuple, set or array of any length, and the words for messages.
-
-    Args:
-        entry: type of the entries; numbers must be in one dimension.
 
     Raises:
         TypeError: it cannot be tested.
@@ -567,12 +535,8 @@ def _is_infinite(value: Any) -> bool:
 
 
 def _range(value: Any) -> str:
-    """Clause of a message about the size that numbers may have; empty if size is not what is wrong.
-
-    Args:
-        value: what a user gave, of any type.  The clause is not empty for finite numbers that are
-            larger than `LARGEST` or, other than zero, smaller than `SMALLEST`.
-    """
+    """Clause of a message about the size that numbers may have; empty if size is not what is
+    wrong."""
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
         # A whole number beyond all floats cannot be an array.

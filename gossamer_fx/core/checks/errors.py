@@ -254,9 +254,6 @@ def _cannot_write(path: Path, reason: str) -> str:
 def _reason(error: Exception) -> str:
     """Why a file could not be written, in the words of the operating system if they are known.
 
-    Args:
-        error: what the library that writes raised, e.g. OSError or a RuntimeError of ADIOS2.
-
     Returns:
         One line, never empty: at least the name of the exception's class.
     """

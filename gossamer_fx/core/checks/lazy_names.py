@@ -174,13 +174,7 @@ def public_names() -> list[str]:
 
 
 def _unknown(package: str, name: str, names: list[str]) -> str:
-    """Message about an unknown name, with similar names of the package and of its namespaces.
-
-    Args:
-        package: name of the package.
-        name: the name that it has not.
-        names: its public names.
-    """
+    """Message about an unknown name, with similar names of the package and of its namespaces."""
     message = f"{package} has no '{name}'"
     proposals = difflib.get_close_matches(name, names, n=_MAX_PROPOSALS, cutoff=0.75)
     for namespace, known in _namespaces(package, names).items():

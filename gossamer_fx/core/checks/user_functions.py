@@ -110,9 +110,7 @@ def _numbers(
     """Call a user's function that is to return numbers, and say what is wrong with its result.
 
     Args:
-        function: called without arguments, on this rank alone.
         shape: shape of the array that it must return, () for a number.
-        wanted: what it must return, in words, for the message.
 
     Returns:
         The problem in words, empty if there is none; the exception that caused it, if any; and the
@@ -139,9 +137,6 @@ def _is_below_limit(numbers: Numbers) -> bool:
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
     """Call a function of the user, and return its result or what it raises.
-
-    Args:
-        function: called without arguments, on this rank alone.
 
     Returns:
         The result, None after an exception; the problem in words, empty if there is none; and the
@@ -182,14 +177,6 @@ def _agree(
 ) -> Numbers:
     """Return the values if no rank has a problem and the values of all ranks are the same.
     Collective.
-
-    Args:
-        comm: the ranks.
-        what: subject of the messages.
-        problem: what is wrong on this rank, in words; empty if nothing is.
-        cause: the exception behind it, if any.
-        values: numbers of the same shape, in any unit, on all ranks; empty if they need not be
-            compared.
 
     Returns:
         The values, in their shape; the largest of all ranks where they differ by round-off.

@@ -217,16 +217,6 @@ class Bending:
         penalty: Expr,
         rest: Expr | None = None,
     ) -> None:
-        """Take the frame and the moments of curvatures; normals and sizes are those of the cells.
-
-        Args:
-            domain: plane triangles with straight edges.
-            B: frame of the mesh, two orthonormal vectors of each cell as columns (3, 2).
-            stiffness: gives moments [N] of curvatures [1/m].
-            penalty: factor [-] on the bound above which the form is definite, such as `PENALTY`.
-            rest: curvature (2, 2) [1/m] of the plate without bending moments; None for a flat
-                plate.
-        """
         self._B = B
         self._stiffness = stiffness
         self._penalty = penalty

@@ -253,13 +253,6 @@ def _build(
     Two runs may compile the same library at the same time; renaming is atomic, so that neither sees
     half a file.
 
-    Args:
-        module: name of the Python module.
-        path: file of the compiled module, whose folder is made if it does not exist.
-        header: C header with what Python uses.
-        sources: names of the C files in the header's folder.
-        arguments: options of the compiler.
-
     Raises:
         InputError: no C compiler was found.
         cffi.VerificationError: the compiler refuses the files.

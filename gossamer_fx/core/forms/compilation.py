@@ -147,10 +147,6 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
 
     Collective.
 
-    Args:
-        comm: ranks, of which rank 0 compiles.
-        task: the compilation, called once or twice; its result is returned.
-
     Raises:
         InputError: no C compiler was found.
         Exception: what the second attempt raises.

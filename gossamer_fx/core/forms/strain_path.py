@@ -232,11 +232,7 @@ def within_cone(
 def _fraction(a: Expr, b: Expr) -> Expr:
     """The quotient a/b limited to [0, 1], without a division by zero.
 
-    Roots of a quadratic equation beyond the ends of a path, 0 and 1, are moved to the ends.
-
-    Args:
-        a, b: scalar UFL expressions; a/b = 0 where one of them is zero or their signs differ.
-    """
+    Roots of a quadratic equation beyond the ends of a path, 0 and 1, are moved to the ends."""
     is_positive = ufl.gt(a * b, 0)
     inside = ufl.And(is_positive, ufl.lt(abs(a), abs(b)))
     beyond = ufl.conditional(is_positive, 1.0, 0.0)
@@ -341,12 +337,7 @@ def _mean_of_product(
     J: tuple[Expr, Expr, Expr],
 ) -> Expr:
     """The average of a b/r, with two linear functions a = a[0] + a[1] t and b = b[0] + b[1] t, over
-    -1 ≤ t ≤ 1.
-
-    Args:
-        a, b: value and slope of each function at t = 0.
-        J: averages J_0, J_1, J_2 of tⁿ/r over the same interval.
-    """
+    -1 ≤ t ≤ 1."""
     constant = a[0] * b[0]
     linear = a[0] * b[1] + a[1] * b[0]
     quadratic = a[1] * b[1]
@@ -371,9 +362,6 @@ def _mean_inverse_radius(
     since (ra + rb)² - 4 k² = 2 opening.  All are scalar UFL expressions of strains.
 
     Args:
-        xa, ya: components of da, whose length is the radius of Mohr's circle.
-        xb, yb: components of db.
-        ra, rb: lengths of da and db, > 0.
         k: length of (db - da)/2, > 0.
     """
     along = xa * xb + ya * yb

@@ -188,9 +188,7 @@ def _triangles_at_edges(
     The triangle on the left passes the edge from its start to its end.
 
     Args:
-        topology: of the mesh, with the connectivity of triangles to edges.
         vertices: local vertices (n, 2) of the edges, start and end.
-        n: number of edges, owned and ghost.
 
     Returns:
         local triangles (n, 2), left and right, and the number of the edge in them (n, 2), 0 to 2;
@@ -233,9 +231,7 @@ def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
     Collective.
 
     Args:
-        domain: the mesh.
         cells: local numbers (m,) of triangles; ghosts are ignored.
-        n: number of owned edges.
 
     Returns:
         counts (n,), and sums of +1 for forwards and -1 for backwards (n,).

@@ -153,8 +153,6 @@ def _rim_edges(
     """Return the edges of this rank's triangles that no other triangle has.
 
     Args:
-        domain: mesh of triangles.
-        table: its edges.
         corners: vertices (m, 3, 3) [m] of the triangles that this rank owns.
 
     Returns:

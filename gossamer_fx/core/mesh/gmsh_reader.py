@@ -157,10 +157,6 @@ def _cells(model: Any, dim: int) -> Integers:
 
     If named groups of the dimension exist, cells are the elements in them, else all elements.
 
-    Args:
-        model: `gmsh.model` of an open session.
-        dim: dimension of the cells, 1 or 2.
-
     Raises:
         BadMesh: the named groups hold no cell, or elements of several kinds.
     """
@@ -189,8 +185,6 @@ def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Intege
     Entities that belong to no cell are left out.
 
     Args:
-        model: `gmsh.model` of an open session.
-        dim: dimension of the cells, 1 or 2; groups of a higher one are left out.
         used: tags (n,) of the points in rising order.
 
     Returns:
@@ -282,11 +276,7 @@ def read_file(path: Path) -> RawMesh:
 
 
 def _load(arrays: Path) -> RawMesh:
-    """Return the mesh in a file that the child process has written.
-
-    Args:
-        arrays: path of the .npz file.
-    """
+    """Return the mesh in a file that the child process has written."""
     with np.load(arrays) as file:
         about = json.loads(str(file["about"]))
         groups = {}
@@ -303,9 +293,6 @@ def _load(arrays: Path) -> RawMesh:
 
 def _check_format(path: Path) -> None:
     """Check that a file begins as one in MSH format 2.2 or 4.x does.
-
-    Args:
-        path: of the file, of which the first `_HEAD` bytes are read.
 
     Raises:
         BadMesh: the file cannot be opened, or is in another format.
@@ -328,7 +315,6 @@ def _read_here(path: str, arrays: str) -> None:
     """Read a file with gmsh in this process, and write its mesh to an .npz file.
 
     Args:
-        path: of the file in MSH format.
         arrays: path of the .npz file, with points [m], cells, and the nodes of each named group.
 
     Raises:

@@ -245,7 +245,6 @@ def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
 
     Args:
         build: takes `gmsh.model`, makes geometry [m] and groups, and generates the mesh.
-        orient: whether normals of neighbouring triangles are made to agree.
 
     Raises:
         InputError: `build` raises any error, the mesh cannot be used, or a surface has one side
@@ -279,7 +278,6 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
     """Distribute the mesh that rank 0 has, and its groups, over all ranks.  Collective.
 
     Args:
-        comm: the ranks.
         raw: arrays of the mesh; None on the other ranks.
 
     Raises:
@@ -323,11 +321,7 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
 
 def _most_at_a_facet(raw: RawMesh) -> int:
     """Return the largest number of triangles that share an edge, or of line elements that share a
-    point.
-
-    Args:
-        raw: arrays of a mesh with at least one cell.
-    """
+    point."""
     if raw.kind == "triangle":
         corners = np.sort(raw.cells[:, :3], axis=1)
         edges = np.vstack([corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))])
@@ -346,8 +340,6 @@ def _distribute(
     """Return local numbers of entities that rank 0 lists by their nodes.  Collective.
 
     Args:
-        domain: the mesh, which is distributed.
-        dim: dimension of the entities, 0 to that of the mesh.
         entities: nodes (n, k) in the numbering of the file; none on the other ranks.
 
     Returns:

@@ -117,7 +117,6 @@ def _sums(
         triangles: corners (n, 3, 3) [m].
         surface: number of the surface of each (n,).
         turned: which of them are turned (n,).
-        surfaces: number of surfaces.
     """
     volume = volumes(triangles)
     area = np.linalg.norm(area_vectors(triangles), axis=1)
@@ -165,7 +164,6 @@ def _disagreeing(
 
     Args:
         graph: (m, m), nonzero where two triangles are neighbours.
-        neighbours: the pairs, and whether the normals of both are on the same side.
         surface_of_cell: number (m,) of the connected surface of each triangle.
 
     Returns:

@@ -132,15 +132,6 @@ class State:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        """Divide the vectors q and v among the bodies, in the order of their unknowns, without a
-        copy.
-
-        Args:
-            bodies: of the scene.
-            comm: ranks of the scene.
-            q: coordinates of all bodies: positions [m] and directors [-]; multipliers may follow.
-            v: their rates [m/s or 1/s].
-        """
         self.comm = comm
         self._q = q
         self._v = v

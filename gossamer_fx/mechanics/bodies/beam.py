@@ -89,18 +89,6 @@ class Beam(Curve):
         """Check the arguments, and make function space, section constants and initial state.
         Collective.
 
-        Args:
-            mesh: line elements in space [m], the stress-free shape.
-            section: stiffness and inertia, e.g. of `gx.sections.tube`.
-            normal: direction (3,) of the first section axis d2; only its direction counts.
-            thermal: thermal expansion; None: none.
-            initial_tension: axial force [N] in the shape of the mesh: a number, {group: number} or
-                a function of points (3, n) [m] that returns (n,); None: none.
-            initial_strain: axial strain (dimensionless) in place of a force, given in the same way.
-            velocity: function of points (3, n) [m] that returns velocities (3, n) [m/s]; None: at
-                rest.
-            name: name in messages and output.
-
         Raises:
             InputError: the mesh does not consist of lines in space, the normal is along the beam
                 somewhere, tension and strain are both given, or a function returns something else.
@@ -210,9 +198,6 @@ class Beam(Curve):
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy of the beam, and the constraint of orthonormal directors at
         each node.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
 
         Yields:
             The terms, i.e. what the beam adds to the equations: a mass, a stored energy and a

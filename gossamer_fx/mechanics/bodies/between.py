@@ -49,7 +49,6 @@ class Between:
         return self.a, self.b
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield from bodies_of(*self._sides)
 
 

@@ -174,26 +174,7 @@ class Cable(Curve):
         name: str = "cable",
     ) -> None:
         """Check the arguments, and make function space, law constants and initial state.
-        Collective.
-
-        Args:
-            mesh: line elements in space [m].
-            law: stored energy per natural length as a function of the strain.
-            order: of the Lagrange elements, 1 or 2.
-            thermal: thermal expansion; None: none.
-            length_factor: natural length over that of the mesh (dimensionless), positive.
-            initial_tension: tension [N] at the natural length: a number, {group: number} or a
-                function of points (3, n) [m] that returns (n,); None: none.
-            initial_strain: strain (dimensionless) in place of a tension, given in the same way.
-            displacement: function of points (3, n) [m] that returns (3, n) [m]; None: none.
-            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
-            name: name in messages and output.
-
-        Raises:
-            InputError: the mesh does not consist of lines in space, an order or length factor is
-                not possible, tension and strain are both given, or the law has no strain for a
-                tension.
-        """
+        Collective."""
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
@@ -246,9 +227,6 @@ class Cable(Curve):
 
         v and w are velocities [m/s] and test functions of the mass form, e0 and e1 the strains (1,)
         at the start and the end of a step.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
 
         Yields:
             The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored

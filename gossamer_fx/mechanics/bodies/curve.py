@@ -129,7 +129,6 @@ class Curve(Meshed):
         Collective.
 
         Args:
-            kind: class of the body, for messages.
             components: number of strains of the body.  The first is the axial one (dimensionless)
                 and expands with the temperature [K]; the others are not affected.
 

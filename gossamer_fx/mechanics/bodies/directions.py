@@ -63,9 +63,7 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
     """Check that directions have a part in the film in all cells.  Collective.
 
     Args:
-        mesh: triangles of the film.
         function: a vector (3,) in each cell, of any length.
-        what: subject of the message.
 
     Raises:
         InputError: on all ranks, if a direction is zero or normal to the film in some cell.

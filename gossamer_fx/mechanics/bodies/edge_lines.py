@@ -250,7 +250,6 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     Args:
         vertices: global vertices (n, 2) at the ends of the n edges, at least one.
         X: coordinates (n, p + 1, 3) [m] of the nodes along each edge, from its first vertex.
-        what: subject of the messages.
 
     Returns:
         The edges (n,) in the order of the walk; whether each edge, in the order of the walk, is

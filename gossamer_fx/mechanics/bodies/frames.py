@@ -177,7 +177,6 @@ class SectionFrame:
         return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
-        """The items that must be in the scene with this one."""
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -185,12 +184,7 @@ class SectionFrame:
         Collective.
 
         They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
-        (orthonormal vectors in the section), one vector after the other.
-
-        Returns:
-            Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
-            empty arrays on the others.
-        """
+        (orthonormal vectors in the section), one vector after the other."""
         # Point x and directors s2, s3 of the section; q and v are coordinates and rates (12,).
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
@@ -207,11 +201,7 @@ class SectionFrame:
 
         Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
         of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
-        s3, ½(n·n - 1), n·s2 and n·s3.
-
-        Args:
-            start: initial state of the scene; the constraints do not depend on it.
-        """
+        s3, ½(n·n - 1), n·s2 and n·s3."""
         # The functions are ½ X·H X + L·X + c of the stacked vectors X = (x, n, d2, d3, x_s, s2,
         # s3).
         followers = [0, 2, 3]
@@ -232,5 +222,4 @@ class SectionFrame:
         yield PointConstraint(f"{self.name} follows", measure)
 
     def describe(self, node: int) -> str:
-        """The location of a node, for messages."""
         return "the frame of the section"

@@ -164,10 +164,6 @@ class _GivenTensors:
 def _tensor(value: Any, what: str) -> Array:
     """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit.
 
-    Args:
-        value: what a user gave; a number stands for that multiple of the unit tensor.
-        what: subject of the messages.
-
     Raises:
         InputError: it is something else, not finite or not symmetric.
     """
@@ -196,9 +192,7 @@ def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
     Collective.
 
     Args:
-        mesh: triangles of the film.
         stresses: a tensor (3, 3) [Pa] in each cell, of which the part in the film counts.
-        what: subject of the message.
 
     Raises:
         InputError: on all ranks, if a principal stress in the film is negative beyond round-off.

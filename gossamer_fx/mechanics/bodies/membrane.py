@@ -101,26 +101,7 @@ class Membrane(Meshed):
         """Check the arguments, and make function space, law constants and initial state.
         Collective.
 
-        The class describes the arguments in detail.
-
-        Args:
-            mesh: triangles in space [m], the stress-free shape.
-            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
-                [m].
-            order: of the Lagrange elements, 1 or 2.
-            properties: numbers of the law that differ from cell to cell.
-            thermal: thermal expansion; None: none.
-            initial_stress: stress [Pa] in the shape of the mesh; None: none.
-            initial_strain: strain (dimensionless) in its stead; None: none.
-            displacement: function of points (3, n) [m] that returns (3, n) [m], or {group:
-                function}.
-            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
-            name: name in messages and output.
-
-        Raises:
-            InputError: the mesh does not consist of triangles in space, an order that does not fit
-                the mesh, both initial stress and strain, or values that the law cannot have.
-        """
+        The class describes the arguments in detail."""
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(
@@ -299,9 +280,6 @@ class Membrane(Meshed):
         """Kinetic and stored energy of the film.  Collective.
 
         v and w are velocities [m/s] and test functions of the mass form.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
 
         Yields:
             The terms, i.e. what the film adds to the equations: one of its mass, one of its stored

@@ -53,7 +53,6 @@ class Meshed(ABC):
         return self
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function on the body's space, ghosts included, from this rank's unknowns."""
         function.x.array[: len(unknowns)] = unknowns
         function.x.scatter_forward()
 

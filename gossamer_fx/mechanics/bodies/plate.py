@@ -119,28 +119,7 @@ class Plate(Membrane):
     ) -> None:
         """Check the arguments, and make the film and the constants of bending.  Collective.
 
-        The class describes the arguments in detail.
-
-        Args:
-            mesh: plane triangles with straight edges [m].
-            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
-                [m].
-            order: of the Lagrange elements, 2.
-            hinges: names of groups of interior edges that transmit no bending moment.
-            bending: D11, D12, D22, D66 [N m] of a law with axes; None: those of the law.
-            rest_curvature: curvature [1/m] without moments, tensors (3, 3); None: flat.
-            properties: numbers of the law that differ from cell to cell.
-            thermal: thermal expansion; None: none.
-            initial_stress: stress [Pa] in the shape of the mesh; None: none.
-            initial_strain: strain (dimensionless) in its stead; None: none.
-            displacement, velocity: functions of points (3, n) [m] that return (3, n) [m] or [m/s].
-            name: name in messages and output.
-
-        Raises:
-            InputError: another order, a curved mesh, a hinge that is given twice or has edges on
-                the rim, stiffnesses that are not positive definite, a rest curvature out of the
-                plane.
-        """
+        The class describes the arguments in detail."""
         check(
             order == 2,
             f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
@@ -242,9 +221,6 @@ class Plate(Membrane):
         """The energies of the film, the bending energy, and what a curvature without moments adds
         to it.
 
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
-
         Yields:
             The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
             quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
@@ -281,13 +257,7 @@ class Plate(Membrane):
 
         With the curvature H0 without moments, its moment M0 and the curvature κ = n·D²x of the
         moved surface it is ½∫ M0:H0 dA - ∫ M0:κ dA and a sum over interior edges.  These are
-        integrals of triple products of three vectors that are linear in the positions.
-
-        Args:
-            name: of the energy in the ledger.
-            dx: measure of the cells.
-            dS: measure of the interior edges that transmit moments.
-        """
+        integrals of triple products of three vectors that are linear in the positions."""
         domain = self.mesh.domain
         bending = self.bending
         varying = None
@@ -363,9 +333,6 @@ class Plate(Membrane):
     def _check_flat(self, table: EdgeTable) -> None:
         """Check that neighbouring triangles lie in one plane unless a hinge is between them.
         Collective.
-
-        Args:
-            table: edges of the mesh with the triangles on both sides.
 
         Raises:
             InputError: on all ranks, if normals differ by an angle whose sine exceeds `FLAT`.

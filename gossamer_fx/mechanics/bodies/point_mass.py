@@ -48,17 +48,7 @@ class PointMass:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
-        """Check the arguments; the coordinates of the point are on rank 0.  Collective.
-
-        Args:
-            mass: [kg], positive.
-            position, velocity: (3,) [m] and (3,) [m/s] at the start.
-            comm: the ranks of the scene.
-            name: name in messages and output.
-
-        Raises:
-            InputError: the mass is not positive, or a vector has not three finite numbers.
-        """
+        """Check the arguments; the coordinates of the point are on rank 0.  Collective."""
         check(
             math.isfinite(mass) and mass > 0,
             f"PointMass '{name}': mass is {mass!r} kg; give a positive number.",

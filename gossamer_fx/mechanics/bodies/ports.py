@@ -106,8 +106,6 @@ def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...],
     """Nodes of a cell and their weights in the interpolation of a point.
 
     Args:
-        body: on a mesh.
-        cell: local number of the cell.
         x: point (3,) [m] in the cell.
 
     Returns:

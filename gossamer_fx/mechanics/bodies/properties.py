@@ -137,11 +137,6 @@ def cellwise(
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     """Local cells (n,) of a named group of triangles or lines, owned and ghost.
 
-    Args:
-        mesh: of triangles or lines.
-        group: name of the group.
-        what: subject of the messages.
-
     Raises:
         InputError: the mesh has no such group, or it does not consist of cells of the mesh.
     """

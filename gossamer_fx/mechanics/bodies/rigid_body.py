@@ -103,23 +103,7 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        """Check the arguments; the coordinates of the body are on rank 0.  Collective.
-
-        Args:
-            mass: [kg], positive.
-            inertia: about the centre of mass in body axes [kg m²]: principal values (3,), or (3,
-                3).
-            position: (3,) [m] of the centre of mass.
-            attitude: rotation matrix (3, 3), whose columns are the body axes in space.
-            velocity: (3,) [m/s] of the centre of mass.
-            spin: angular velocity (3,) [rad/s] in space axes.
-            comm: the ranks of the scene.
-            name: name in messages and output.
-
-        Raises:
-            InputError: the mass is not positive, the inertia is not symmetric, singular or not that
-                of a body, or the attitude is not a rotation.
-        """
+        """Check the arguments; the coordinates of the body are on rank 0.  Collective."""
         check(
             math.isfinite(mass) and mass > 0,
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
@@ -204,7 +188,6 @@ class RigidBody:
         return self._spin
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The kinetic energy, and the constraint that the directors stay orthonormal."""
         mass = np.zeros((self.block.index_map.size_local, 4, 4))
         mass[:, 0, 0] = self.mass
         mass[:, 1:, 1:] = self.euler_tensor
@@ -234,5 +217,4 @@ class RigidBody:
         return Frame(self.port_at(place), self.frame().directors)
 
     def describe(self, node: int) -> str:
-        """What a message calls the body's node."""
         return "the rigid body"

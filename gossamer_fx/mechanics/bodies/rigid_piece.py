@@ -50,15 +50,7 @@ class RigidPiece:
 
         The coordinates of the piece are on rank 0; the arguments are the same on all ranks.
 
-        What is tied to the piece decides its motion.
-
-        Args:
-            name: in messages.
-            owner: the body that is tied to the piece.
-            start: (1 + k, 3): position [m] and k orthonormal directors (unit vectors).
-            rates: (1 + k, 3): their rates [m/s] and [1/s].
-            rigid: whether lengths and angles of the directors are constant, by multipliers.
-        """
+        What is tied to the piece decides its motion."""
         self.name = name
         self.comm = owner.comm
         self._owner = owner
@@ -71,11 +63,9 @@ class RigidPiece:
         self.block = Block(IndexMap(self.comm, owned_nodes), start.size)
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self._owner
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Coordinates and velocities on the owning rank, else empty arrays."""
         here = self._q.size * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
@@ -92,14 +82,12 @@ class RigidPiece:
         return Port(self, nodes, weights=(1.0, *along), vectors=vectors)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that the directors stay orthonormal; it has no mass, hence no energy."""
         if self._rigid:
             H, L, c = orthonormality(len(self._q) - 1)
             measure = PointMeasure([self.directors], H, L, c)
             yield PointConstraint(f"{self.name} directors", measure)
 
     def describe(self, node: int) -> str:
-        """What a message calls the piece's node."""
         return "the piece without mass"
 
 

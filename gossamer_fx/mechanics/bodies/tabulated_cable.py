@@ -215,7 +215,6 @@ class Corners:
         return total
 
     def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """N averaged from x0 to x1, and its derivative with respect to x1; of the shape of both."""
         mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
         force = (self.slope_changes * self.sides * mean).sum(axis=-1)
         stiffness = (self.slope_changes * slope).sum(axis=-1)
@@ -243,14 +242,7 @@ class TabulatedBars:
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         """Mean stress of a step for each of n bars, and its derivative by the strain at the end.
 
-        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J].
-
-        Args:
-            e0, e1: Green-Lagrange strains (n, 1) at the beginning and the end of the step.
-
-        Returns:
-            S (n, 1) [N m] and ∂S/∂e1 (n, 1, 1) [N m].
-        """
+        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J]."""
         # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])

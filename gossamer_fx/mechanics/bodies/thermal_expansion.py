@@ -44,19 +44,6 @@ class TemperatureInTime:
     def __init__(
         self, mesh: Mesh, given: Temperature, *, elsewhere: float, lowest: float, what: str
     ) -> None:
-        """Find the cells of each group; no temperature is evaluated yet.
-
-        Args:
-            mesh: of the body.
-            given: temperature [K], or difference of temperatures [K]: a number, a function of
-                points (3, n) [m] and time [s], or {group of cells: one of these}.
-            elsewhere: temperature [K] of cells that are in no group.
-            lowest: the lowest temperature, or difference of temperatures, [K] that is possible.
-            what: subject of the messages.
-
-        Raises:
-            InputError: the mesh has no such group of cells.
-        """
         self._comm = mesh.domain.comm
         self._elsewhere = elsewhere
         self._lowest = lowest
@@ -110,7 +97,6 @@ class TemperatureInTime:
                 or a number.
             points: (3, n) [m].
             t: time [s].
-            what: subject of the messages.
 
         Raises:
             InputError: on all ranks, if the function raises an error or returns neither a finite
@@ -130,11 +116,6 @@ class TemperatureInTime:
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     """Local cells (n,) of a named group, owned and ghost.
-
-    Args:
-        mesh: of triangles or lines.
-        group: name of the group.
-        what: subject of the message.
 
     Raises:
         InputError: the mesh has no such group, or it does not consist of cells of the mesh.

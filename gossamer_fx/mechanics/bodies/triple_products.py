@@ -163,11 +163,7 @@ class TripleProductEnergies(
         return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the internal forces of all terms in the present step to the residual.  Collective.
-
-        Args:
-            r: residual [N] of all unknowns, changed in place.
-        """
+        """Add the internal forces of all terms in the present step to the residual.  Collective."""
         for compiled in self._compiled:
             force = compiled.force
             # Assembly adds to what is there.

@@ -53,7 +53,6 @@ class AttachedMass:
         check_positive(self, "mass", "kg")
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:

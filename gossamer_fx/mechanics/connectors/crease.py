@@ -129,9 +129,6 @@ class Crease:
         """Check that the edges of the crease lie between two triangles with normals on one side.
         Collective.
 
-        Args:
-            who: subject of the messages.
-
         Raises:
             InputError: on all ranks, if the group has no edges, edges on the rim, or edges where
                 normals change sides, or if the mesh was distributed without neighbouring triangles.
@@ -168,11 +165,9 @@ class Crease:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The film."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energy of the crease."""
         yield self.energy
 
     @property
@@ -268,7 +263,6 @@ class Crease:
             cells: local triangles (n,) with k nodes.
             sides: number (n,) from 0 to 2 of the edge of each triangle.
             points: positions (g,) along the edge, from 0 to 1.
-            backwards: whether the triangle passes the edge from its end to its start.
         """
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
@@ -297,7 +291,6 @@ def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dt
     The normals of both triangles are then on the same side of the film.
 
     Args:
-        table: edges of the mesh with the triangles on both sides.
         edges: local numbers (n,) of interior edges.
     """
     corners = table.domain.topology.connectivity(2, 0).array.reshape(-1, 3)
@@ -327,7 +320,6 @@ def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]
     Args:
         nodes: (n, 2k) of the left and of the right triangle.
         maps: (n, g, 3, 2k) of these nodes; changed in place.
-        k: nodes of a triangle, 3 or 6.
 
     Returns:
         Nodes (n, r) and maps (n, g, 3, r), r = 4 for order 1 and 9 for order 2.

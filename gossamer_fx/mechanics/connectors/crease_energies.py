@@ -97,7 +97,6 @@ class CreaseEnergies(
         self._numbers: dict[tuple[int, str], float] = {}
 
     def commit(self) -> None:
-        """Update angles and rest angles from the accepted coordinates."""
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
             points.keep(q)
 
@@ -116,8 +115,6 @@ class CreaseEnergies(
             add_blocks(A, points.indices, points.indices, blocks)
 
     def inadmissible(self) -> str:
-        """Why the step must be rejected: a fold turns by nearly half a turn.  Empty if none
-        does."""
         rotations = [points.largest_rotation(q) for points, q in self._at_end()]
         largest = max(rotations, default=(0.0, ""))
         angle, name = max(self._system.comm.allgather(largest))
@@ -149,16 +146,6 @@ class CreaseEnergies(
         return points.θ[here], points.rest[here]
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
-        """Values of the output field `fold_angle` at the start of the step, in cells next to folds.
-
-        Args:
-            field: name of the field.
-            body: film or plate.
-
-        Returns:
-            Local cells (n,), of which a cell may occur several times, and the fold angle (n,) [rad]
-            of each; None for another field or a body without creases.
-        """
         mine = [term for term in self.terms if term.body is body]
         if field != "fold_angle" or not mine:
             return None
@@ -174,24 +161,11 @@ class CreaseEnergies(
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: CreaseEnergy, key: str) -> Array:
-        """Present value (1,) of a parameter of a term.
-
-        Args:
-            term: a crease; that it is one of the scene is not checked.
-            key: "rest" for the rest angle [rad] at the start; any other key, by agreement
-                "stiffness", for the stiffness per length [N m/m/rad].
-        """
         given = term.rest if key == "rest" else term.moment_per_angle
         return np.atleast_1d(self._numbers.get((id(term), key), given))
 
     def set_number(self, term: CreaseEnergy, key: str, value: Array) -> None:
         """Change a parameter of a term.
-
-        Args:
-            term: a crease of the scene.
-            key: "stiffness" (per length, [N m/m/rad]) or "rest" (the rest angle at the start,
-                [rad]); other keys are not refused.
-            value: the new value (1,).
 
         Raises:
             StopIteration: the term is not one of the scene.
@@ -216,16 +190,6 @@ class CreaseEnergies(
         - The yield angle has moved the rest angle of a point at the start of the run: it does not
           depend on the given one, and the point counts as zero (`follows_input`).
 
-        Args:
-            term: a crease of the scene.
-            key: "stiffness" (per length of the fold, [N m/m/rad]) or "rest" (the rest angle that is
-                given for the start, [rad]); other keys are not refused and give wrong numbers.
-            w: vector of the unknowns of the system, e.g. the adjoint variables μ; w·forces has the
-                unit of the result of which a gradient is computed.
-
-        Returns:
-            The derivative (1,), in the unit of w·forces over that of the parameter.
-
         Raises:
             StopIteration: the term is not one of the scene.
         """
@@ -247,14 +211,6 @@ class CreaseEnergies(
 
         For the rest angle, points whose rest angle was moved by the yield angle at the start of the
         run do not depend on the given one, and count as zero.
-
-        Args:
-            term: a crease of the scene.
-            key: "stiffness" (per length of the fold, [N m/m/rad]) or "rest" (the rest angle that is
-                given for the start, [rad]); other keys are not refused and give wrong numbers.
-
-        Returns:
-            The derivative (1,), in J over the unit of the parameter.
 
         Raises:
             StopIteration: the term is not one of the scene.
@@ -290,12 +246,7 @@ class CreaseEnergies(
         """Carry the derivatives by the rest angles of creases that yield from the end of a step to
         its start.  Collective.
 
-        The reversed step has the derivatives of all forces, so that nothing is added to vectors.
-
-        Args:
-            μ: adjoint vector of the step, over all unknowns.
-            by_position, by_velocity: stay as they are.
-        """
+        The reversed step has the derivatives of all forces, so that nothing is added to vectors."""
         if not self._yielding:
             return
         displacements = self._gather(μ)
@@ -311,12 +262,10 @@ class CreaseEnergies(
         ]
 
     def exchange_ends(self) -> None:
-        """Reverse the step; rest angles and moments stay those of the step."""
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
             points.exchange_ends(q)
 
     def without_gradient(self) -> str:
-        """Why the scene has no gradient: a fold yields.  Empty if none does."""
         # In a run rest angles are history variables.
         if self._system.rule.alpha < 1:
             return ""
@@ -332,16 +281,12 @@ class CreaseEnergies(
         return [(points.θ.copy(), points.rest.copy()) for points in self._arrays]
 
     def load_history(self, saved: list[tuple[Array, Array]]) -> None:
-        """Set angles and rest angles to those of `save_history`."""
         for points, (angles, rest) in zip(self._arrays, saved, strict=True):
             points.θ = angles.copy()
             points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
         """The array of points of a term, and the number of the term.
-
-        Args:
-            term: a crease of the scene.
 
         Raises:
             StopIteration: the term is not one of the scene.
@@ -362,11 +307,7 @@ class CreaseEnergies(
         input.
 
         Only points that have slipped or turned by more than half a turn are stored; most have not.
-        Collective.
-
-        Returns:
-            A list "points" of (name, full turns, rest angle [rad] or None), the same on every rank.
-        """
+        Collective."""
         unusual = []
         for points in self._arrays:
             unusual += points.unusual()
@@ -377,7 +318,6 @@ class CreaseEnergies(
         return {"points": sorted(of_all_ranks)}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Set angles and rest angles from those of `get_state`; the positions are set already."""
         stored = {tuple(name): (turns, rest) for name, turns, rest in state["points"]}
         for points in self._arrays:
             points.recall(stored)
@@ -439,15 +379,7 @@ class _Points:
         """Join the points of some creases in arrays, for the folds of this rank.
 
         A point stands for a part of a fold.  It has a stiffness [N m/rad], a rest angle and a yield
-        angle [rad], and the sign of the angle if the fold starts pressed shut.
-
-        Args:
-            terms: all creases of the scene, with this rank's points.
-            of: indices of those in these arrays, which have the same number of nodes a point.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        `keep` must be called once with the initial positions before any other method.
-        """
+        angle [rad], and the sign of the angle if the fold starts pressed shut."""
         self.of = of
         # Weight of the end of a step in the point at which forces act: ½ or, in backward Euler, 1.
         self._α = float(system.rule.alpha)
@@ -521,11 +453,6 @@ class _Points:
     def tangents(self, q: Array, geometric: float) -> Array:
         """Derivatives (n, D, D) [N/m] of the forces of a step by the positions at its end.
 
-        Args:
-            q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
-            geometric: share from 0 to 1 of the geometric stiffness, which is proportional to the
-                moment.
-
         Raises:
             LinAlgError: the vectors along a fold and into its panels are parallel in the middle of
                 the step.
@@ -579,11 +506,7 @@ class _Points:
 
         A fold that slips has another moment on the way back.  Its moment, and the derivative by the
         angle at the start, ½ k (1 - s²) for the share s of the path on which it slips, are kept for
-        the tangent.
-
-        Args:
-            q: positions (n, D) [m] of the nodes of each point at the end of the step.
-        """
+        the tangent."""
         X = self.vectors(q)
         θ1 = self._end(X)
         moment, _ = self._moment(θ1)
@@ -616,13 +539,7 @@ class _Points:
         """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] of points at the end of a step,
         with the stiffness k [N m/rad] of a point, its angle θ and its rest angle θr [rad].
 
-        θr is that at the start of the step.
-
-        Args:
-            q: positions (n, D) [m] of the nodes of each point at the end of the step.
-            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
-            stiffness: of the term per length [N m/m/rad], to which k is proportional.
-        """
+        θr is that at the start of the step."""
         angle = self._end(self.vectors(q)) - self.rest
         if key == "stiffness":
             energy: Array = self._k * angle**2 / (2 * stiffness)
@@ -630,14 +547,6 @@ class _Points:
         return -self._k * angle
 
     def set_number(self, i: int, key: str, before: float, now: float) -> None:
-        """Change the stiffness or the rest angle of the points of a term.
-
-        Args:
-            i: number of the term in the scene.
-            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
-            before: present stiffness per length [N m/m/rad], not zero; not used for the rest angle.
-            now: new stiffness per length [N m/m/rad], or new rest angle [rad].
-        """
         here = self.owner == i
         if key == "stiffness":
             self._k = np.where(here, self._k * (now / before), self._k)

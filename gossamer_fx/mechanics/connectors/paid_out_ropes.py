@@ -95,10 +95,6 @@ class PaidOutRopes(
     def begin_step(self, t: float) -> None:
         """Evaluate the given natural lengths [m] of ropes at the end of the step that begins.
 
-        Args:
-            t: time [s] at which the forces of the step act: its middle, or its end with backward
-                Euler.
-
         Raises:
             InputError: on all ranks, if a user's function of time does not return a positive
                 length.
@@ -154,16 +150,7 @@ class PaidOutRopes(
         """Mean stress S_mean = T_mean/l_mean of a step for each of n ropes, and its derivative.
 
         T_mean [N] is the mean tension, l_mean = (l0 + l1)/2 [m] the mean distance of the ends.
-        With e = ½ l², S_mean (e1 - e0) is the work T_mean (l1 - l0) [J].
-
-        Args:
-            e0, e1: ½ l² (n, 1) [m²] at the start and at the end of the step.
-
-        Returns:
-            S_mean (n, 1) [N/m] and dS_mean/de1 (n, 1, 1) [N/m³].
-
-        `begin_step` and `commit` have set the natural lengths and the distances at the start.
-        """
+        With e = ½ l², S_mean (e1 - e0) is the work T_mean (l1 - l0) [J]."""
         # Distances l0, l1 [m] of the ends; T (n,) [N]: mean tension; slope [N/m]: dT/dl1.
         l0 = np.sqrt(2 * np.maximum(e0[:, 0], SMALLEST_MEASURE))
         l1 = np.sqrt(2 * np.maximum(e1[:, 0], SMALLEST_MEASURE))
@@ -218,7 +205,6 @@ class PaidOutRopes(
         return {"lengths": self.lengths().tolist()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Set the lengths L to those of `get_state`."""
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next = self.length
 

@@ -84,7 +84,6 @@ class RopeBundle:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         for pair in self.ends:
             yield from bodies_of(*pair)
 
@@ -95,9 +94,6 @@ class RopeBundle:
 
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of each rope.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
 
         Yields:
             The terms, i.e. what the ropes add to the equations; all have the same name, under which

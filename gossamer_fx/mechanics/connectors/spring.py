@@ -36,7 +36,6 @@ class Quadratic:
         return self.k * np.sum(e * e, axis=1) / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress k (e0 + e1)/2 (n, m), and its derivative by e1 (n, m, m)."""
         # k may be one number, or one for each of n springs.
         k = np.reshape(self.k, (-1, 1))
         m = e0.shape[1]
@@ -74,14 +73,7 @@ class LengthSpring:
         and S_mean (e1 - e0) the change of energy [J].
 
         L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
-        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused.
-
-        Args:
-            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
-
-        Returns:
-            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³].
-        """
+        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
@@ -114,15 +106,7 @@ class LengthDamper:
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
         """Mean viscous stress of a step for each of n dampers, and its derivative.
 
-        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length.
-
-        Args:
-            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
-            h: length of the step [s], positive.
-
-        Returns:
-            S_mean (n, 1) [N/m] and D = ∂S_mean/∂e1 (n, 1, 1) [N/m³].
-        """
+        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
@@ -149,15 +133,7 @@ class RopeDamper:
 
         The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
         negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
-        [N s/m].
-
-        Args:
-            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
-            h: length of the step [s], positive.
-
-        Returns:
-            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³]; both zero for a slack rope.
-        """
+        [N s/m]."""
         # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
@@ -294,11 +270,6 @@ class Rope(Between):
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Stored energy and, with damping, dissipation of the rope: what it adds to the equations.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
-        """
         density = LengthSpring(self.stiffness, self.length, side=1)
         measure = half_distance_squared(self.a, self.b)
         yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
@@ -388,9 +359,6 @@ class Damper(Between):
     def terms(self, start: State) -> Iterable[Term]:
         """The dissipation of the damper: what it adds to the equations.
 
-        Args:
-            start: initial state of the scene.  Collective.
-
         Raises:
             InputError: the two ends coincide in the initial state.
         """
@@ -441,17 +409,12 @@ class AxialSpring:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """The stored energy ½ k (n·(x - x0))² [J]: what the spring adds to the equations.
 
-        n is the unit vector of its direction, x [m] its point, x0 [m] its origin.
-
-        Args:
-            start: initial state of the scene; the term does not depend on it.
-        """
+        n is the unit vector of its direction, x [m] its point, x0 [m] its origin."""
         n = unit(self.direction)
         # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))

@@ -186,7 +186,6 @@ class Tape:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     @property
@@ -196,9 +195,6 @@ class Tape:
 
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy of the bars: what the tape adds to the equations.
-
-        Args:
-            start: initial state of the scene; the terms do not depend on it.
 
         Yields:
             The mass [kg] of the bars at their ends, and their stored energy [J].
@@ -230,7 +226,6 @@ def _density(law: BarLaw, lengths: Array) -> PointDensity:
     for a table.  ε = ½(λ² - 1) is the strain of the bar.
 
     Args:
-        law: of the tape.
         lengths: natural lengths (n,) [m] of the bars that this rank evaluates.
 
     Raises:
@@ -264,11 +259,8 @@ def _refuse_edges_without_length(
     """Check that no edge of a tape has ends that coincide.  Collective.
 
     Args:
-        body: the film or plate.
-        edges: name of the group of edges.
         lengths: lengths (n,) [m] of this rank's edges.
         midpoints: their middles (n, 3) [m], for the message.
-        name: of the tape.
 
     Raises:
         InputError: on all ranks, if an edge is shorter than `SHORTEST_EDGE` of the longest one.

@@ -97,10 +97,6 @@ class Tether(Between):
     def terms(self, start: State) -> Iterable[Term]:
         """The rope on its reel, with a given length or a brake: what it adds to the equations.
 
-        Args:
-            start: initial state of the scene; the term does not depend on it.  Collective for a
-                length that is a function of time.
-
         Raises:
             InputError: on all ranks, if the function does not return a positive length at t = 0 (or
                 later, in the run).

@@ -248,9 +248,6 @@ class TorsionSpring(AboutHinge):
     def terms(self, start: State) -> Iterable[Term]:
         """The stored energy of the angle about the axis: what the spring adds to the equations.
 
-        Args:
-            start: initial state of the scene; the term does not depend on it.
-
         Yields:
             One energy ½ k φ² [J] of the angle φ [rad] from the rest angle, with stiffness and rest
             angle as parameters of gradients.

@@ -58,16 +58,12 @@ class Driven:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """The support that fixes the body's position and turns its axes with time.
 
         A support eliminates coordinates from the equations.
-
-        Args:
-            start: initial state of the scene, from which the body is turned.
 
         Raises, in the run:
             InputError: the user's function does not return a finite angle [rad], the same on all

@@ -53,10 +53,6 @@ class EdgeRotation:
     def terms(self, start: State) -> Iterable[Term]:
         """The energies by which Nitsche's method keeps a plate tangent to a direction at an edge.
 
-        Args:
-            start: initial state of the scene, in which the direction must not lie along the edge.
-                Collective.
-
         Yields:
             One quadratic energy [J] for a constant direction; one that changes with time for a
             direction that does, or in addition for a plate with a difference of temperature across
@@ -108,9 +104,7 @@ class EdgeRotation:
         """The energy that the thermal curvature of the plate adds at the clamped edge, as a term.
 
         Args:
-            name: of the energy in the ledger.
             d: unit vector (3,) to which the plate is tangent at the edge.
-            ds: measure of the edge.
         """
         from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
@@ -158,7 +152,6 @@ class EdgeRotation:
         Collective.
 
         Args:
-            start: the initial state of the scene.
             directions: function of midpoints (3, n) [m] of edges of the stress-free mesh that
                 returns unit directions (n, 3).
 

@@ -171,14 +171,10 @@ class Fixed:
             )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """The support, or the constraints of sections and slopes where rotations are fixed.
-
-        Args:
-            start: initial state of the scene, in which nodes without a motion stay.
 
         Yields:
             What the item adds to the equations: fixed coordinates, constraints for a normal
@@ -224,7 +220,6 @@ class Fixed:
         Args:
             nodes: local nodes (n,), owned and ghost.
             normal: unit normal (3,) of the planes.
-            start: initial state of the scene.
         """
         index_map = self.body.block.index_map
         # A multiplier holds the height of each node; a support could hold coordinates only.

@@ -245,9 +245,6 @@ class Link(Between):
         """The constraint that the distance of the two points stays that of the initial state.
         Collective.
 
-        Args:
-            start: initial state of the scene.
-
         Yields:
             One constraint (|x_a - x_b|² - l²)/2l = 0, whose multiplier is the force of the rod [N].
 

@@ -225,11 +225,7 @@ class RigidRegion:
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """This rank's nodes of the region, each with the point that it is tied to, as ports.
 
-        A port is a point of a body: here of the rigid body, or of a piece without mass.
-
-        Args:
-            start: initial state of the scene, which may differ from that of the body itself.
-        """
+        A port is a point of a body: here of the rigid body, or of a piece without mass."""
         # ξ (k,) [m] are the coordinates of a node along the directors of the piece.
         if self.rigid_body is None:
             _, _, coordinates = self._fit
@@ -254,7 +250,6 @@ class RigidRegion:
         return self.rigid_body
 
     def requires(self) -> Iterable[Any]:
-        """The body of the nodes, and the one that they are tied to."""
         yield self.body
         yield self._carrier
 
@@ -263,9 +258,6 @@ class RigidRegion:
 
         The piece is a rigid body, or has no mass.  Nodes that slide in a plane stay in the plane of
         the piece; in all other cases each node coincides with its point of the piece.  Collective.
-
-        Args:
-            start: state of the scene in which the region is rigid from then on.
 
         Yields:
             What the region adds to the equations: constraints with multipliers, and fixed

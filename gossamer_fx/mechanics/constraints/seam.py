@@ -170,9 +170,6 @@ class Seam:
         It is x_a - x_b = (1 - s(t)) (X_a - X_b) for each pair of points, with the initial positions
         X [m] and s rising from 0 to 1.  Collective.
 
-        Args:
-            start: initial state of the scene, in which the edges may be apart.
-
         Raises:
             InputError: both edges consist of the same nodes.
         """
@@ -191,9 +188,6 @@ class Seam:
 
         They belong together by the fraction of arc length.  Nodes that both edges have are left
         out.
-
-        Args:
-            start: initial state of the scene, in which the edges are aligned.
 
         Raises:
             InputError: no pair remains, as both edges consist of the same nodes.

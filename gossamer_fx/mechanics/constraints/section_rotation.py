@@ -135,7 +135,6 @@ class SectionRotation:
             normals: unit normals (n, 3) of the stress-free sections, which stay if nothing is
                 given.
             t: time [s].
-            when: end of the message, which names support and time.
 
         Raises:
             InputError: on all ranks, if the function fails or returns something else.

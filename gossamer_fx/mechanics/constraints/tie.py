@@ -97,21 +97,16 @@ class Tie:
             self.b.mesh.curve(self.group_b, f"'{self.name}'")
 
     def requires(self) -> Iterable[Any]:
-        """The bodies of both lines."""
         yield self.a
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that each node of the first line stays at its point of the second one."""
         yield coincidence(self.name, *self._pairs(start))
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """This rank's nodes of the first line, each with its point of the second line.  Collective.
 
         A tie connects the nodes of a line of one film or cable to points of a line of another.
-
-        Args:
-            start: initial state of the scene, in which the nodes must lie on the second line.
 
         Returns:
             Pairs of a node and a point, as ports (points of bodies).
@@ -157,9 +152,6 @@ class Tie:
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
         """The straight pieces of the second line of a tie, on every rank.  Collective.
-
-        Args:
-            start: initial state of the scene.
 
         Returns:
             Global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] in the

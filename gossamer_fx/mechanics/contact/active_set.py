@@ -103,15 +103,6 @@ class StepDistances:
     """
 
     def __init__(self, start: PairDistances, x1: Array, far: float) -> None:
-        """Compute the gaps at the end of all pairs that may have come near in the step.
-
-        Args:
-            start: gaps of the n candidates, contact pairs that may come near, at the start of the
-                step.
-            x1: points (m, 3) [m] at the end, predicted or solved for.
-            far: gap [m] from which a pair takes no part in the step; pairs that stay beyond keep a
-                lower bound instead of their gap.
-        """
         candidates = start.candidates
         self.start = start
         self.approach = approach_bounds(candidates, start.x, x1)

@@ -51,12 +51,7 @@ class BlockAssembly:
     _row_dof: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
-        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective.
-
-        Args:
-            points: of one contact, which move with v vectors of three unknowns, its block rows.
-            system: the equations, to whose tangent the 3 x 3 blocks between block rows belong.
-        """
+        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective."""
         self._points = points
         self._system = system
         self._comm = system.comm
@@ -126,8 +121,6 @@ class BlockAssembly:
 
         Args:
             group_size: how many block rows, vectors of three unknowns, each group has, (g,).
-            members: the block rows of all groups, one group after the other.
-            room: sum of the squares of the group sizes.
 
         Returns:
             block index (room,) of each two members of each group; rows and columns (b,) of the
@@ -252,7 +245,6 @@ class BlockAssembly:
         """Add blocks on the diagonal to a matrix, in the format that it has.
 
         Args:
-            A: tangent of the system; changed in place.
             block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
                 each once, in the order of their unknowns.
             blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
@@ -269,15 +261,7 @@ class BlockAssembly:
         """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows.
 
         A block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
-        fixed coordinates.  Collective.
-
-        Args:
-            diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
-                preconditioner needs.  None: all blocks, as they are now; to be called first.
-
-        Returns:
-            a new matrix, which the caller destroys, or None if no rank has such a block.
-        """
+        fixed coordinates.  Collective."""
         if diagonal is None:
             self._fetch_entries()
             strong: Any = slice(None)
@@ -338,7 +322,6 @@ class BlockAssembly:
             block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
                 three unknowns.
             blocks: (k, 9) [N/m], each row by row.
-            first_dof: number in the system of the first of the three unknowns of each block row.
 
         Returns:
             the rows that have entries, where the entries of each begin and end, their columns, and
@@ -380,7 +363,6 @@ def _unrolled(
     Args:
         columns: the first column (k,) of each block.
         blocks: (k, 9), row of blocks after row of blocks.
-        first, counts: the first block of each row of blocks, and how many it has.
 
     Returns:
         columns and values [N/m].

@@ -219,7 +219,6 @@ class CompiledContacts(
         return np.array([contact_set.given_stiffness])
 
     def set_number(self, term: ContactEnergy, key: str, value: Array) -> None:
-        """Give a contact another friction coefficient or stiffness (1,)."""
         contact_set = self.contact_sets[term.item]
         if key == STIFFNESS:
             contact_set.scale_stiffness(float(value[0]))
@@ -285,17 +284,7 @@ class CompiledContacts(
             contact_set.exchange_ends()
 
     def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
-        """Return the values of an output field on nodes of a body; collective.
-
-        Args:
-            field: name of the field; other ones than "contact_pressure" are not of contact.
-            body: film, cable or beam.
-
-        Returns:
-            global numbers (n,) of nodes, and the pressure [N/m²] (n,) of one contact there. A node
-            is in the arrays once for each contact that the body takes part in; the sum is its
-            pressure. Each node is on one rank.  None: another field.
-        """
+        """Return the values of an output field on nodes of a body; collective."""
         if field != "contact_pressure":
             return None
         # Loaded when the field is written: most runs do not ask for it.
@@ -328,9 +317,6 @@ class CompiledContacts(
 def _corners_of_all(contact_set: ContactSet) -> Array:
     """Return the box round the bodies of a contact, of all ranks together.  Collective.
 
-    Args:
-        contact_set: the contact, whose bodies are at the start of its step, `x0`.
-
     Returns:
         the corners with the least and with the greatest coordinates, (2, 3) [m].
     """
@@ -344,10 +330,6 @@ def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly)
     """Refuse a contact that is in the scene twice; warn of bodies that two contacts keep apart.
 
     The warning goes to the log, once for each pair of contacts that share a body.
-
-    Args:
-        terms: of all contacts of the scene.
-        system: of whose ranks the first one writes the warning.
 
     Raises:
         InputError: all bodies and obstacles of one contact are in another one, too.
@@ -423,12 +405,7 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
     collective.
 
     Friction, and the frames of obstacles that it needs, are there only if a coefficient is positive
-    and the scene moves: an equilibrium has none.
-
-    Args:
-        term: energy of one contact, with its bodies and obstacles.
-        system: the equations of the scene, with masses and supports.
-    """
+    and the scene moves: an equilibrium has none."""
     own_coefficients = [obstacle.friction for obstacle in term.obstacles]
     of_obstacles = [term.friction if own is None else own for own in own_coefficients]
     mesh = CollisionMesh(

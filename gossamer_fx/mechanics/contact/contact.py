@@ -92,22 +92,7 @@ class Contact:
     ) -> None:
         """Check the arguments, and sort bodies from obstacles.
 
-        Collective where films are given: the shortest edge of each is that of all ranks.
-
-        Args:
-            bodies: films, cables and beams, and obstacles.
-            distance: gap d [m] at which contact begins, at most half of the shortest edge.
-            stiffness: K [N/m³], pressure over closing; None: derived from closing speeds.
-            law: "barrier" or "penalty".
-            friction: coefficient μ of Coulomb friction [-], ≥ 0.
-            slip_velocity: speed [m/s] up to which friction grows.
-            radius: of the sections of bodies [m], by their names.
-            name: in messages and outputs.
-
-        Raises:
-            InputError: a number out of its range, another law, a body that has no surface or is
-                given twice, or no film, cable or beam.
-        """
+        Collective where films are given: the shortest edge of each is that of all ranks."""
         self.name = name
         self.distance = distance
         self.stiffness = stiffness
@@ -140,9 +125,6 @@ class Contact:
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
         """Raise `InputError` for what has no surface, and for what is given twice.
-
-        Args:
-            bodies: the positional arguments of the user, in any mixture of bodies and obstacles.
 
         Raises:
             InputError: one is given twice; one is neither an obstacle nor a body on a mesh; a
@@ -189,7 +171,6 @@ class Contact:
         """Return the radius [m] of a body, if its edges are long enough for it; collective.
 
         Args:
-            body: a film, cable or beam.
             radius: of its section, or half of its thickness [m]; 0: none, which only films may
                 have.
 
@@ -220,18 +201,11 @@ class Contact:
         return radius
 
     def requires(self) -> Iterable[Any]:
-        """Return the bodies that have to be in the scene, too."""
         yield from self.bodies
         for obstacle in self.obstacles:
             yield from obstacle.requires()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the one term that the contact adds to the equations: its energy and friction.
-
-        Args:
-            start: the initial state of the scene, which contact does not need: candidates and
-                activation distances follow when the scene is compiled.
-        """
         yield ContactEnergy(
             item=self,
             bodies=self.bodies,

@@ -29,11 +29,6 @@ class ContactGradient:
     """
 
     def __init__(self, contact_set: ContactSet) -> None:
-        """Begin outside of a backward pass, without sums over steps.
-
-        Args:
-            contact_set: whose pairs, points and stiffness are read.
-        """
         self._set = contact_set
         self._system = contact_set.system
         self._comm = contact_set.system.comm

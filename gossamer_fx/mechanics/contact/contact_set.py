@@ -111,17 +111,8 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
-        """Make the stages of contact; the first `commit` finds the initial candidates.  Collective.
-
-        Args:
-            mesh: points, edges and triangles of bodies and obstacles that may touch.
-            law: of the energy: barrier or penalty.
-            activation_distance: largest gap [m] at which pairs have energy.
-            stiffness: K [N/m³], or None: derived from the closing speed of each pair.
-            history: history variables, which a checkpoint may set at any time.
-            system: the equations of the scene, with the step.
-            friction: Coulomb friction of the pairs; None: there is none.
-        """
+        """Make the stages of contact; the first `commit` finds the initial candidates.
+        Collective."""
         library(system.comm)
         # History variables of points are kept by their owners: which points a rank knows changes.
         self._own, own_numbers = mesh.own_points()
@@ -219,13 +210,6 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return the history variables of this rank; their arrays are replaced and never changed.
-
-        Returns:
-            activation distances (m,) [m] of the points of this rank, gaps below which pairs have
-            energy; identifiers (k,) of the pairs that have energy, and their stiffness (k,) [J];
-            the reference speed [m/s], the least closing speed for which stiffness is chosen.
-        """
         history = self.history
         return (
             history.activation_distance,
@@ -235,13 +219,6 @@ class ContactSet:
         )
 
     def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        """Restore the history variables that `save_history` returned.
-
-        Args:
-            saved: activation distances (m,) [m], gaps below which pairs have energy; identifiers
-                (k,) of pairs that have energy, and their stiffness (k,) [J]; the reference speed
-                [m/s].
-        """
         history = self.history
         history.activation_distance, history.identifier, history.stiffness, speed = saved
         history.reference_speed = speed
@@ -251,12 +228,7 @@ class ContactSet:
         """Return those contact pairs of the last accepted step that have energy at one of its ends.
 
         A tape, which records a run for its gradient, stores them.  The other pairs have neither
-        force nor tangent.  The column `start` is left out: it follows from the points.
-
-        Returns:
-            the pairs of this rank; None if there was no step, or if the pairs are to be searched
-            again, as on several ranks.
-        """
+        force nor tangent.  The column `start` is left out: it follows from the points."""
         pairs = self._accepted_pairs
         # On several ranks a search changes which points a rank knows, and with them the rows of
         # pairs.
@@ -272,9 +244,6 @@ class ContactSet:
     def load_active_set(self, pairs: ActivePairs | None) -> None:
         """Start a step from the accepted state, with contact pairs that were recorded; collective.
 
-        Args:
-            pairs: what `save_active_set` returned; None: they are searched, as `begin_step` does.
-
         Raises:
             Inadmissible: without pairs, if the motion of an obstacle jumps in the step.
         """
@@ -288,8 +257,6 @@ class ContactSet:
         self._activate(pairs)
 
     def activate_present(self) -> None:
-        """Start a step of no length from the accepted state, with the pairs that have energy
-        there."""
         self.stored_energy()
         self._end_time = self.system.time
         self._activate(self.pairs_with_energy())
@@ -303,9 +270,6 @@ class ContactSet:
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
         """Return the parameters of contact pairs' closest points at the start x0 of the step, if
         known.
-
-        Args:
-            pairs: n active pairs of the step.
 
         Returns:
             (u, v) (n, 2) along the two sides of each pair; None: they are to be computed.
@@ -571,9 +535,6 @@ class ContactSet:
         `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
         the step. A step needs `begin_step` before.
 
-        Returns:
-            whether any rank has added one: the step is then solved again from where it ended.
-
         Raises:
             RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
@@ -645,11 +606,7 @@ class ContactSet:
         begins.
 
         The limit is `MAX_UPDATE` times the activation distance.  Longer updates put layers on the
-        wrong side of others, and the iteration does not come back.
-
-        Args:
-            update: of this rank's unknowns (n,); positions [m] are the first three of each node.
-        """
+        wrong side of others, and the iteration does not come back."""
         longest = MAX_UPDATE * self.activation_distance
         for body in self.mesh.bodies:
             owned = self.system.block(body).owned
@@ -671,18 +628,13 @@ class ContactSet:
         """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
         others.
 
-        Collective.  Between steps it enters zeros, which reserve these blocks in the pattern.
-
-        Args:
-            A: tangent of the system with respect to the end of the step; changed in place.
-        """
+        Collective.  Between steps it enters zeros, which reserve these blocks in the pattern."""
         if self.pairs is None:
             self.forces.reserve(A)
             return
         self.forces.add_tangents(A, self.x0, self.end_points())
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the blocks between two block rows as a matrix; see `BlockAssembly.coupling`."""
         return None if self.pairs is None else self.forces.coupling(diagonal)
 
     # ---- energy balance of a step ----
@@ -718,5 +670,4 @@ class ContactSet:
         self.history.restored += 1
 
     def masses_changed(self) -> None:
-        """Forget what was computed from the masses of bodies."""
         self.pair_stiffness.masses_changed()

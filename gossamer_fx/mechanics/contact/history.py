@@ -66,13 +66,7 @@ class ContactHistory:
 
     def get_state(self) -> dict[str, Any]:
         """Return the history variables of all ranks for a checkpoint, the same on every rank;
-        collective.
-
-        Returns:
-            by name, lists and numbers: "activation distance" [m] of each point in the order of its
-            number over all ranks, "identifier" of the pairs that have energy, ascending, their
-            "stiffness" [J], and the "reference speed" [m/s].
-        """
+        collective."""
         identifier = self.identifier
         stiffness = self.stiffness
         activation_distance = self.activation_distance
@@ -96,11 +90,6 @@ class ContactHistory:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore the history variables that `get_state` returned, on any number of ranks.
-
-        Args:
-            state: "activation distance" [m] of all points, "identifier" and "stiffness" [J] of the
-                pairs of all ranks that have energy, "reference speed" [m/s].  An empty list of
-                activation distances stands for a contact that has not begun.
 
         Raises:
             KeyError: an entry is missing.

@@ -80,7 +80,6 @@ def _surface_of(obstacle: Obstacle, near: Array) -> DrawnSurface | None:
     """Return the surface of an obstacle in its initial position.
 
     Args:
-        obstacle: what is drawn.
         near: points (n, 3) [m], in whose middle a plane is drawn.
 
     Returns:
@@ -136,9 +135,6 @@ def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
 def _box(box: Box) -> DrawnSurface:
     """Return the surface of a box: its edges and, unless it is a room, its faces.
 
-    Args:
-        box: an obstacle of the scene, in its position at the start.
-
     Returns:
         the 8 corners (8, 3) [m]; 12 triangles (12, 3), or none for a room; 12 edges (12, 2).  The
         last two are indices of corners.
@@ -179,7 +175,6 @@ def _capsule(
         end: centre of the other end, (3,) [m].
         axis: unit vector from start to end, (3,).
         radius: [m].
-        inside: whether it is a room, which is drawn without triangles.
 
     Returns:
         points (n, 3) [m] on its circles; triangles (t, 3) and lines (l, 2) as indices of points.

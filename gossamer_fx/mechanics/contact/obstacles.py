@@ -119,7 +119,6 @@ class Obstacle:
         raise NotImplementedError
 
     def requires(self) -> Iterable[Any]:
-        """Return the body that has to be in the scene, too."""
         return () if self.body is None else (self.body,)
 
     def frame(self) -> tuple[Attached, ...]:

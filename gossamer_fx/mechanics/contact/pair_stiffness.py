@@ -51,15 +51,6 @@ class PairStiffness:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
-        """Take the given stiffness, or None; densities follow when masses are assembled.
-
-        Args:
-            mesh: bodies and obstacles of a contact.
-            stiffness: K [N/m³], pressure over closing; None: derived from area densities and
-                closing speeds.
-            activation_distance: gap d [m] at which contact begins.
-            system: the equations, with the masses of the bodies.
-        """
         self._mesh = mesh
         self.given = stiffness
         self._activation_distance = activation_distance
@@ -122,7 +113,6 @@ class PairStiffness:
         return self._density
 
     def masses_changed(self) -> None:
-        """Forget the densities."""
         self._density = None
 
     def _rate_of_distance(
@@ -138,7 +128,6 @@ class PairStiffness:
         It is a difference quotient over a thousandth of the step.
 
         Args:
-            pairs: n pairs.
             squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
                 rooms minus the squared distance from the middle.
             x0, v: points [m] and their velocities [m/s], (m, 3).

@@ -366,9 +366,7 @@ def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> C
     """Return the C structure of n active pairs with the numbers of the energy law.
 
     Args:
-        pairs: whose columns become C arrays, which live as long as the structure.
         start: column `start` (n, 4); None where the C function does not read it.
-        law: of the energy.
 
     Raises:
         ValueError: a column is not contiguous, or not of the type that C takes.

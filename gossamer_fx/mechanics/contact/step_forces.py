@@ -58,14 +58,6 @@ class StepForces:
         system: ContactAssembly,
         friction: Friction | None,
     ) -> None:
-        """Begin without pairs; `set_pairs` has to be called before forces are computed.
-
-        Args:
-            points: points of the contact.
-            law: of the energy: barrier or penalty.
-            system: the equations of the scene, with the step.
-            friction: Coulomb friction of the pairs; None: there is none.
-        """
         self.friction = friction
         self.push_back = PUSH_BACK
         self.acting_count = 0
@@ -168,12 +160,7 @@ class StepForces:
 
     def add_tangents(self, A: PETSc.Mat, x0: Array, x1: Array) -> None:
         """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
-        others.  Collective.
-
-        Args:
-            A: tangent of the system with respect to the end of the step; changed in place.
-            x0, x1: points (m, 3) [m] at the start and at the end of the step.
-        """
+        others.  Collective."""
         blocks = self._assembly.blocks
         blocks[:] = 0
         # Pairs without contact at the last residual have no tangent either.
@@ -213,7 +200,6 @@ class StepForces:
         self._assembly.reserve_diagonal(A)
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the blocks between two block rows as a matrix; see `BlockAssembly.coupling`."""
         return self._assembly.coupling(diagonal)
 
     def _add_through_block_rows(self, tangents: Array) -> None:

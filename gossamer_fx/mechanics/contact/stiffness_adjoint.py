@@ -45,7 +45,6 @@ class StiffnessAdjoint:
     """
 
     def __init__(self, density: Array, comm: MPI.Intracomm) -> None:
-        """Begin without sums."""
         self._density = density
         self._comm = comm
         self._identifier: Int64Array = np.zeros(0, dtype=np.int64)
@@ -169,7 +168,6 @@ def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
     (n, 3) [m] is the vector from the origin to the point.
 
     Args:
-        kind: of the pairs, one kind for all of them.
         at: point, origin of the wall and two more points or directions, (n, 4, 3) [m, -]; a plane
             has its unit normal as the third one, a cylinder its two unit directions across the axis
             as the third and fourth.

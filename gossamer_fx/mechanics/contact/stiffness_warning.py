@@ -36,14 +36,6 @@ class StiffnessWarning:
         names: Sequence[str],
         comm: MPI.Intracomm,
     ) -> None:
-        """Take a stiffness that was given by hand, and names for the message.
-
-        Args:
-            stiffness: K [N/m³], pressure over closing.
-            activation_distance: gap d [m] at which contact begins.
-            names: of bodies and obstacles, by their numbers.
-            comm: ranks of the contact.
-        """
         self._stiffness = stiffness
         self._activation_distance = activation_distance
         self._names = names

@@ -85,11 +85,9 @@ class _ControlTorque(Couple):
         self._reference = reference
 
     def get_number(self, key: str) -> Array:
-        """The gains (3,) named `key`."""
         return np.array(getattr(self._control, key))
 
     def with_number(self, key: str, value: Array) -> Self:
-        """The same torque: gains belong to the control, whose angles and torques users read."""
         setattr(self._control, key, np.array(value))
         return self
 
@@ -124,15 +122,7 @@ class _SampledTorque(_ControlTorque):
         """Start a step, and compute a new torque if a sample is due.
 
         A new torque replaces the attribute `torque` (3,) [N m] and the angles and torques of the
-        control; otherwise the last one is held.
-
-        Args:
-            t: time [s] at the start of the step.
-            lag: time [s] from there to the instant at which forces act; negative in the reversed
-                step of a gradient, which keeps the torque.
-            X: vectors of the frame (3k,) at the start of the step, one after the other.
-            V: their rates (3k,), per second.
-        """
+        control; otherwise the last one is held."""
         # The reversed step of a gradient has the torque of the step.
         if lag < 0:
             return
@@ -147,25 +137,13 @@ class _SampledTorque(_ControlTorque):
             self._sampled = X, V
 
     def start_adjoint(self) -> None:
-        """Forget the sum of a backward pass."""
         self._by_torque = np.zeros(3)
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
         """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.
 
         A backward pass in time calls it in every step: the whole derivative is returned in the step
-        that took the sample, zero in the others.
-
-        Args:
-            key: "stiffness" or "damping".
-            X: the frame's vectors (3k,), one after the other, in the configuration in which forces
-                act.
-            w: displacement (3k,) of the vectors, in their unit.
-
-        Returns:
-            Derivatives (3,) in the unit of the work over that of a gain, one for each angle of the
-            control; the same on every rank that has the same arguments.
-        """
+        that took the sample, zero in the others."""
         if self._sampled is None:
             return np.zeros(3)
         control = self._control
@@ -183,16 +161,7 @@ class _SampledTorque(_ControlTorque):
 
         The work is that of all steps with the torque of one sample.  A backward pass in time calls
         this in each step; the sum over the steps is kept in this object, and is reset in the step
-        that took the sample.
-
-        Args:
-            X: the vectors (3k,) in the configuration in which forces act.
-            w: displacement (3k,) of the vectors.
-
-        Returns:
-            Derivatives (3k,) by the vectors and (3k,) by their rates, both zero in a step that took
-            no sample.
-        """
+        that took the sample."""
         self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
         if self._sampled is None:
             return np.zeros(X.size), np.zeros(X.size)
@@ -230,7 +199,6 @@ class _SampledTorque(_ControlTorque):
         return by_position, by_rate
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint; the keys belong to its file format."""
         control = self._control
         return {
             "due": self._next_sample,
@@ -240,7 +208,6 @@ class _SampledTorque(_ControlTorque):
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
         self._next_sample = state["due"]
         self.torque = np.array(state["torque"])
         self._control.angles = np.array(state["angles"])
@@ -260,7 +227,6 @@ class _ContinuousTorque(_ControlTorque):
     """
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
-        """Start at the reference, with any step length [s]: `begin` sets both."""
         super().__init__(control, reference)
         self._h = 1.0
         self._X0: Array = reference.ravel()
@@ -273,14 +239,6 @@ class _ContinuousTorque(_ControlTorque):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step, at whose middle the torque follows the motion.
-
-        Args:
-            t: time [s] at the start of the step; not used.
-            lag: time [s] from there to the middle of the step.
-            X: vectors of the control's frame (3k,) at the start of the step, one after the other.
-            V: their rates (3k,), per second.
-        """
         # Length of the step [s], and vectors (3k,) at its start.
         self._h = 2 * lag
         self._X0 = X
@@ -289,7 +247,6 @@ class _ContinuousTorque(_ControlTorque):
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:
-        """Forces (3k,) on the vectors, for their values X (3k,) in the middle of the step."""
         control = self._control
         torques, _ = self._torques(X)
         self.torque = control.in_space(control.angles_of(X, self._reference), torques)
@@ -300,11 +257,7 @@ class _ContinuousTorque(_ControlTorque):
         the step.
 
         Forces are generalised: force times vector is a moment [N m].  Zero before the first step,
-        where only the pattern of the matrix is needed.
-
-        Args:
-            X: the vectors (3k,) in the middle of the step, one after the other.
-        """
+        where only the pattern of the matrix is needed."""
         # The pattern of the tangent is made before the first step, without vectors.
         if not self._has_begun:
             return np.zeros((X.size, X.size))
@@ -332,7 +285,6 @@ class _ContinuousTorque(_ControlTorque):
         return control.law(middle, rates), rates
 
     def force_by_number(self, key: str, X: Array) -> Array:
-        """Derivatives (3k, 3) of the forces by the gains named `key`."""
         control = self._control
         angles = control.angles_of(X, self._reference)
         by_gain = wrapped(control.target - angles)
@@ -415,22 +367,6 @@ class AttitudeControl:
         period: float = 0.0,
         name: str = "attitude control",
     ) -> None:
-        """Check the arguments; one gain stands for all three angles.
-
-        Args:
-            frame: of a rigid body, a beam's section, or a `patch` of a film.
-            target: angles (θ, β, γ) [rad] relative to the start.
-            stiffness: gain [N m/rad], one number or three.
-            damping: gain [N m s/rad], one number or three.
-            axes: rotation matrix (3, 3) whose columns are the axes of the angles at the start.
-            period: time [s] for which a torque is held; 0: it follows the motion within a step.
-            name: for messages.
-
-        Raises:
-            InputError: the frame has fewer than two vectors, a gain or the period is negative, or
-                the axes are not a rotation matrix.  That the frame's vectors are not parallel is
-                checked when the scene is compiled.
-        """
         check(
             len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body "
@@ -462,15 +398,10 @@ class AttitudeControl:
         self.torques: Array = np.zeros(3)
 
     def requires(self) -> Iterable[Any]:
-        """The items that must be in the scene with this one."""
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
         """The torque as one load on the frame's vectors: what the control adds to the equations.
-
-        Args:
-            start: initial state of the scene; angles count from the state that the body has by
-                itself.  Collective.
 
         Raises:
             InputError: the vectors of the frame are parallel.

@@ -102,11 +102,6 @@ class GasAdjoint:
     """
 
     def __init__(self, network: SolvedGas) -> None:
-        """Find the parameters of chambers, openings, walls and reservoirs; set their sums to zero.
-
-        Args:
-            network: the gas of a running scene, with the solution of its last step.
-        """
         self._network = network
         self._comm = network.geometry.comm
         self._n = len(network.chambers)
@@ -181,7 +176,6 @@ class GasAdjoint:
         return float(getattr(item, name))
 
     def names_of(self, item: object) -> list[str]:
-        """Names of the parameters of an item; empty if it has none here."""
         return sorted(name for owner, name in self.units if owner == id(item))
 
     # ---- a step ----------------------------------------------------------------------------------
@@ -190,11 +184,7 @@ class GasAdjoint:
         """Take the derivatives of the mass and energy balance F at the solved step, in dual
         numbers.
 
-        F is divided by the network's scales, as the residual of a step is.
-
-        Args:
-            h: length of the step [s], > 0.
-        """
+        F is divided by the network's scales, as the residual of a step is."""
         network = self._network
         parts: list[tuple[str, Array]] = [
             ("p0", np.array([state.pressure for state in network.chambers])),
@@ -347,13 +337,7 @@ class GasAdjoint:
         """Add what volumes and rings at the start of the step give to derivatives of the result.
 
         Collective.  It is called after `take`, when the ends of the step have changed places: the
-        start of the original step is then the end of the present one.
-
-        Args:
-            by_position: this rank's part of the derivatives by coordinates [m] at the start;
-                changed in place.
-            by_velocity: that of the derivatives by velocities [m/s]; changed in place.
-        """
+        start of the original step is then the end of the present one."""
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
@@ -403,12 +387,7 @@ def _constant(area: Number) -> Any:
 
 
 def _holders(passages: Sequence[Passage], network: SolvedGas) -> list[Holder]:
-    """Return reservoirs and surroundings of a network, each once, in the order of the scene.
-
-    Args:
-        passages: the openings, whose ends may be such boundaries of constant state.
-        network: whose chambers may have surroundings outside their film.
-    """
+    """Return reservoirs and surroundings of a network, each once, in the order of the scene."""
     found: dict[int, Holder] = {}
     for passage in passages:
         for end in passage.ends:

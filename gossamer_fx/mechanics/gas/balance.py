@@ -159,14 +159,6 @@ class Balance:
         walls: list[tuple[Wall, int]],
         n: int,
     ) -> None:
-        """Take gas, openings and walls of a network; volumes and pressures are given later.
-
-        Args:
-            gas: the ideal gas of all chambers.
-            passages: the openings, with the numbers of the chambers that they connect.
-            walls: walls that heat or cool, each with the number of its chamber.
-            n: number of chambers.
-        """
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
         self._gas = gas
@@ -198,12 +190,6 @@ class Balance:
         heat at constant volume [J/(kg K)]. It must be called before `residual` and the other
         functions of a step.
 
-        Args:
-            h: length of the step [s].
-            t: time of its middle [s], at which apertures are taken.
-            p, m, U, V: pressure [Pa], mass [kg], internal energy [J] and volume [m³] of each
-                chamber at the start (n,); masses are positive.
-
         Raises:
             InputError: the area of a valve is negative or not a number.
         """
@@ -231,17 +217,7 @@ class Balance:
         and (2) of the module.
 
         `_p0` [Pa], `_m0` [kg] and `_U0` [J] are the start values (n,) that `begin` stored, p1 and
-        m1 pressure and mass at the end, and `h` [s] is the length of the step.
-
-        Args:
-            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-            W: volumes that the enclosures sweep in the step (n,) [m³].
-            known: the flows at y, if they have been computed.
-
-        Returns:
-            energies, then masses of the n chambers (2n,); zero at the solution.
-        """
+        m1 pressure and mass at the end, and `h` [s] is the length of the step."""
         p1 = y[: self._n]
         m1 = y[self._n :]
         rates = known or self.rates(y, V)
@@ -435,10 +411,7 @@ class Balance:
         They are complex-step derivatives, exact to round-off.
 
         Args:
-            passage: the opening.
             at_ends: pressures [Pa] and temperatures [K] at its ends.
-            side: 0 for the first end, 1 for the second.
-            quantity: "pressure" or "temperature".
 
         Returns:
             of the mass flow [kg/s] and of the energy flow [W], per Pa or per K.
@@ -521,7 +494,6 @@ class Balance:
         opening.
 
         Args:
-            passage: the opening, with its effective area.
             p: pressures [Pa] at both ends.
             T: temperatures [K] at both ends; the gas has that of the end it comes from.
         """
@@ -549,7 +521,6 @@ class Balance:
 
         Args:
             wall: with its temperature [K] and conductance [W/K].
-            k: number of the chamber.
             weight: of the end of the step in this mean [-], ½ to 1.
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
             V: volumes at the end of the step (n,) [m³].
@@ -638,7 +609,6 @@ class Balance:
         """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening.
 
         Args:
-            passage: the opening, with its effective area.
             pu: upstream pressure [Pa].
             Tu: temperature of the gas [K].
             pd: downstream pressure [Pa], < pu.

@@ -132,18 +132,6 @@ class FilmEnclosure:
         rings: tuple[Ring, ...],
         chamber: str,
     ) -> None:
-        """Take a film and what closes it; its mesh is checked when the scene is compiled.
-
-        Args:
-            film: the film.
-            surface: names of the groups of triangles that bound the chamber; empty for the whole
-                film.
-            rings: closed lines of edges over which strips close the chamber.
-            chamber: name of the chamber, for messages.
-
-        Raises:
-            InputError: a ring is on another film.
-        """
         self.film = film
         self.surface = surface
         self.rings = rings
@@ -166,7 +154,6 @@ class FilmEnclosure:
         return () if self.surface else (self.film,)
 
     def requires(self) -> Iterable[Any]:
-        """The film, which joins the scene with the chamber."""
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
@@ -197,7 +184,6 @@ class FilmEnclosure:
 
         Args:
             cells: local triangles (n,) of the surface, owned and ghost, in rising order.
-            system: with the initial positions of the film.
 
         Raises:
             InputError: one part has its normals on the other side than the largest one.
@@ -375,16 +361,6 @@ class Piston:
         *,
         direction: tuple[float, float, float],
     ) -> None:
-        """Take a point of a body and the direction in which a chamber grows with it.
-
-        Args:
-            port: a point of a body.
-            area: of the piston [m²], > 0.
-            direction: in which the volume grows; need not be of unit length.
-
-        Raises:
-            InputError: the area is not positive or the direction has no length.
-        """
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
@@ -408,7 +384,6 @@ class Piston:
         return np.zeros(0, dtype=np.int32)
 
     def requires(self) -> Iterable[Any]:
-        """The body of the port, which joins the scene with the chamber."""
         yield self.port.body
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:

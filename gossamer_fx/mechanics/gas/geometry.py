@@ -39,12 +39,6 @@ class Geometry:
     """
 
     def __init__(self, system: Assembly) -> None:
-        """Begin without rings, surfaces and pistons, which chambers and openings of the gas ask
-        for.
-
-        Args:
-            system: the equations of the scene, with the coordinates of its bodies.
-        """
         self.comm = system.comm
         self._system = system
         self._loops: dict[Ring, Loop] = {}

@@ -77,16 +77,7 @@ class GasNetwork:
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
-        """Compile what bounds the chambers, and connect them by openings and walls; collective.
-
-        Args:
-            items: chambers, reservoirs, surroundings, openings and walls of a scene.
-            system: the compiled scene.
-
-        Raises:
-            InputError: there is no chamber, chambers have different gases, two enclose the same
-                film, or a film is not closed.
-        """
+        """Compile what bounds the chambers, and connect them by openings and walls; collective."""
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         self.gas = chambers[0].gas
@@ -134,9 +125,6 @@ class GasNetwork:
     def set_static_process(self, process: str) -> None:
         """Choose what stays constant in the chambers while an equilibrium is looked for.
 
-        Args:
-            process: "adiabatic", "isothermal" or "held pressure".
-
         Raises:
             KeyError: another process.
         """
@@ -172,9 +160,6 @@ class GasNetwork:
         V^exponent = const.
 
         Collective.
-
-        Args:
-            exponent: γ for an adiabatic change, 1 for an isothermal one, 0 for a constant pressure.
 
         Returns:
             for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
@@ -218,13 +203,6 @@ class GasNetwork:
         """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
         moves.
 
-        Args:
-            h: length of the step [s].
-            t: time of its middle [s].
-
-        Returns:
-            first guess of y: pressures [Pa], then masses [kg] of the n chambers at the end (2n,).
-
         Raises:
             InputError: the area of a valve is negative or not a number.
         """
@@ -247,11 +225,7 @@ class GasNetwork:
         """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
 
         It solves the balance at the volumes of the iterate, and sets the pressures on films and
-        pistons that enclose the chambers.
-
-        Args:
-            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
-        """
+        pistons that enclose the chambers."""
         self.geometry.follow()
         self.volumes = np.array([_volume(state) for state in self.chambers])
         self.swept = np.array([_swept(state) for state in self.chambers])
@@ -292,12 +266,9 @@ class GasNetwork:
                 state.enclosure.add_force(values)
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Bilinear forms of the derivative of the pressure forces on a film."""
         yield from self.geometry.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivatives of the pressure forces that no form gives, e.g. on strips of
-        rings."""
         for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.add_tangents(A)
@@ -306,12 +277,7 @@ class GasNetwork:
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
 
         G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
-        derivatives of the scaled gas balance by coordinates, C those by y.  Collective.
-
-        Returns:
-            this rank's parts of the 2n columns of G and of H, None for a column that is zero, and C
-            (2n, 2n).
-        """
+        derivatives of the scaled gas balance by coordinates, C those by y.  Collective."""
         n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
@@ -376,7 +342,6 @@ class GasNetwork:
         Both count as supplied.
 
         Args:
-            state: of the chamber, after the flows of the step; mass and energy are changed.
             temperature: that is held [K].
         """
         if self._process == HELD_PRESSURE:
@@ -390,7 +355,6 @@ class GasNetwork:
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
     def adjoint(self) -> ScalarsAdjoint:
-        """Derivatives of this gas, for gradients of runs."""
         # Imported here: runs without gradients do not load it.
         from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
@@ -452,16 +416,9 @@ class GasNetwork:
         )
 
     def states(self) -> dict[str, ChamberState]:
-        """State of each chamber by its name."""
         return {state.chamber.name: state for state in self.chambers}
 
     def get_state(self) -> dict[str, Any]:
-        """Return the state for a checkpoint: numbers, words and lists; the same on every rank.
-
-        Returns:
-            "chambers": a list [name, pressure [Pa], mass [kg], internal energy [J], volume [m³]]
-            for each; "supplied" [J] and "mass supplied" [kg] since the start.
-        """
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
             for state in self.chambers
@@ -474,9 +431,6 @@ class GasNetwork:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned; the bodies have been restored.  Collective.
-
-        Args:
-            state: of a scene with the same chambers in the same order.
 
         Raises:
             KeyError, ValueError: the state is of another number of chambers, or lacks an entry.
@@ -509,9 +463,6 @@ class GasNetwork:
 
 def _check_chambers(chambers: list[Volume]) -> None:
     """Check that there are chambers, of one gas, and that no two enclose the same whole film.
-
-    Args:
-        chambers: of the scene.
 
     Raises:
         InputError: there is none, two have different gases, or two enclose the whole of a film.
@@ -547,11 +498,6 @@ def _compile_enclosure(
 ) -> CompiledEnclosure | None:
     """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies.
 
-    Args:
-        chamber: as the user describes it.
-        system: the equations of the scene.
-        geometry: rings and surfaces that several enclosures share.
-
     Raises:
         InputError: the film is not closed, or its normals are not consistent.
     """
@@ -565,13 +511,7 @@ def _passages(
     numbers: dict[int, int],
     geometry: Geometry,
 ) -> list[Passage]:
-    """Return the openings of a scene, with their ends as numbers of chambers or as boundaries.
-
-    Args:
-        items: of the scene that hold or conduct gas; others than openings are passed over.
-        numbers: of the chambers, by the id of each.
-        geometry: of which rings are taken as areas of openings.
-    """
+    """Return the openings of a scene, with their ends as numbers of chambers or as boundaries."""
 
     def end(item: Holder | Volume) -> End:
         return item if isinstance(item, Holder) else numbers[id(item)]

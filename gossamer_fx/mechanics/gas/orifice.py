@@ -150,7 +150,6 @@ class Orifice:
         )
 
     def requires(self) -> Iterable[Any]:
-        """Both ends and the film of a ring, which join the scene with the orifice."""
         yield self.a
         yield self.b
         if isinstance(self.area, Ring):
@@ -241,5 +240,4 @@ class WallHeat:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The chamber, which joins the scene with the wall."""
         yield self.chamber

@@ -110,7 +110,6 @@ class Ring:
     edges: str
 
     def requires(self) -> Iterable[Any]:
-        """The film, which joins the scene with the ring."""
         yield self.body
 
     def loop(self) -> Indices:
@@ -217,10 +216,6 @@ class Loop:
         same on every rank, zero until the first evaluation; `_c` is the compiled C library of the
         kernels.
 
-        Args:
-            ring: the closed line of edges.
-            system: the equations of the scene, with the coordinates of the film.
-
         Raises:
             InputError: the edges of the ring do not form one closed line, or no C compiler was
                 found.
@@ -264,11 +259,7 @@ class Loop:
 
         In the code s and r are the points along and across the strip, from 0 to 1, N and dN values
         and derivatives of the shape functions along it. Sets `_ds` and `_dr`, the derivatives by s
-        and by r, `_test`, the weighted values, and `_weights`.
-
-        Args:
-            order: of the film's positions, 1 or 2.
-        """
+        and by r, `_test`, the weighted values, and `_weights`."""
         interval = basix.CellType.interval
         # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
         degree_along = 3 * order - 1
@@ -297,9 +288,6 @@ class Loop:
 
         `_c` is the C library of the kernels; `_ds` and `_dr` are the derivatives of the shape
         functions along and across a strip, `_test` their weighted values.
-
-        Args:
-            nodes: number of the ring's nodes.
 
         Raises:
             ValueError: a strip has a node that does not exist.
@@ -558,10 +546,6 @@ def _strips(n: int, order: int) -> Indices:
 
     On either side they are the start, the end and, of order 2, the node between.  Vertex i of the
     walk is node i, the node on the edge behind it is node n + i.
-
-    Args:
-        n: number of edges, at least 3.
-        order: of the film's positions, 1 or 2.
 
     Returns:
         (strips, 2 (order + 1)), strips = n/2 rounded up.

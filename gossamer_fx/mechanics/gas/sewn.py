@@ -74,13 +74,7 @@ class SeamStrip:
 
         `_X0` and `_X1` (n, k, 3) are the positions [m] of the nodes of the segments at the start
         and at the end of a step, zero until they are set; volumes and gradients are those of
-        `follow`. Collective.
-
-        Args:
-            line_a, line_b: nodes along both edges of a seam, in the same direction, with their
-                fractions of arc length [-].
-            system: the equations of the scene, with the coordinates of the films.
-        """
+        `follow`. Collective."""
         self._system = system
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
@@ -119,7 +113,6 @@ class SeamStrip:
         """Return the edge of a line on which each of n segments lies, and which part of it.
 
         Args:
-            line: edges along one side of a seam.
             begins, ends: fractions of arc length (n,) [-] of the segments, none across a node.
 
         Returns:
@@ -141,7 +134,6 @@ class SeamStrip:
         and across, and the ends of the segments.
 
         Args:
-            line_a, line_b: both edges of the seam.
             cuts: fractions of arc length [-], ascending from 0 to 1, at which segments begin and
                 end.
         """
@@ -295,7 +287,6 @@ class SewnEnclosure:
         return all_triangles(film)
 
     def requires(self) -> Iterable[Any]:
-        """Films and seams, which join the scene with the chamber."""
         yield from self.films
         yield from self.seams
 
@@ -331,9 +322,6 @@ class SewnEnclosure:
     ) -> tuple[list[float], list[float]]:
         """Return the signs of sewn films, and of strips along seams, with which all normals agree.
         Collective.
-
-        Args:
-            lines: both edges of each seam, in the order of `seams`.
 
         Returns:
             for each film, and for the strip of each seam, 1 or -1.
@@ -380,9 +368,6 @@ class SewnEnclosure:
         """Return in which direction triangles pass both edges of each seam; refuse open surfaces.
 
         Collective.
-
-        Args:
-            lines: both edges of each seam, in the order of `seams`.
 
         Returns:
             for both edges of each seam 1 if the triangles pass it in the direction in which its

@@ -24,14 +24,8 @@ class IsothermalBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance [kg].
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: volumes that the enclosures sweep in the step (n,) [m³]; not used.
-            known: flows of this state, if they are computed already.
-        """
+        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
+        [kg]."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]
@@ -74,17 +68,7 @@ class HeldPressureBalance(Balance):
         mass [kg].
 
         p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
-        start; γ is the ratio of specific heats.
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: volumes that the enclosures sweep in the step; not used.
-            known: flows of this state; not used.
-
-        Returns:
-            residual (2n,), energies and then masses; zero at the solution.
-        """
+        start; γ is the ratio of specific heats."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]

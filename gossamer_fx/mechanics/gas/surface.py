@@ -80,12 +80,6 @@ class FilmSurface:
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
-        """Prepare the surface of a film that bounds chambers of gas, which are added one by one.
-
-        Args:
-            film: the film.
-            system: the equations of the scene, with the coordinates of the film.
-        """
         self.film = film
         self.pressures: Array = np.zeros(0)
         self._comm = film.comm
@@ -168,11 +162,7 @@ class FilmSurface:
         """Make the sum over the triangles of each chamber, node by node: a sparse matrix of ones.
 
         Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
-        to starts[c + 1], and a node shared by two chambers has two rows.
-
-        Args:
-            broken: space of discontinuous functions, whose nodes are the columns.
-        """
+        to starts[c + 1], and a node shared by two chambers has two rows."""
         # Imported here, as chambers that are rigid or have a piston do not need SciPy.
         from scipy.sparse import csr_matrix
 
@@ -343,7 +333,6 @@ class FilmSurface:
         It is the sum over the triangles of all ranks, and over the strips of the chamber's rings.
 
         Args:
-            c: index of the chamber.
             G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
             of_loops: for each loop of the chamber the gradient (nodes, 3) [m²] of its strip at all
                 nodes of the loop, complete and the same on every rank; each rank adds the rows of

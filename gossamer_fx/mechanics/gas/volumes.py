@@ -137,25 +137,6 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
-        """Check the arguments, and find what encloses the gas.
-
-        Args:
-            enclosure: a closed film, several that are sewn, or a piston; None for a rigid chamber.
-            gas: the ideal gas.
-            pressure: initial absolute pressure [Pa], > 0.
-            temperature: initial temperature [K], > 0.
-            dead_volume: rigid volume [m³] in addition to the enclosed one, ≥ 0.
-            volume: of a rigid chamber [m³], > 0; None with an enclosure.
-            surface: names of groups of triangles that bound the chamber; empty for the whole film.
-            rings: closed lines of film edges that are spanned.
-            seams: that close the film or films.
-            outside: surroundings on the outer side of the film; None for a vacuum.
-            name: in messages and outputs.
-
-        Raises:
-            InputError: a number is out of its range, enclosure and volume are both given or both
-                missing, or surface, rings and seams are given without a film.
-        """
         self.name = name
         self.gas = gas
         self.outside = outside
@@ -177,8 +158,6 @@ class Chamber:
         self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
 
     def requires(self) -> Iterable[Any]:
-        """The bodies of the enclosure and the surroundings, which join the scene with the
-        chamber."""
         if self.enclosure is not None:
             yield from self.enclosure.requires()
         if self.outside is not None:
@@ -212,18 +191,6 @@ class Tank(Chamber):
         temperature: float,
         name: str = "tank",
     ) -> None:
-        """Make a rigid chamber.
-
-        Args:
-            volume: [m³], > 0.
-            gas: the ideal gas.
-            pressure: initial absolute pressure [Pa], > 0.
-            temperature: initial temperature [K], > 0.
-            name: in messages and outputs.
-
-        Raises:
-            InputError: a quantity is not a positive number.
-        """
         super().__init__(
             gas=gas,
             pressure=pressure,
@@ -244,10 +211,6 @@ def _enclosure(
 
     Args:
         enclosure: a film, several films that are sewn, another enclosure as a piston, or None.
-        surface: groups of the film that bound the chamber; all of it if empty.
-        rings: openings of the film that rings close.
-        seams: seams that close films.
-        chamber: name of the chamber, for messages.
 
     Raises:
         InputError: seams are given with surface, rings, or without films; several films without
@@ -278,7 +241,6 @@ def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
     """Check and return the part of a chamber's volume [m³] that does not depend on a film.
 
     Args:
-        name: of the chamber, for messages.
         dead_volume: volume in addition to that of the enclosure [m³], zero or more.
         volume: of a rigid chamber [m³], above zero; None if it has an enclosure.
 

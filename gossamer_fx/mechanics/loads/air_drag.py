@@ -76,16 +76,11 @@ class AirDrag:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """Yield the drag as a term of the equations: a load that depends on velocities, and
-        dissipates.
-
-        Args:
-            start: the initial state of the scene, which this load does not need.
-        """
+        dissipates."""
         film = self.body
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)

@@ -86,7 +86,6 @@ class AttachedLoads(
             term: the acceleration a + A (x - c) of the body.
             masses: masses [kg] at points or directions (ports) of bodies; each tuple of ports is
                 evaluated on one rank.
-            system: the equations of the scene.
 
         Raises:
             InputError: a port has nodes, weights and vectors that do not belong together.

@@ -95,7 +95,6 @@ class Centrifugal:
             object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -103,11 +102,7 @@ class Centrifugal:
         attached to the body. Collective.
 
         Ω is the angular velocity [rad/s], c the centre (3,) [m], r = x - c, and A (3, 3) [1/s²] the
-        matrix from r to the acceleration.
-
-        Args:
-            start: the initial state of the scene, from which the masses of the body follow.
-        """
+        matrix from r to the acceleration."""
         Ω = np.asarray(self.spin, dtype=float)
         c = np.asarray(self.centre, dtype=float)
         # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
@@ -130,7 +125,6 @@ class Centrifugal:
         """Return the load on a mass of a mesh: the body's mass form applied to the acceleration.
 
         Args:
-            part: kinetic energy of the body, with its mass as a bilinear form.
             A: matrix (3, 3) [1/s²] from a position relative to c to its acceleration.
             c: centre of the rotation (3,) [m].
         """

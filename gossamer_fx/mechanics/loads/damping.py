@@ -81,7 +81,6 @@ class Damping:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -91,11 +90,7 @@ class Damping:
         With `tension_only` also the stiffness of the film at the start of each step, as a term.
 
         α [1/s] is the factor on the mass, β [s] that on the stiffness, v are the rates of the
-        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness.
-
-        Args:
-            start: the initial state of the scene, which damping does not need.
-        """
+        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness."""
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.
@@ -146,9 +141,6 @@ def _inertia(body: Body) -> list[Expr]:
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
     """Return the strain measure of a body, and its stored energy as it is in tension.
-
-    Args:
-        body: film, cable or beam.
 
     Returns:
         measure, a function of positions [m]; energy density, a function of that measure: per area

@@ -89,11 +89,9 @@ class EdgeLoad:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
 
     def requires(self) -> Iterable[Any]:
-        """The film."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The load as a term of the equations."""
         if self.normal_force is None:
             yield self._in_space()
         else:
@@ -121,7 +119,6 @@ class EdgeLoad:
         """Return a measure of some edges, exact for a constant force.  Collective.
 
         Args:
-            kind: "ds" for edges on the rim, "dS" for those between two triangles.
             edges: local numbers (n,) of the edges.
 
         Returns:

@@ -72,7 +72,6 @@ class EdgeMoment:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -83,9 +82,6 @@ class EdgeMoment:
 
         In the code m is the moment per length of the edge [N], x are positions of the plate and w
         test functions.
-
-        Args:
-            start: the initial state of the scene, which this load does not need.
 
         Raises:
             InputError: the mesh has no group of curves with the name of the edges.

@@ -52,7 +52,6 @@ class ConstantForce:
         return ConstantForce(value)
 
     def force_by_number(self, key: str, X: Array) -> Array:
-        """The force is the number itself."""
         return np.eye(X.size)
 
 
@@ -88,11 +87,6 @@ class ForceInTime:
     ) -> None:
         """Ask the user's function for the force [N] of a step; the same on all ranks, collective.
 
-        Args:
-            t: start of the step [s].
-            lag: time after it at which the force acts [s].
-            X, V: attached vector (3,) [m] and its rate, which this force does not need.
-
         Raises:
             InputError: the function raises, or returns other than three finite numbers.
         """
@@ -114,7 +108,6 @@ class ForceInTime:
         return changed
 
     def force_by_number(self, key: str, X: Array) -> Array:
-        """The force without the factor, as a column."""
         return self._now[:, None]
 
 
@@ -164,11 +157,6 @@ class TorqueInTime(Couple):
         """Ask the user's function for the torque [N m] of a step; the same on all ranks,
         collective.
 
-        Args:
-            t: start of the step [s].
-            lag: time after it at which the torque acts [s].
-            X, V: attached vectors (3k,) and their rates, which are not needed.
-
         Raises:
             InputError: the function raises, or returns other than three finite numbers.
         """
@@ -200,7 +188,6 @@ class Force:
     name: str = "force"
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -208,11 +195,7 @@ class Force:
         acts.
 
         A force that is given as three numbers, and a factor of a function of time, are parameters
-        of gradients.
-
-        Args:
-            start: the initial state of the scene, which this load does not need.
-        """
+        of gradients."""
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
@@ -250,7 +233,6 @@ class Torque:
     name: str = "torque"
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -259,11 +241,7 @@ class Torque:
 
         Directors are vectors that turn with a rigid body or a beam's section. In a run a torque
         that is a function of time is checked: InputError if it raises, or returns other than three
-        finite numbers.
-
-        Args:
-            start: the initial state of the scene, which this load does not need.
-        """
+        finite numbers."""
         vectors: tuple[Attached, ...] = self.frame.directors
         value = self.torque
         law: PointForce

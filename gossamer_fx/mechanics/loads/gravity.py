@@ -60,16 +60,11 @@ class Gravity:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """Yield terms of the equations: the weight of masses of meshes and nodes, and of those
-        attached to the body. Collective.
-
-        Args:
-            start: the initial state of the scene, from which the masses of the body follow.
-        """
+        attached to the body. Collective."""
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
@@ -81,12 +76,7 @@ class Gravity:
         yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
-        """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²].
-
-        Args:
-            part: kinetic energy of the body, with its mass as a bilinear form; of a beam also of
-                directors, which a uniform acceleration does not turn.
-        """
+        """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²]."""
         size = part.body.block.size
         # Directors of a beam are directions: a uniform acceleration does not turn them.
         on_directors = (0.0,) * (size - 3)
@@ -105,12 +95,7 @@ class Gravity:
         return Load(self.name, part.body, work, parameters=parameters)
 
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
-        """Yield the weight of the masses of nodes without a mesh.  Collective.
-
-        Args:
-            part: kinetic energy of a rigid body or point mass, with the masses of this rank's
-                nodes.
-        """
+        """Yield the weight of the masses of nodes without a mesh.  Collective."""
         # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
         # `g` (3,) [m/s²] is the acceleration of gravity.
         masses = np.concatenate(part.body.comm.allgather(part.mass))

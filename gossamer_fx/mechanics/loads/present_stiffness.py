@@ -89,7 +89,6 @@ class PresentStiffnesses(
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def expressions(self) -> dict[fem.Function, Expr]:
-        """C at the start of the step by the function that has its values."""
         found = {}
         for term in self._terms:
             found[term.values] = self._entries(term, self._system.fields[term.body].q0)
@@ -102,13 +101,7 @@ class PresentStiffnesses(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add (∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of the start of the step.
-        Collective.
-
-        Args:
-            μ: adjoint vector of the step, over all unknowns.
-            by_position: vector of the system, to which the product is added.
-            by_velocity: stays as it is, since C does not depend on velocities.
-        """
+        Collective."""
         system = self._system
         if self._products is None:
             self._products = []
@@ -143,12 +136,6 @@ class _StartProduct:
         self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
     ) -> None:
         """Compile the derivatives of all forms with C.  Collective.
-
-        Args:
-            term: whose stiffness C it is.
-            stand_in: function in place of q0, so that other parts of the forces are not derived.
-            entries: of C at this function, a UFL expression.
-            system: the compiled scene, with the forms of all forces.
 
         Raises:
             InputError: no C compiler was found.

@@ -57,7 +57,6 @@ class Pressure:
         )
 
     def requires(self) -> Iterable[Any]:
-        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -65,11 +64,7 @@ class Pressure:
         film.
 
         In a run a pressure that is a function of time is checked: InputError if it raises or
-        returns other than a finite number.
-
-        Args:
-            start: the initial state of the scene, which this load does not need.
-        """
+        returns other than a finite number."""
         film = self.body
         value = self.pressure
         mesh = film.space.mesh

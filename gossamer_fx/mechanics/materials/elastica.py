@@ -294,7 +294,6 @@ class Elastica(IsotropicFilm):
         Args:
             γ1: larger principal strain [-].
             f: strain γ2 + ν γ1 that bears on the strips [-], γ2 the smaller principal strain.
-            c: the numbers of the law as UFL constants.
         """
         buckled = c.onset * _relative_load(f, c)
         is_straight = ufl.ge(f, -c.onset)
@@ -334,7 +333,6 @@ def _buckled(f: Expr, c: Any) -> Expr:
 
     Args:
         f: Green-Lagrange strain of the strip [-].
-        c: numbers of the law, with onset e_w and cubic, as UFL constants.
     """
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     x = λ_w - _stretch(f)
@@ -361,7 +359,6 @@ def _unloaded(γ: Expr, c: Any) -> Expr:
 
     Args:
         γ: Green-Lagrange strain along the strips [-].
-        c: numbers of the law, with onset e_w and cubic, as UFL constants.
     """
     κ = c.nu**2 * c.onset / (1 - c.nu**2)
     # The iteration starts with the load at the onset of buckling, where the relative load is 1.

@@ -356,7 +356,6 @@ class Miyazaki(IsotropicFilm):
 
         Args:
             ea, eb: strains (E11, E22, 2 E12) [-] at both ends of the path.
-            c: the numbers of the law as UFL constants.
         """
         ν = c.nu
         u = c.residual_stiffness
@@ -403,8 +402,6 @@ class Miyazaki(IsotropicFilm):
 
         Args:
             e: strain (E11, E22, 2 E12) [-].
-            c: the numbers of the law as UFL constants.
-            taut, wrinkled, slack: the expressions, of one shape.
         """
         h, r = half_trace_and_radius(e)
         γ1 = h + r

@@ -458,8 +458,6 @@ def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
 
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the film.
-        c: the numbers of the law as UFL constants.
-        taut, wrinkled, slack: the expressions, of one shape.
     """
     S = _taut_stress(e, c)
     C11, _, C22, _ = _stiffnesses(c)
@@ -486,7 +484,6 @@ def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
 
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the law.
-        t: cosine and sine of the angle of the direction.
     """
     c, s = t
     double_sine = 2 * c * s
@@ -505,12 +502,7 @@ def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
     t⊗t.
 
     F11, F22 and K [m/N] are the coefficients of c⁴, s⁴ and c² s² in F_tt; c2 and s2 are the squares
-    of cosine c and sine s.
-
-    Args:
-        t: cosine and sine of the angle of the direction in the axes of the law.
-        c: the numbers of the law as UFL constants.
-    """
+    of cosine c and sine s."""
     F11 = 1 / (c.E1 * c.thickness)
     F22 = 1 / (c.E2 * c.thickness)
     K = 1 / (c.G12 * c.thickness) - 2 * c.nu12 * F11
@@ -543,7 +535,6 @@ def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
 
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the law, without variables of UFL.
-        c: the numbers of the law as UFL constants.
 
     Returns:
         cosine and sine of the angle in the axes of the law; without meaning if no direction has

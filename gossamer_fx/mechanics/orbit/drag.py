@@ -118,23 +118,6 @@ class Drag:
         rotation: float = ROTATION,
         name: str = "",
     ) -> None:
-        """Check the arguments of the load of rarefied air on a body, and name the load after the
-        body.
-
-        Args:
-            body: a film or a rigid body.
-            orbit: the orbit of the scene.
-            atmosphere: maps an altitude [m] to `Air`.
-            accommodation: exchange of momentum with the surface; None: molecules leave diffusely.
-            surfaces: flat faces of a rigid body; none for a film.
-            closed: whether a film encloses a volume, so that air reaches its outer side only.
-            rotation: angular speed [rad/s] of the air about z.
-            name: for messages and results.
-
-        Raises:
-            InputError: `atmosphere` is not a function, `rotation` is not finite, a rigid body has
-                no surfaces or is `closed`, or a film has surfaces.
-        """
         self.body = body
         self.orbit = orbit
         self.atmosphere = atmosphere
@@ -203,9 +186,6 @@ class Drag:
     def _on_film(self, film: Membrane) -> FlyingLoad:
         """Load of the flow on the deformed triangles of a film; air and wind are constants of its
         form.
-
-        Args:
-            film: the body of the load; its triangles are the faces.
 
         Returns:
             the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,

@@ -199,7 +199,6 @@ def _about(axis: int, angle: float) -> Array:
     """Rotation matrix (3, 3) about a coordinate axis.
 
     Args:
-        axis: 0, 1 or 2 for x, y or z.
         angle: right-handed angle [rad] by which vectors are turned.
     """
     cosine = math.cos(angle)
@@ -220,7 +219,6 @@ def _true_anomaly(M: float, e: float) -> float:
 
     Args:
         M: mean anomaly [rad].
-        e: eccentricity, dimensionless: below 1 for an ellipse, above 1 for a hyperbola, not 1.
 
     Returns:
         the true anomaly, in -π to π.  The iteration ends at a change below round-off or after 60

@@ -53,11 +53,6 @@ class Flight:
     """
 
     def __init__(self, around: Environment) -> None:
-        """Put the origin at the start of the orbit; the first step computes all other attributes.
-
-        Args:
-            around: gravity field, Sun and shadow of the orbit, with the state in which it starts.
-        """
         self.around = around
         self.origin = Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None

@@ -102,14 +102,7 @@ class _ByComplexSteps:
     ) -> None:
         """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
 
-        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag.
-
-        Args:
-            t: time at the start of the step [s]; not used, since the orbit knows it.
-            lag: time from the start of the step to that of the force [s], positive.
-            X: vectors of k ports at the start of the step, (3k,): points [m] and directors [-].
-            V: their rates (3k,) at the start; not used, since mean rates follow from X and `lag`.
-        """
+        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag."""
         self._lag = lag
         self._X0 = X
 

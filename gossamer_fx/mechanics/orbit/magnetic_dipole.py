@@ -51,20 +51,6 @@ class MagneticDipole:
         moment: Vector | MomentHistory,
         name: str = "magnet",
     ) -> None:
-        """Check the arguments of a magnetic dipole, and read IGRF-14, the Earth's field, for its
-        year.
-
-        Args:
-            frame: of a rigid body, with three directors.
-            orbit: the orbit of the scene, with an epoch.
-            moment: dipole moment along the directors [A m²], (3,), or a function of time [s] that
-                returns it.
-            name: for messages and results.
-
-        Raises:
-            InputError: the frame has not three directors, the moment is neither numbers nor a
-                function, the orbit has no epoch, or IGRF-14 does not cover its year.
-        """
         self.frame = frame
         self.orbit = orbit
         self.moment = moment

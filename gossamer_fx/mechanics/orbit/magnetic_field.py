@@ -37,14 +37,6 @@ class Igrf:
     """
 
     def __init__(self, year: float) -> None:
-        """Interpolate the coefficients linearly between the two epochs around a year.
-
-        Args:
-            year: year with fraction, e.g. 2026.5.
-
-        Raises:
-            InputError: the year is not in 1900 to 2030.
-        """
         # c: coefficients [T] of each epoch; s, below: share of the interval that has passed at the
         # year, 0 to 1.
         epochs, c = _igrf14()

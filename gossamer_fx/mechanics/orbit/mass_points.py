@@ -46,13 +46,7 @@ class MassPoints:
         """Replace each mass by points, and find the unknowns that move them.  Collective.
 
         The points are those of this rank's ports; B (n, 3, D) and o (n, 3) [m] give their positions
-        B q + o from the unknowns q.
-
-        Args:
-            terms: kinetic energies of bodies without a mesh, and of masses attached to bodies; each
-                with mass matrices in kg and kg m² for positions and directors.
-            system: the compiled scene, whose numbering gives the indices of the unknowns.
-        """
+        B q + o from the unknowns q."""
         indices: list[Array] = []
         matrices: list[Array] = []
         offsets: list[Array] = []

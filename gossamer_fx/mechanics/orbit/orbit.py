@@ -71,27 +71,6 @@ class Orbit(Environment):
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments of an orbit; a flight starts when a scene with it is compiled.
-
-        Args:
-            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
-                centre.
-            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
-            epoch: date of the time 0 in UTC.
-            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
-                returns it; None: that of the epoch.
-            third_bodies: of "sun" and "moon", whose tides act.
-            shadow: of the centre: "cylinder", "cone" or "none".
-            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
-            radius: of the centre [m].
-            pressure: of sunlight at 1 au [N/m²].
-            ut1_utc: UT1 - UTC [s].
-            following: time [s] in which the origin returns to the centre of mass.
-            name: for messages and results.
-
-        Raises:
-            InputError: an argument is out of its range, or something needs an `epoch` without one.
-        """
         super().__init__(
             start,
             gravity=gravity,

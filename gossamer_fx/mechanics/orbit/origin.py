@@ -168,12 +168,10 @@ class Origin:
         ]
 
     def get_state(self) -> dict[str, Any]:
-        """All digits as text, for a checkpoint."""
         names = {"position": self._R0, "velocity": self._V0, "first": self._first}
         return {name: [str(d) for d in numbers] for name, numbers in names.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore a state that `get_state` has returned."""
         self._R0 = [Decimal(digits) for digits in state["position"]]
         self._V0 = [Decimal(digits) for digits in state["velocity"]]
         self._first = [Decimal(digits) for digits in state["first"]]

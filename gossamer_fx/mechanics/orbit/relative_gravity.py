@@ -118,11 +118,7 @@ def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
     """Yield the names of terms that fix a body to a point of the frame, which flies and cannot
     hold.
 
-    These are supports (`Support`), and measures between points of which one is on the ground.
-
-    Args:
-        terms: all terms of the scene on this rank.
-    """
+    These are supports (`Support`), and measures between points of which one is on the ground."""
     for term in terms:
         if isinstance(term, Support):
             yield term.name
@@ -148,14 +144,7 @@ class MeshGravity:
         forms.
 
         The force per mass is the difference of gravity at a point and at the origin R of the frame,
-        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ.
-
-        Args:
-            term: kinetic energy of the body; `term.mass(a, w)` is the form ∫ ρ a·w, which takes an
-                acceleration [m/s²] to a force [N].
-            at: fields of the body in the system: coordinates q0, q1 and mid of a step [m], test
-                function w and trial function dq.
-        """
+        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ."""
         self.body = term.body
         self._at = at
         mesh = at.q0.function_space.mesh
@@ -490,12 +479,7 @@ class CompiledOrbit(
 
     def momenta(self) -> Array:
         """Momentum [kg m/s] and angular momentum [kg m²/s] about the central body, less those in
-        the frame.
-
-        Returns:
-            both as rows of an array (2, 3), on rank 0; zeros on all other ranks, so that the sum
-            over ranks counts.  Collective.
-        """
+        the frame."""
         m = self.moments()
         origin = self.flight.origin
         # R (3,) [m], V (3,) [m/s]: origin of the frame from the central body, at the start of the
@@ -529,7 +513,6 @@ class RelativeGravity:
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]
     ) -> None:
-        """Take the orbit's name, its flight, and where the flight is entered."""
         self.name = name
         self.flight = flight
         self.flights = flights

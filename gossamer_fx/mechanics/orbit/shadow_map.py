@@ -56,7 +56,6 @@ class ShadowMap:
     """
 
     def __init__(self, film: Membrane, pixels: int) -> None:
-        """Start with all triangles lit; `update` computes the shadow."""
         mesh = film.space.mesh
         self._film = film
         self._pixels = pixels
@@ -172,11 +171,7 @@ def _slopes(triangles: Array, u: Array) -> Array:
 
 
 def _barycentric(n: int) -> Array:
-    """Barycentric coordinates (n², 3) of the centres of the n² equal triangles of a triangle.
-
-    Args:
-        n: number of parts of each edge, at least 1.
-    """
+    """Barycentric coordinates (n², 3) of the centres of the n² equal triangles of a triangle."""
     i = np.repeat(np.arange(n), n)
     j = np.tile(np.arange(n), n)
     # Small triangles with the orientation of the large one, and those that are upside down.

@@ -37,15 +37,6 @@ class Sky:
     """
 
     def __init__(self, epoch: str, ut1_utc: float = 0.0) -> None:
-        """Convert the epoch from UTC to terrestrial time and UT1, as Julian dates.
-
-        Args:
-            epoch: date in UTC, in the format of ISO 8601.
-            ut1_utc: difference UT1 - UTC [s].
-
-        Raises:
-            InputError: `epoch` is not a date, |ut1_utc| ≥ 1 s, or ERFA is not installed.
-        """
         try:
             self.start = datetime.fromisoformat(epoch).replace(tzinfo=UTC)
         except (TypeError, ValueError):

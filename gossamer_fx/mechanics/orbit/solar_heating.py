@@ -231,24 +231,6 @@ class SolarHeating:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments of the heating of a film by sunlight.
-
-        Args:
-            film: a membrane or plate.
-            orbit: the orbit of the scene.
-            properties: heat capacity [J/(m² K)], absorptivities and emissivities of the film.
-            groups: other properties, by the names of groups of its triangles.
-            initial_temperature: [K]; None: that of the film's thermal expansion.
-            space_temperature: of the sky [K].
-            infrared: flux that the central body radiates at its surface [W/m²].
-            albedo: share of sunlight that the central body reflects, 0 to 1.
-            shadow_pixels: pixels across the map by which the film shades itself; 0: no shadows.
-            name: for messages.
-
-        Raises:
-            InputError: a number is out of its range, the film is a reduced model, or no initial
-                temperature is known.
-        """
         self.film = film
         self.orbit = orbit
         self.properties = properties
@@ -304,7 +286,6 @@ class SolarHeating:
         yield self.orbit
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The temperatures of the film in one compiled scene."""
         yield HeatedFilm(self.name, self)
 
     def balance(self, run: _Run) -> HeatBalance:
@@ -337,10 +318,6 @@ class FilmTemperatures:
         """Take the initial temperatures, and compile the area vectors.  Collective.
 
         It sets `T` (n,) [K] and the stress-free areas [m²] of the n triangles that this rank owns.
-
-        Args:
-            heating: the item of the scene, with the film and its thermal properties.
-            system: the compiled scene.
 
         Raises:
             InputError: a group of properties is not of triangles, or the film's thermal expansion
@@ -460,8 +437,6 @@ class FilmTemperatures:
         self._expand(T)
 
     def commit(self) -> None:
-        """Accept the temperatures and heats of the step that `begin_step` computed, if there is
-        one."""
         if self._pending is None:
             return
         T, absorbed, emitted = self._pending
@@ -472,7 +447,6 @@ class FilmTemperatures:
         self._pending = None
 
     def take_time(self) -> None:
-        """Forget a step that was not accepted."""
         self._pending = None
         self._expand(self.T)
 
@@ -490,9 +464,6 @@ class FilmTemperatures:
 
         u (3,) is the unit vector along the sunlight; a (n, 3) are the area vectors in the middle of
         the step over the stress-free areas [-], and the stretch is their length.
-
-        Args:
-            flight: position, sunlight and time of the scene in the middle of the step.
 
         Returns:
             A (n,) [W/m²] and B (n,) [W/(m² K⁴)] of the n triangles of this rank, per stress-free
@@ -524,7 +495,6 @@ class FilmTemperatures:
         It is per stress-free area, summed over both faces of each triangle.
 
         Args:
-            flight: position and time of the scene in the middle of the step.
             a: area vectors (n, 3) of the deformed triangles over their stress-free areas,
                 dimensionless.
             stretch: lengths (n,) of `a`: deformed over stress-free area.

@@ -76,21 +76,6 @@ class SolarPressure:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments of the load of sunlight on a body, and name the load after the body.
-
-        Args:
-            body: a film or a rigid body.
-            orbit: the orbit of the scene.
-            optics: of both sides of a film.
-            groups: other optics, by the names of groups of the film's triangles.
-            surfaces: flat faces of a rigid body; none for a film.
-            shadow_pixels: pixels across the map by which a film shades itself; 0: no shadows.
-            name: for messages and results.
-
-        Raises:
-            InputError: a rigid body has no surfaces, or has groups or shadow pixels; a film has
-                surfaces; or `shadow_pixels` is not from 0 to 8192.
-        """
         self.body = body
         self.orbit = orbit
         self.optics = optics
@@ -119,7 +104,6 @@ class SolarPressure:
         yield self.orbit
 
     def terms(self, start: State) -> Iterable[Term]:
-        """One load: on the flat faces of a rigid body, or on the triangles of a film."""
         if isinstance(self.body, RigidBody):
             yield FlyingPointLoad(
                 self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces)
@@ -130,9 +114,6 @@ class SolarPressure:
     def _on_film(self, film: Membrane) -> FlyingLoad:
         """Load of sunlight on the deformed triangles of a film; direction and pressure are
         constants.
-
-        Args:
-            film: the body of the load.
 
         Returns:
             the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,

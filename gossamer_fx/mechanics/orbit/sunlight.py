@@ -65,21 +65,6 @@ class Sunlight:
         pressure: float = PRESSURE,
         name: str = "sunlight",
     ) -> None:
-        """Check the arguments of the load of light on a film.
-
-        Args:
-            body: the film.
-            direction: (3,) of any length, along which the light travels, or a function of time [s]
-                that returns it.
-            optics: of both sides of the film.
-            groups: other optics, by the names of groups of triangles.
-            pressure: of the light on a black surface [N/m²].
-            name: for messages and results.
-
-        Raises:
-            InputError: the pressure is negative or not finite, or the direction at time 0 is not
-                three finite numbers with a length.
-        """
         self.body = body
         self.optics = optics
         self.groups = dict(groups or {})
@@ -93,7 +78,6 @@ class Sunlight:
         self.direction_at(0.0)
 
     def requires(self) -> Iterable[Any]:
-        """The film."""
         yield self.body
 
     def direction_at(self, t: float) -> Array:
@@ -121,9 +105,6 @@ class Sunlight:
 
     def terms(self, start: State) -> Iterable[Term]:
         """Yield the force of light on the deformed triangles, a load that follows them.
-
-        Args:
-            start: initial state of the scene; not used.
 
         Raises:
             InputError: a group of optics is not of triangles of the mesh.

@@ -69,11 +69,6 @@ class Couple:
         return forces
 
     def tangent(self, X: Array) -> Array:
-        """Return the derivative (3k, 3k) of the forces on attached vectors by these vectors.
-
-        Args:
-            X: k attached vectors, one after the other (3k,).
-        """
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
         # Of f_i = F × r_i with F constant; the change of F follows.

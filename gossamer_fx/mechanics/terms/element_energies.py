@@ -182,11 +182,7 @@ class ElementEnergies(
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the internal forces of all terms on meshes at the present iterate to the residual.
-        Collective.
-
-        Args:
-            r: residual [N] of all unknowns, changed in place.
-        """
+        Collective."""
         # b: assembly vector [N] of one body, owned and ghost unknowns.
         for b in self._forces.values():
             b.array[:] = 0
@@ -331,12 +327,7 @@ class ViscousForces(ElementForces):
     term: ViscousDissipation
 
     def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
-        """Write the stresses down, and compile the loss.  Collective.
-
-        Args:
-            term: measure (strain, m components) and dissipation as functions of the coordinates.
-            at: the coordinates of the body, as functions for forms.
-        """
+        """Write the stresses down, and compile the loss.  Collective."""
         self.term = term
         self._at = at
         self.measure_at_end = term.measure(at.q1)
@@ -402,11 +393,6 @@ class StoredForces(ElementForces):
         Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
         unknown in addition to the coordinates.  Collective.
 
-        Args:
-            term: measure (strain, m components) and density as functions of the coordinates.
-            at: coordinates of the body at the start and the end of a step, as functions for forms.
-            rule: how the stress of a step follows from the strains at its ends.
-
         Raises:
             InputError: the law is written in C, and the rule has no function for such laws.
         """
@@ -471,11 +457,6 @@ class StoredForces(ElementForces):
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
         energy.
 
-        Args:
-            term: the stored energy, with the pieces of a strain path on which it is smooth.
-            rule: how the stress of a step follows from the strains at its ends.
-            mesh: of the body.
-
         Raises:
             InputError: the law is written in C, and the rule has no function for such laws; or
                 there is no C compiler.
@@ -525,7 +506,6 @@ class StoredForces(ElementForces):
             self._law.begin_step()
 
     def commit(self) -> None:
-        """End a step: the strain of its end is that of the next one's start."""
         self._strain_before[:] = self.strain_at_start.x.array
         self.strain_at_start.x.array[:] = self.strain_variable.x.array
         if self.thermal is not None:
@@ -640,13 +620,7 @@ class ElementForms:
 
     def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
         """Compile residual and tangent of the mixed iteration, in which the strain is a separate
-        unknown.  Collective.
-
-        Args:
-            forces: the terms, of `_with_one_measure`.
-            at: coordinates of the body at the start and the end of a step, as functions for forms.
-            rule: how the stress of a step follows from the strains at its ends.
-        """
+        unknown.  Collective."""
         term = forces[0].term
         self.body = term.body
         stored = [force for force in forces if isinstance(force, StoredForces)]
@@ -721,7 +695,6 @@ def _linearised(e: Expr, at: Coordinates) -> Expr:
 
     Args:
         e: strain (m,) at q1, quadratic in the coordinates.
-        at: coordinates of the body in the step.
     """
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2

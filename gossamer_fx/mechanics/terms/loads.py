@@ -66,7 +66,6 @@ class Loads(
         return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
-        """Forms of the loads on a body, with the sign they have in the residual."""
         found = []
         for load in self._loads:
             if load.term.body is body:
@@ -102,11 +101,7 @@ class Loads(
     def resultants(self) -> dict[str, Array]:
         """Force and moment of each load in the last accepted step, this rank's share.
 
-        They are those in the configuration in which the forces of the step acted.
-
-        Returns:
-            By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
-        """
+        They are those in the configuration in which the forces of the step acted."""
         # α is the weight of the end of the step in the configuration q in which forces f acted.
         system = self._system
         found = dict[str, Array]()

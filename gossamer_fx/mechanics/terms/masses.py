@@ -48,12 +48,7 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
         """Add the matrix [kg/s] of the Coriolis force 2 M (spin × v) in a turning frame.
-        Collective.
-
-        Args:
-            G: matrix of all unknowns, changed in place.
-            spin: angular velocity (3,) [rad/s] of the frame.
-        """
+        Collective."""
         for term in self._terms:
             at = self._system.fields[term.body]
             # ω: the spin as a constant, so that another one needs no new kernel.
@@ -87,7 +82,6 @@ class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
         self._terms = terms
 
     def add_mass(self, M: PETSc.Mat) -> None:
-        """Add the mass of all nodes to M; its units are those of `NodeKineticEnergy.mass`."""
         for rows, mass in self._nodes():
             of_components = np.kron(mass, np.eye(3))
             M.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)

@@ -91,7 +91,6 @@ class PointConstraints(
 
     @classmethod
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
-        """One multiplier for each measure, on the rank that evaluates it."""
         blocks = []
         for term in terms:
             own = len(evaluated_here(term.measure.ports))
@@ -151,12 +150,10 @@ class PointConstraints(
         return found
 
     def begin_step(self, t: float) -> None:
-        """Set the right-hand sides of constraints that close to those at the end of the step."""
         if self._closes:
             self._targets = self._targets_at(self._system.time + self._system.h)
 
     def commit(self) -> None:
-        """Fetch the accepted coordinates, at which the next step starts."""
         self._q0 = self._gather(self._system.q0)
 
     def supplied(self) -> float:
@@ -213,7 +210,6 @@ class PointConstraints(
             self._initial = [at.strain(q) for at, q in groups]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add De(q_mid)ᵀλ to r, and e(q1) in the rows of the multipliers."""
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
@@ -228,11 +224,7 @@ class PointConstraints(
 
         With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 + α
         q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers.
-        Collective.
-
-        Args:
-            A: tangent of all unknowns, multipliers included, not yet assembled; changed in place.
-        """
+        Collective."""
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():
             λ = values[self._local[k]]
@@ -320,10 +312,6 @@ class PointConstraints(
         circle.
 
         Only ties that allow it (`may_repeat`) are found.  Collective.
-
-        Args:
-            free: 1 at coordinates that may move and 0 at fixed ones.
-            q0: coordinates of the initial state.
 
         Returns:
             Their positions (n,) in this rank's part of a vector.
@@ -423,10 +411,6 @@ class PointConstraints(
 
         Collective; rank 0 computes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` are not
         checked.
-
-        Args:
-            q0: coordinates of the initial state.
-            free: 1 at coordinates that may move and 0 at fixed ones.
 
         Raises:
             InputError: names the constraints that depend on each other.

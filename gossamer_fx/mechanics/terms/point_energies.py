@@ -98,12 +98,6 @@ class Stencil:
         The start of a step is set by `keep`, its length [s] by the attribute `h`.
 
         Until `keep` is called the unknowns at the start are zero, and until `h` is set it is 1 s.
-
-        Args:
-            at: n sets of m strains, quadratic functions of the D unknowns of each, of this rank.
-            density: stored energy or damping of all of them, see `PointDensity` and `PointDamping`.
-            dissipates: whether it is a damping.
-            alpha: the forces act at q_mid = (1 - α) q0 + α q1; ½ for the midpoint rule.
         """
         self.at = at
         self.density = density
@@ -204,7 +198,6 @@ class Stencil:
 
         Args:
             Y: the vectors (n, 3k) at the end of the step.
-            on: indices or a slice of r rows.
         """
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
@@ -529,8 +522,6 @@ def _stacked(densities: Sequence[Any], of: Array) -> Any:
     differ.
 
     Args:
-        densities: laws of one class.  If there are several, `stacks` names the numbers that may
-            differ.
         of: index (n,) of the law to which each row belongs.
     """
     first = densities[0]

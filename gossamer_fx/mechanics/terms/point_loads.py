@@ -195,11 +195,7 @@ class PointLoads(
 
     def begin_step(self, t: float) -> None:
         """Give every load the vectors that it acts on, and their rates, at the start of the step.
-        Collective.
-
-        Args:
-            t: time [s] at which the forces of the step act; the loads get the time of its start.
-        """
+        Collective."""
         system = self._system
         self._X0 = self._vectors(system.q0)
         # The vectors are X = P q + o with maps P and offsets o, and have the rates V = P dq/dt:
@@ -244,14 +240,6 @@ class PointLoads(
         Collective.  Loads are subtracted from the residual, hence the sign.  f (3k,) are the forces
         on the vectors X = P q + o of the load, P their map from the unknowns q.
 
-        Args:
-            term: the load, of this scene.
-            key: name of the number, which may have m components.
-            w: distributed vector of all unknowns, e.g. the adjoint one.
-
-        Returns:
-            Derivatives (m,); on one rank the whole, on all others zero.
-
         Raises:
             ValueError: the load is not in this scene.
         """
@@ -286,13 +274,7 @@ class PointLoads(
     ) -> None:
         """Add the derivatives of μ·residual by the state at the start of the step.  Collective.
 
-        Only loads that depend on that state have some, e.g. sampled torques of a control.
-
-        Args:
-            μ: adjoint vector of the step, over all unknowns.
-            by_position: receives the derivatives by the coordinates at the start; added in place.
-            by_velocity: receives those by the velocities at the start; added in place.
-        """
+        Only loads that depend on that state have some, e.g. sampled torques of a control."""
         displacements = self._gather(μ)
         middle = self._middle()
         for k, law in enumerate(self._laws):
@@ -344,11 +326,7 @@ class PointLoads(
     def resultants(self) -> dict[str, Array]:
         """Force and moment of each load in the last step, this rank's share.  Collective.
 
-        They are those in the configuration in which the forces of the step acted.
-
-        Returns:
-            By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
-        """
+        They are those in the configuration in which the forces of the step acted."""
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:

@@ -23,7 +23,6 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
         self._system = system
 
     def add_mass(self, M: PETSc.Mat) -> None:
-        """Add the mass of all terms to M; its units are those of `AttachedKineticEnergy.mass`."""
         self._add(M, np.eye(3))
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
@@ -36,7 +35,6 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
         vectors.
 
         Args:
-            matrix: PETSc matrix of all unknowns, not yet assembled; changed in place.
             each: (3, 3), the same for all vectors: the unit matrix [-] for masses, or twice the
                 matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
         """

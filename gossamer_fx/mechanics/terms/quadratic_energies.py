@@ -51,7 +51,6 @@ class QuadraticEnergies(
             self._system.block(body).assemble(K, [form])
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
-        """Forms of the forces on a body in the middle of the step."""
         found = []
         for term in self._terms:
             if term.body is body:

@@ -54,10 +54,6 @@ class Supports(CompiledTerms["Support"]):
     def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
         """Check that no two supports have different values for one coordinate.  Collective.
 
-        Args:
-            terms: the supports; those with a motion contradict every other one.
-            system: the compiled scene.
-
         Raises:
             InputError: on all ranks, with the names of both.
         """

@@ -50,13 +50,6 @@ class ThermalStrain:
         """Make thermal strains at both ends of a step, from the temperatures at time zero.
         Collective.
 
-        Args:
-            strain: thermal strain as a function of a temperature [K], both UFL expressions.
-            space: scalar function space of the temperatures.
-            temperature: sets a function of that space to the temperatures [K] of a time [s].
-            in_time: whether they change with time.
-            parameters: constants of the strain, e.g. a coefficient of expansion.
-
         Raises:
             InputError: a temperature that is not possible, or a user's function that fails.
         """
@@ -85,5 +78,4 @@ class ThermalStrain:
             self._temperature(self.end_temperature, t)
 
     def commit(self) -> None:
-        """The end of the step is the start of the next one."""
         self.start_temperature.x.array[:] = self.end_temperature.x.array

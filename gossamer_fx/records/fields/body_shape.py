@@ -38,16 +38,6 @@ class BodyShape:
     """
 
     def __init__(self, system: System, body: MeshBody) -> None:
-        """Make the functions of positions on the mesh of a body; `update` sets their values.
-
-        Args:
-            system: the compiled scene of a run or an equilibrium.
-            body: a film, plate, cable or beam in it; a reduced film has the mesh of the one that
-                was reduced.
-
-        Raises:
-            InputError: the body is not in the scene.
-        """
         self._system = system
         self._of = system.state[body]
         self._reconstruct = body.reconstruct

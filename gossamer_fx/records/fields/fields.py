@@ -163,11 +163,7 @@ def _direction(shape: BodyShape) -> Expr:
 
     It is F n/|F n| with the deformation gradient F and the direction n of the larger principal
     strain, thermal strain not included.  Where the principal strains are equal, n is the first
-    vector of the film's frame.
-
-    Args:
-        shape: coordinates of the film as functions on its mesh.
-    """
+    vector of the film's frame."""
     e = shape.elastic_strain()
     # The radius is kept above zero by its definition, so nothing is divided by zero below.
     _, radius = half_trace_and_radius(e)
@@ -281,17 +277,7 @@ class FieldFunctions:
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         """Make one function for each name, and what computes its values; `update` computes them.
 
-        Collective: expressions are compiled.
-
-        Args:
-            system: the compiled scene.
-            body: a body on a mesh in it.
-            names: of output fields, e.g. "displacement".
-
-        Raises:
-            InputError: the body does not have a field, or is not in the scene, the law of a film
-                has no maps of wrinkles, or no C compiler was found.
-        """
+        Collective: expressions are compiled."""
         check_fields(body, names)
         self._shape = BodyShape(system, body)
         self._element = self._element_of(names)
@@ -303,12 +289,7 @@ class FieldFunctions:
             self._updates.append(self._update_of(function, body, system))
 
     def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
-        """Return family and order of an element that can represent all fields.
-
-        Args:
-            names: of the fields.  One that may jump between cells makes all discontinuous, as one
-                file takes functions of one element only.
-        """
+        """Return family and order of an element that can represent all fields."""
         order = self._shape.body.space.ufl_element().degree
         jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
         if jumps:
@@ -324,11 +305,6 @@ class FieldFunctions:
         self, function: fem.Function, body: MeshBody, system: System
     ) -> Callable[[], None]:
         """Return what sets the function of a field to the accepted state; collective.
-
-        Args:
-            function: named as its field.
-            body: on whose mesh the function is.
-            system: the compiled scene.
 
         Returns:
             a function without arguments: a map of wrinkles, the interpolation of a compiled
@@ -376,13 +352,7 @@ def _collect_pressure(function: fem.Function, film: MeshBody, system: System) ->
     """Set a discontinuous function to the gas pressure difference [Pa] on each cell.
 
     It is that inside less that outside; zero on films that enclose no gas.  Ghost cells are not
-    set.
-
-    Args:
-        function: of this rank's cells, changed in place.
-        film: a film on whose mesh the function is.
-        system: the compiled scene, with the gas of its chambers.
-    """
+    set."""
     values = function.x.array
     values[:] = 0
     for unknowns in system.scalar_unknowns:
@@ -412,13 +382,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     """Set a discontinuous function to the mean of the scene's values in each cell; collective.
 
     Values come from the parts of the scene that have some for this field, e.g. from creases; cells
-    without a value are zero.
-
-    Args:
-        function: named as its field; changed in place; ghosts are not updated.
-        body: on whose mesh the function is.
-        system: the compiled scene.
-    """
+    without a value are zero."""
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
@@ -440,13 +404,7 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     """Set a function to the sum of the scene's values at each node; collective.
 
     Values come from the parts of the scene that have some for this field, e.g. from contact; nodes
-    without a value, and reduced films, whose unknowns are not at nodes, are zero.
-
-    Args:
-        function: named as its field, of the order of the body; changed in place.
-        body: on whose mesh the function is.
-        system: the compiled scene.
-    """
+    without a value, and reduced films, whose unknowns are not at nodes, are zero."""
     # A reduced film has no terms at nodes.
     if not has_nodal_unknowns(body):
         function.x.array[:] = 0
@@ -474,13 +432,7 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
 
 def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a discontinuous function to the temperature [K] of a film; zero if it has none.
-    Collective.
-
-    Args:
-        function: changed in place; ghosts are not updated.
-        body: the film.
-        system: the compiled scene.
-    """
+    Collective."""
     strain = thermal_strain_of(system, body)
     if strain is None:
         # Heated films without thermal expansion have a temperature in each cell.

@@ -73,9 +73,6 @@ class AreaFractions:
     def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
         """Compile the area in one state as a form, for each film; collective.
 
-        Args:
-            system: the compiled scene.
-
         Returns:
             for each film its shape, a constant that selects the state (0, 1 or 2), and the form
             [m²] of the area of this rank's cells in that state.

@@ -44,9 +44,6 @@ def _groups_of_film(film: Membrane) -> tuple[list[str], Integers]:
 
     A part is a group of cells of the mesh, or "rest" for the cells in no group.  Collective.
 
-    Args:
-        film: also a reduced one, whose cells are those of the film that was reduced.
-
     Returns:
         names, the same on all ranks, and numbers (cells,) into them.
     """

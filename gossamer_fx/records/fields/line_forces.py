@@ -73,9 +73,7 @@ def _of_stored_energy(
     ½(l²/L² - 1), so that l²/L² = (c - e)/c.
 
     Args:
-        system: the compiled scene.
         term: of a spring, of one or several ropes, or of a tape.
-        connector: to which it belongs.
     """
     compiled = next(kind for kind in system.compiled if isinstance(kind, PointEnergies))
     count = len(term.measure.ports)

@@ -175,9 +175,6 @@ def _order_along_line(ends: Pairs) -> npt.NDArray[np.int64]:
     """Numbers (n,) of n elements from one end of a line to the other.
 
     It may begin at either end.  Elements that do not form a single open line stay in their order.
-
-    Args:
-        ends: names of the two ends of each element.
     """
     at_point: dict[object, list[int]] = {}
     for number, pair in enumerate(ends):

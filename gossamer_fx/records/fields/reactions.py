@@ -159,8 +159,6 @@ def _held(system: System, term: Support, centre: Array) -> Array:
     balance the loads.
 
     Args:
-        system: the compiled scene, after a step or at rest.
-        term: the coordinates that the support holds.
         centre: point (3,) [m] of the moment.
     """
     owned = system.block(term.body).owned
@@ -209,11 +207,7 @@ def _tied(
     A port is a point or direction of a body.  Collective.
 
     Args:
-        system: the compiled scene, after a step or at rest.
-        measure: quadratic functions e = ½ X·H X + L·X + c of the stacked vectors X of the ports,
-            which the constraint holds at zero.  Its force is -∂e/∂X λ.
         λ: its multipliers (n, m), [N] for distances of points.
-        counts: whether the force on a port is part of the sum.
         centre: point of the moment (3,) [m].
 
     Returns:

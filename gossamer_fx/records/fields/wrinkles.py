@@ -78,17 +78,7 @@ class WrinkleMap:
     """
 
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
-        """Check the film's law, and compile the expressions of the map; collective.
-
-        Args:
-            function: on the film's mesh, named as the map: "wrinkle_slope", "wrinkle_amplitude" or
-                "wrinkle_direction".
-            film: in the system.
-            system: the compiled scene.
-
-        Raises:
-            InputError: the law of the film has no maps, or the film is not in the scene.
-        """
+        """Check the film's law, and compile the expressions of the map; collective."""
         self._function = function
         self._shape = BodyShape(system, film)
         body = self._shape.body
@@ -163,9 +153,6 @@ class WrinkleMap:
 def _check_law(film: Membrane) -> None:
     """Refuse films whose law does not give the taut strain of a stress, or no bending stiffness.
 
-    Args:
-        film: of which a map of wrinkles is asked for.
-
     Raises:
         InputError: names the film and its law.
     """
@@ -182,9 +169,6 @@ def _check_law(film: Membrane) -> None:
 
 def _columns(shape: BodyShape) -> Expr:
     """Return what a map of wrinkles needs in each cell, as a UFL expression (9,).
-
-    Args:
-        shape: coordinates of the film as functions on its mesh.
 
     Returns:
         six components of the wrinkling strain A in space, in the order of `SYMMETRIC`; tension T
@@ -217,7 +201,6 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
     Means are weighted by area.  Collective.
 
     Args:
-        domain: mesh of triangles.
         in_cells: values (cells, k) of all local cells, ghosts included, in any unit.
 
     Returns:
@@ -261,7 +244,6 @@ def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
     ℓ is the square root of the area of the film.  Collective.
 
     Args:
-        film: whose stress-free area counts, over all ranks.
         tension: T (n,) [N/m] at the n local vertices, of any sign.
         bending: B (n,) [N m] there, not negative.
 
@@ -283,7 +265,6 @@ def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
     n in which it is too long.  Collective.
 
     Args:
-        shape: coordinates of the film as functions on its mesh.
         tensors: wrinkling strain in space (n, 3, 3), symmetric.
         vectors: its eigenvectors (n, 3, 3) as columns, that of the largest eigenvalue last.
 

@@ -182,7 +182,6 @@ def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
     Args:
         thing: the object; an argument is looked for under its name, or with an underscore before
             it.
-        inner: converts an attribute to data for JSON.
 
     Returns:
         the data by name, without names, meshes and communicators, which are not compared.
@@ -238,10 +237,6 @@ def _of_port(port: Port) -> Known:
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
     """Data about a function, method, partial function, or object that can be called.
 
-    Args:
-        function: to be compared with that of a later run.
-        inner: converts values in it, such as default arguments, to data for JSON.
-
     Returns:
         a dictionary with the key "function"; of compiled functions it contains the name only.
     """
@@ -264,10 +259,6 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
 
 def _of_python_function(function: FunctionType, inner: Callable[[Any], Known]) -> Known:
     """Data about a function that is written in Python: what its code contains and uses.
-
-    Args:
-        function: the function.
-        inner: converts constants, default arguments and variables from outside to data for JSON.
 
     Returns:
         its name, the constants and names in its code, its default arguments, and the values of
@@ -331,11 +322,7 @@ def _constants(code: CodeType) -> Iterator[Known]:
     """Yield the numbers and words in the body of a function, in their order.
 
     They are read from the instructions, which the module `dis` knows for each version of Python:
-    small integers are no longer among `co_consts` in Python 3.14, and a docstring is.
-
-    Args:
-        code: bytecode of the function; functions within it are included.
-    """
+    small integers are no longer among `co_consts` in Python 3.14, and a docstring is."""
     for each in _codes(code):
         for instruction in dis.get_instructions(each):
             if "CONST" in instruction.opname or instruction.opname == "LOAD_SMALL_INT":
@@ -344,12 +331,7 @@ def _constants(code: CodeType) -> Iterator[Known]:
 
 def _plain_constants(value: Any) -> Sequence[Known]:
     """The numbers and words in a constant of a function; an empty list for others, e.g. None or a
-    slice.
-
-    Args:
-        value: a constant of the bytecode.  Tuples and sets give their elements; complex numbers and
-            bytes give their text, since JSON does not have them.
-    """
+    slice."""
     if isinstance(value, tuple | frozenset):
         found: list[Known] = []
         for element in value:

@@ -23,13 +23,6 @@ class ConnectorLines:
     """
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
-        """List the ends of all lines, and the columns of the table; no file is opened yet.
-
-        Args:
-            path: of the CSV file.
-            items: of the scene; ropes, springs and tapes among them have lines.
-            schedule: steps or times [s] at which rows are written.
-        """
         self.path = path
         self._schedule = schedule
         self._table = Table(path)
@@ -55,23 +48,16 @@ class ConnectorLines:
         return self._schedule.times
 
     def open(self, run: Run) -> None:
-        """Make the table."""
         self._table.create(run.comm, self._head)
 
     def cursor(self) -> dict[str, Any]:
-        """Position in the table, for a checkpoint."""
         return self._table.cursor()
 
     def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
-        """Continue after a restart: remove rows after the cursor."""
         self._table.cut(run.comm, self._head, cursor)
 
     def record(self, run: Run, last: bool) -> None:
         """Add a row with the end points of all lines [m] if it is due.  Collective.
-
-        Args:
-            run: whose present state is written.
-            last: True for the last state of the run, which is always written.
 
         Raises:
             OutputFailure: the disk is full or the folder is gone.

@@ -74,10 +74,6 @@ def describe(run: Run) -> Description:
 def _body(run: Run, body: Body) -> Description:
     """Kind, size, mass [kg], surrounding box [m] and law of a body, as data for JSON.  Collective.
 
-    Args:
-        run: with the state of the body.
-        body: a body of its scene.
-
     Returns:
         a dictionary; on a mesh with the number of cells, the order, and the area [m²] or length
         [m].
@@ -115,12 +111,7 @@ def _body(run: Run, body: Body) -> Description:
 
 
 def _mass(run: Run, body: Body) -> float:
-    """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective.
-
-    Args:
-        run: whose system has the mass matrix M.
-        body: a body of its scene.
-    """
+    """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective."""
     system = run.system
     owned = system.block(body).owned
     along_x = np.zeros(owned.stop - owned.start)
@@ -188,11 +179,7 @@ def lines(about: Mapping[str, Any]) -> list[str]:
 
 
 def _body_words(body: Mapping[str, Any]) -> list[str]:
-    """The kind, size and mass of a body in words, e.g. "120 cells of order 1", "mass 0.3 kg".
-
-    Args:
-        body: entry of the body in a run.json: its mass in kg, its area in m² or length in m.
-    """
+    """The kind, size and mass of a body in words, e.g. "120 cells of order 1", "mass 0.3 kg"."""
     words = [body["kind"]]
     if "cells" in body:
         words.append(f"{body['cells']} cells of order {body.get('order', '?')}")

@@ -133,9 +133,6 @@ def cut(
 def _times(folder: Path) -> list[float] | None:
     """Times [s] of the steps (records) of an output; None if this Python has no ADIOS2.
 
-    Args:
-        folder: of an ADIOS2 output.
-
     Raises:
         InputError: it cannot be read.
     """

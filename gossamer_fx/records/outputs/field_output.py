@@ -40,19 +40,6 @@ class FieldOutput:
         every: int,
         times: Sequence[float],
     ) -> None:
-        """Check the arguments of an output of fields; the body is found when a run begins.
-
-        Args:
-            path: of the file.
-            body: a body on a mesh; None: the only one of the scene.
-            fields: names of fields, e.g. "stress1".
-            every: number of steps between two records.
-            times: of records [s], in place of `every`.
-
-        Raises:
-            InputError: the path has another ending than the format, `fields` is a word instead of a
-                sequence, `every` is below 1, or a time is negative or not finite.
-        """
         self.path = Path(path)
         self.body = body
         self.fields = fields

@@ -48,16 +48,7 @@ class FileLocks:
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
-        """Acquire the locks of all paths.  Collective.
-
-        Args:
-            comm: ranks of the run; rank 0 takes the locks, and errors are raised on all.
-            paths: files and folders that the run will write.
-
-        Raises:
-            InputError: another run writes one of the files, two outputs have one file, or a folder
-                cannot be made or written.
-        """
+        """Acquire the locks of all paths.  Collective."""
         self.running = False
         self._comm = comm
         self._paths = [Path(os.path.realpath(path)) for path in paths]
@@ -97,9 +88,6 @@ class FileLocks:
         """The lock that an earlier run of this program holds on a path, which it loses; None if
         there is none.
 
-        Args:
-            path: of an output file or folder, absolute.
-
         Raises:
             InputError: the earlier run is inside `Simulation.run` and still writes the file.
         """
@@ -124,9 +112,6 @@ def _check_different(one: Path, other: Path) -> None:
 
 def _lock(path: Path) -> FileLock:
     """Lock a path for this process, and write a file next to it that names the process.
-
-    Args:
-        path: of an output file or folder.
 
     Returns:
         the lock, which is held until it is released or the process ends.  On a file system without
@@ -163,11 +148,7 @@ def _lock(path: Path) -> FileLock:
 
 
 def _release_all(locks: dict[Path, FileLock]) -> None:
-    """Release locks and remove their files; `locks` is empty then.
-
-    Args:
-        locks: held locks by the paths of the outputs; files that cannot be removed are left.
-    """
+    """Release locks and remove their files; `locks` is empty then."""
     while locks:
         path, lock = locks.popitem()
         # The files are removed while they are still locked, so that nobody else's are; their folder

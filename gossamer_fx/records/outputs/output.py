@@ -236,9 +236,7 @@ class Table:
         Nothing is changed if a check fails. A file that does not exist counts as empty.
 
         Args:
-            head: names of the columns that the table must have.
             end: length of the file that is kept [bytes].
-            rows: number of rows that this part must have, without the line of names.
 
         Raises:
             InputError: the file is shorter, or has other columns or another number of rows.
@@ -293,12 +291,7 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 
 
 def _csv_line(values: Iterable[Any]) -> bytes:
-    """A row of a CSV file, with its line break, in UTF-8.
-
-    Args:
-        values: numbers and words; floating-point numbers are written so that they are read back to
-            the last bit.
-    """
+    """A row of a CSV file, with its line break, in UTF-8."""
     entries = []
     for value in values:
         if isinstance(value, float):

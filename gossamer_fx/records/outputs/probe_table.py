@@ -46,18 +46,6 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments of a table of probes; the table is made when a run begins.
-
-        Args:
-            path: of the CSV file.
-            probes: functions of the run that return a number, by the names of their columns.
-            every: number of steps between two rows.
-            times: of rows [s], in place of `every`.
-
-        Raises:
-            InputError: no probe is given, one is not a function or is named "time" or "step",
-                `every` is below 1, or a time is negative.
-        """
         self.path = Path(path)
         self.probes = dict(probes)
         self.schedule = Schedule(every, tuple(times))
@@ -84,18 +72,15 @@ class Probes:
 
     @property
     def writes(self) -> Sequence[Path]:
-        """Files that no other run may write."""
         return [self.path]
 
     def open(self, run: Run) -> None:
-        """Try the probes, and make the table."""
         make_parent(run.comm, self.path)
         # A probe that fails must do so before the first step, and before an older table is lost.
         self._row(run)
         self._table.create(run.comm, self._head)
 
     def cursor(self) -> dict[str, Any]:
-        """Position in the table, for a checkpoint."""
         return self._table.cursor()
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
@@ -115,7 +100,6 @@ class Probes:
         return row
 
     def record(self, run: Run, last: bool) -> None:
-        """Add a row if it is due; `last`: in any case."""
         if self.schedule.due(run.step, run.time, last):
             row = [float(run.time), run.step, *self._row(run)]
             self._table.append(run.comm, row)

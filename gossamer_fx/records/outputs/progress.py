@@ -48,7 +48,6 @@ class Progress:
         self._bar: Bar | None = None
 
     def open(self, run: Run) -> None:
-        """Print the number of unknowns and the time of compilation."""
         self._live = self._stream.isatty()
         if not self._live:
             self._pause = max(self._pause, LINE_INTERVAL)
@@ -66,12 +65,7 @@ class Progress:
         """Update the terminal if enough wall time has passed since the last update.  Collective.
 
         `_shown` is the time of the last update and `_pause` the time between updates, both wall
-        time [s]; `_live` tells whether a bar is drawn or lines are printed. Rank 0 alone writes.
-
-        Args:
-            run: whose time, step and energy error are shown.
-            last: True for the last state of the run, which is always shown.
-        """
+        time [s]; `_live` tells whether a bar is drawn or lines are printed. Rank 0 alone writes."""
         now = time.monotonic()
         # The energy error is collective, and clocks differ: rank 0 decides for all ranks.
         is_early = now - self._shown < self._pause and not last
@@ -90,7 +84,6 @@ class Progress:
 
         Args:
             run: whose time and end time [s], step, length of the step [s] and iterations are shown.
-            balance: closing error of the energy balance, in words.
         """
         if run.comm.rank > 0:
             return
@@ -110,11 +103,8 @@ class Progress:
         self._bar.refresh()
 
     def close(self, run: Run) -> None:
-        """End the bar, and print a summary: steps, iterations, wall times [s], and closing errors.
-
-        Args:
-            run: that has ended.
-        """
+        """End the bar, and print a summary: steps, iterations, wall times [s], and closing
+        errors."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -145,11 +135,7 @@ def energy_balance(run: Run) -> str:
 
 def _bar(stream: IO[str]) -> Bar:
     """A progress bar of the library rich on a terminal; it is drawn only when it is told to
-    refresh.
-
-    Args:
-        stream: the terminal, e.g. the standard error.
-    """
+    refresh."""
     # Imported here, as runs without a terminal do not need it.
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn

@@ -114,23 +114,6 @@ class Recording:
         overwrite: bool = False,
         format: str = "vtx",
     ) -> None:
-        """Check the arguments of the record of a run; the folder is made when a run begins.
-
-        Args:
-            folder: for the files of the run.
-            fields: names of fields by the names of bodies on a mesh; None: default fields.
-            probes: functions of the run that return a number, by name.
-            every: number of steps between two records of the fields.
-            times: of records of the fields [s], in place of `every`.
-            title: a line for pictures.
-            states_every: number of steps between two rows of area fractions; None: as the fields.
-            overwrite: whether another run in the folder is replaced.
-            format: "vtx" or "vtu".
-
-        Raises:
-            InputError: the format is not "vtx" or "vtu", a number of steps is below 1, or a time is
-                negative or not finite.
-        """
         check(
             format in FORMATS,
             f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
@@ -157,16 +140,12 @@ class Recording:
 
     @property
     def writes(self) -> Sequence[Path]:
-        """Files and folders that no other run may write."""
         return [self.folder / name for name in RUN_FILES]
 
     # ---- the protocol of outputs -----------------------------------------------------------------
 
     def open(self, run: Run) -> None:
         """Check the request, and make all outputs.  Collective.
-
-        Args:
-            run: that begins, with its scene and initial state.
 
         Raises:
             InputError: an unknown field or body, a probe that fails, or a folder that cannot be
@@ -179,10 +158,6 @@ class Recording:
 
     def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
         """Continue after a restart, from the positions of all files in a checkpoint.
-
-        Args:
-            run: that was restarted.
-            cursor: of `cursor`, by the names of files.
 
         Raises:
             InputError: the checkpoint is of a recording with other files.
@@ -199,15 +174,10 @@ class Recording:
             output.resume(run, cursor[name])
 
     def cursor(self) -> dict[str, Any]:
-        """Positions in all files, for a checkpoint."""
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: Run, last: bool) -> None:
         """Record the state of a run in all files where it is due.  Collective.
-
-        Args:
-            run: whose present state is written.
-            last: True for the last state of the run, which is written to all files.
 
         Raises:
             OutputFailure: a file cannot be written.
@@ -258,9 +228,6 @@ class Recording:
         The status is "finished", "stopped", or "stopped: " with the message of the error that is
         being raised.
 
-        Args:
-            run: that ends at its time `run.time` [s]; it should have reached `run.until` [s].
-
         Raises:
             OutputFailure: a field file cannot be closed.
             InputError: `run.json` cannot be written.
@@ -286,9 +253,6 @@ class Recording:
 
     def _prepare(self, run: Run) -> None:
         """Make the outputs, and the part of run.json that does not change.  Collective.
-
-        Args:
-            run: that begins, with its scene and initial state.
 
         Raises:
             InputError: a body of `fields` is not in the scene, or the folder cannot be written.
@@ -320,12 +284,7 @@ class Recording:
             self._about["groups"] = groups_of(films)[0]
 
     def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
-        """The outputs of fields by the names of bodies: one for each body on a mesh.
-
-        Args:
-            run: with the bodies of the scene.  A body without an entry in `self.fields` gets
-                default fields.
-        """
+        """The outputs of fields by the names of bodies: one for each body on a mesh."""
         outputs: dict[str, VTX | VTU] = {}
         kind: type[VTX] | type[VTU] = VTX
         if self.format == "vtu":
@@ -351,10 +310,6 @@ class Recording:
 
         These are tables of gas states, area fractions of films, positions of points, frames of
         solids, the user's probes, ends of connectors, tensions, and the energy balance.
-
-        Args:
-            run: with the scene.
-            films: the films of the scene.
 
         Raises:
             InputError: a probe, a film or a name of a file is refused by the table that it is for.
@@ -471,11 +426,7 @@ class _Coordinate:
 
 
 def _tension_columns(run: Run) -> dict[str, Probe]:
-    """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones.
-
-    Args:
-        run: with the scene, whose cables, beams, tapes, springs, ropes and tethers have columns.
-    """
+    """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones."""
     lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
     if not lines:
         return {}
@@ -493,12 +444,7 @@ def _tension_columns(run: Run) -> dict[str, Probe]:
 
 
 def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
-    """Names of the fields of a body that are recorded if none were asked for.
-
-    Args:
-        body: a body on a mesh; films have stress, strain and state in addition to the displacement.
-        run: whose chambers show whether the film encloses gas, which has a pressure.
-    """
+    """Names of the fields of a body that are recorded if none were asked for."""
     if not isinstance(body, Membrane):
         return ("displacement",)
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]

@@ -172,12 +172,7 @@ def read_run_file(folder: Path) -> dict[str, Any]:
 
 
 def _rename_old_keys(about: Any) -> None:
-    """Give the statistics of an older version their present names, in place.
-
-    Args:
-        about: contents of a run.json, not checked yet: contents of other structure are left as they
-            are.
-    """
+    """Give the statistics of an older version their present names, in place."""
     # Not yet checked: the file may hold anything.
     if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
         return
@@ -196,9 +191,6 @@ def _check_kind(
     """Raise `InputError` unless a value of a JSON file has the expected structure.
 
     Args:
-        path: of the file, for messages.
-        where: what the value is in the file, for messages.
-        value: as read from JSON.
         kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
             or `Each`, `Several` or `Row` of kinds.
 
@@ -249,15 +241,7 @@ def _refuse_unless(
     value: Any,
     expected: str,
 ) -> None:
-    """Raise `InputError` unless a value of a run.json is right.
-
-    Args:
-        right: whether it is.
-        path: of the file, for the message.
-        where: key of the value, for the message.
-        value: as it was read; the message shows at most 60 characters of it.
-        expected: what it must be, in words.
-    """
+    """Raise `InputError` unless a value of a run.json is right."""
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."

@@ -51,7 +51,6 @@ class Series:
         """Nothing to prepare; rows of an earlier run with the same series are kept."""
 
     def record(self, run: Run, last: bool) -> None:
-        """Add a row with the present values."""
         row = [run.time]
         for name, probe in self.probes.items():
             row.append(evaluate_probe(run, f"Probe '{name}'", probe))

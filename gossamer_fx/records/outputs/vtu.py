@@ -72,20 +72,6 @@ class VTU(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments of an output of fields as VTU files; no file is made before the first
-        record.
-
-        Args:
-            path: of the list of the files, ending in `.pvd`.
-            body: a body on a mesh; None: the only one of the scene.
-            fields: names of fields, e.g. "stress1".
-            every: number of steps between two records.
-            times: of records [s], in place of `every`.
-
-        Raises:
-            InputError: the path does not end in `.pvd`, `fields` is a word, `every` is below 1, or
-                a time is negative.
-        """
         super().__init__(path, body, fields, every, times)
         self._times: list[float] = []
         self._ranks: list[int] = []  # number of files of each record
@@ -97,14 +83,10 @@ class VTU(FieldOutput):
 
     @property
     def writes(self) -> Sequence[Path]:
-        """Files that no other run may write."""
         return [self.path, self.folder]
 
     def open(self, run: Run) -> None:
         """Check the request, and number the points that this rank writes.  Collective.
-
-        Args:
-            run: that begins, with the bodies of its scene.
 
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
@@ -125,10 +107,6 @@ class VTU(FieldOutput):
 
     def record(self, run: Run, last: bool) -> None:
         """Write the fields of the state if they are due.  Collective.
-
-        Args:
-            run: whose present state is written.
-            last: True for the last state of the run, which is always written.
 
         Raises:
             OutputFailure: a file cannot be written; earlier records are whole.
@@ -195,11 +173,6 @@ class VTU(FieldOutput):
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove records after the cursor.  Collective.
-
-        Args:
-            run: that continues.
-            cursor: position that `cursor` returned: number of records, and time of the last one
-                [s].
 
         Raises:
             InputError: a file of a record before the cursor is gone, or the list was replaced.

@@ -165,9 +165,6 @@ def read_vtu(path: Path) -> Grid:
 def _values(element: ElementTree.Element) -> npt.NDArray:
     """The values (n,) or (n, k) of an array in a VTU file, of the type that is written in it.
 
-    Args:
-        element: `DataArray` of the file, with compressed values in base 64.
-
     Raises:
         ValueError: its length is not that of its header, or it is not in base 64.
         KeyError: it is of a type that this package does not write, or an attribute is missing.

@@ -64,20 +64,6 @@ class VTX(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments of an output of fields by ADIOS2; the file is made at the first
-        record.
-
-        Args:
-            path: of the file, ending in `.bp`.
-            body: a body on a mesh; None: the only one of the scene.
-            fields: names of fields, e.g. "stress1".
-            every: number of steps between two records.
-            times: of records [s], in place of `every`.
-
-        Raises:
-            InputError: the path does not end in `.bp`, `fields` is a word, `every` is below 1, or a
-                time is negative.
-        """
         super().__init__(path, body, fields, every, times)
         self._writer: VTXWriter | None = None
         self._segment = 0  # number of the segment that is or was written last
@@ -86,14 +72,10 @@ class VTX(FieldOutput):
 
     @property
     def writes(self) -> Sequence[Path]:
-        """Files that no other run may write."""
         return [self.path]
 
     def open(self, run: Run) -> None:
         """Check the request, and make functions of the fields.  Collective.
-
-        Args:
-            run: that begins, with the bodies of its scene.
 
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
@@ -105,10 +87,6 @@ class VTX(FieldOutput):
 
     def record(self, run: Run, last: bool) -> None:
         """Write the fields of the state if they are due.  Collective.
-
-        Args:
-            run: whose present state is written.
-            last: True for the last state of the run, which is always written.
 
         Raises:
             OutputFailure: the file cannot be written; earlier records are whole.
@@ -169,9 +147,6 @@ class VTX(FieldOutput):
     def close(self, run: Run) -> None:
         """Close the file; a run that continues begins the next segment (another file).  Collective.
 
-        Args:
-            run: that ends, also after a failure.
-
         Raises:
             OutputFailure: the last data cannot be written.
         """
@@ -214,11 +189,6 @@ class VTX(FieldOutput):
         A segment is the file of one run, `film.bp`, and of each restart, `film_0001.bp`.
         Collective.
 
-        Args:
-            run: that continues.
-            cursor: position that `cursor` returned: number of the segment, its records and lengths
-                [bytes], and time of the last record [s].
-
         Raises:
             InputError: the file of the cursor is gone or was replaced, or the request is wrong.
         """
@@ -231,9 +201,6 @@ class VTX(FieldOutput):
 
     def _cut(self, cursor: dict[str, Any]) -> None:
         """Remove what came after a cursor: the end of its segment, and later segments.  On rank 0.
-
-        Args:
-            cursor: position in the output, as `cursor` returned it before the checkpoint.
 
         Raises:
             InputError: the segment is gone, shorter than it was, or was replaced.

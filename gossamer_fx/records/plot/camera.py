@@ -218,9 +218,7 @@ def _image(
 
     Args:
         canvas: empty, of the size of the image [pixels].
-        parts: triangles, in pixels of the canvas.
         palette: colours (kinds, 256, 3) by brightness, 0 to 255.
-        opacity: share of light that a layer absorbs, above 0, at most 1.
 
     Returns:
         red, green and blue (height, width, 3) in [0, 1] on white.
@@ -286,7 +284,6 @@ def _balls(centres: Array, kind: int) -> _Triangles:
 
     Args:
         centres: (k, 3) [pixels]: to the right, down and away from the eye.
-        kind: row of the palette for dots.
 
     Returns:
         24 k triangles with their brightness.

@@ -261,10 +261,6 @@ def _lines(
     Args:
         t: times (n,), in the unit of the time axis.
         curves: values (n,) by name, in `unit`; those below 1e-6 of the largest are left out.
-        colours: of matplotlib, by the names of the curves.
-        title: of the panel, without the unit.
-        unit: SI unit of the values, which gets a prefix.
-        axes: of matplotlib, on which the panel is drawn.
     """
     peaks = {name: float(abs(values).max()) for name, values in curves.items()}
     largest = max(peaks.values())
@@ -297,7 +293,6 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
     Args:
         t: times (n,), in the unit of the time axis.
         shares: of "taut", "wrinkled" and "slack", (n,) each, from 0 to 1.
-        axes: of matplotlib, on which the panel is drawn.
     """
     colours = [STATE_COLOURS[STATES[name]] for name in shares]
     percent = [100 * values for values in shares.values()]
@@ -320,7 +315,6 @@ def _errors(t: Array, errors: Tables, axes: Axes) -> None:
     Args:
         t: times (n,), in the unit of the time axis.
         errors: relative closing errors (n,) of energy and gas mass, by name.
-        axes: of matplotlib, on which the panel is drawn.
     """
     ends: dict[str, tuple[float, str]] = {}
     axes.set_yscale("log")
@@ -352,9 +346,7 @@ def _probes(
 
     Args:
         t: times (n,), in the unit of the time axis.
-        title: of the panel, with the unit.
         curves: values (n,) by the words at their ends, e.g. "x"; an empty name is not written.
-        axes: of matplotlib, on which the panel is drawn.
     """
     ends: dict[str, tuple[float, str]] = {}
     for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
@@ -374,10 +366,7 @@ def _overlay(
 
     Args:
         probes: columns of the table of probes, with "time" [s].
-        name: of the column, with its unit.
         series: measured, with times [s] and values in the unit of the probe.
-        second: seconds in a unit of the time axis.
-        axes: of matplotlib, on which the panel is drawn.
     """
     unit = _UNIT.search(name)
     words = "" if unit is None else f" {unit[1]}"

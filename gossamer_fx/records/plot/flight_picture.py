@@ -81,17 +81,6 @@ class FlightPicture(DrawnRun):
         probes: Mapping[str, Probe],
         title: str = "",
     ) -> None:
-        """Check the ending of the path and that all probes can be called.
-
-        Args:
-            path: of the PNG.
-            orbit: the orbit of the scene.
-            probes: functions of the run that return a number, by the labels of their curves.
-            title: a line on top.
-
-        Raises:
-            InputError: the path does not end in `.png`, or a probe is not a function.
-        """
         super().__init__(path)
         self.orbit = orbit
         self.probes = dict(probes)
@@ -152,7 +141,6 @@ class FlightPicture(DrawnRun):
         kilometres.
 
         Args:
-            axes: of matplotlib, on which it is drawn.
             table: recorded columns (n,): position of the origin and of the Sun from the attracting
                 centre [m], and the part of the Sun that is seen.
         """
@@ -212,8 +200,6 @@ def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
     them.
 
     Args:
-        axes: of matplotlib, on which it is drawn.
-        run: reads the recording, with the shapes.
         table: recorded columns (n,): positions of the origin and of the Sun from the attracting
             centre [m], and the velocity of the origin [m/s].
     """
@@ -243,13 +229,8 @@ def _draw_direction(
     """Draw an arrow along a direction in space, from the middle of an image.
 
     Args:
-        axes: of matplotlib, with the image.
-        camera: by which the image was drawn.
         image: (height, width, 3).
-        name: written at the tip; "towards us" or "away from us" is added where the arrow is short.
         direction: (3,) in space, of any length and unit, not zero.
-        colour: of matplotlib.
-        length: of the arrow over the largest that fits into the image.
     """
     height, width = image.shape[:2]
     middle = (width / 2, height / 2)
@@ -271,15 +252,7 @@ def _draw_arrow(
     name: str,
     colour: Any,
 ) -> None:
-    """Draw an arrow between two points of a picture, with a name beyond its tip.
-
-    Args:
-        axes: of matplotlib.
-        start: in the coordinates of the axes.
-        tip: in the coordinates of the axes.
-        name: next to the tip, on the side to which the arrow points.
-        colour: of matplotlib.
-    """
+    """Draw an arrow between two points of a picture, with a name beyond its tip."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)
     # Next to the tip: an arrow that points to the right has its name on the right.

@@ -122,9 +122,6 @@ def _parts(heading: str) -> tuple[str, str | None]:
 def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
     """Headings and numbers of a CSV file; empty cells are NaN.
 
-    Args:
-        path: of the file, separated by commas or semicolons.
-
     Returns:
         k headings, and rows of k numbers as they are in the file.
 
@@ -164,11 +161,6 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
 
 def _number(cell: str, path: Path, line: int) -> float:
     """A finite number, or NaN for an empty cell.
-
-    Args:
-        cell: text of a CSV file.
-        path: of the file, for the message.
-        line: number of the row in the file, for the message.
 
     Raises:
         InputError: the text is not a finite number.

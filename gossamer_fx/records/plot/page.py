@@ -207,9 +207,6 @@ def _image_height(
     """Height of an image [inches] that is as wide as its column, or as high as the rows allow.
 
     Args:
-        views: images of one size; their ratio of width to height counts.
-        rows: of images on the page.
-        columns: of images on the page.
         page_width: [inches].
     """
     width = page_width / columns - _GAP
@@ -223,8 +220,6 @@ def _wrapped_captions(views: Views, columns: int, page_width: float) -> list[str
     """The captions in lines that are no wider than a column of images.
 
     Args:
-        views: images with captions.
-        columns: of images on the page.
         page_width: [inches].
     """
     letters = max(int((page_width / columns - _GAP) / _LETTER), 1)
@@ -235,8 +230,6 @@ def _caption_height(views: Views, columns: int, page_width: float) -> float:
     """Height [inches] of the captions above a row of images.
 
     Args:
-        views: images with captions.
-        columns: of images on the page.
         page_width: [inches].
     """
     captions = _wrapped_captions(views, columns, page_width)
@@ -254,10 +247,6 @@ def _frames(
     """Empty axes with captions, for the images, from the upper left.
 
     Args:
-        part: part of the figure of matplotlib that the images fill.
-        views: images of one size, with captions.
-        rows: of images.
-        columns: of images; rows × columns is at least the number of images.
         page_width: [inches].
     """
     grid = part.subplots(rows, columns, squeeze=False).ravel()
@@ -273,11 +262,6 @@ def _frames(
 
 def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
     """Draw images to whole pixels in the rectangles that the layout has found.
-
-    Args:
-        figure: of matplotlib, whose layout is made.
-        frames: axes, one for each image, whose rectangles count.
-        views: draws the images at a number of pixels per metre.
 
     Returns:
         where the first image is, and its scale [pixels/m].
@@ -304,7 +288,6 @@ def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
     """Draw names and colours at the left end of the line above the images, or a bar of a scale.
 
     Args:
-        header: axes of that line.
         key: colours of matplotlib by name, or a scale of colours for numbers.
     """
     from matplotlib.patches import Patch
@@ -341,8 +324,6 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
     long.
 
     Args:
-        header: the axes of that line.
-        scale: pixels per metre.
         width: of an image [m].
     """
     from matplotlib.transforms import IdentityTransform
@@ -376,13 +357,7 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
 
 
 def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
-    """Draw all panels of curves in a grid.
-
-    Args:
-        part: part of the figure of matplotlib that the panels fill.
-        curves: panels, at least one, and their time axis.
-        rows: of the grid.
-    """
+    """Draw all panels of curves in a grid."""
     columns = math.ceil(len(curves.panels) / rows)
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(curves.panels) :]:

@@ -50,7 +50,6 @@ class DrawnRun:
     times: Sequence[float] = ()
 
     def __init__(self, path: str | Path) -> None:
-        """Check the ending of the path; the recording is made when a run begins."""
         self.path = Path(path)
         self._recording: Recording | None = None
         check(
@@ -65,14 +64,10 @@ class DrawnRun:
 
     @property
     def writes(self) -> Sequence[Path]:
-        """Files and folders that no other run may write."""
         return [self.path, self.folder]
 
     def open(self, run: Run) -> None:
         """Make the recording.  Collective.
-
-        Args:
-            run: that begins.
 
         Raises:
             InputError: the folder cannot be written, or this Python cannot read a recording.
@@ -92,7 +87,6 @@ class DrawnRun:
         self._recording.open(run)
 
     def record(self, run: Run, last: bool) -> None:
-        """Record the state where it is due; `last`: in any case."""
         assert self._recording is not None
         self._recording.record(run, last)
 
@@ -100,9 +94,6 @@ class DrawnRun:
         """Close the recording, and draw the picture on rank 0.  Collective.
 
         Nothing is drawn if no state was recorded.
-
-        Args:
-            run: that ends; one that was stopped before its end time gets its last state recorded.
 
         Raises:
             OutputFailure: a file cannot be written.
@@ -167,21 +158,6 @@ class Picture(DrawnRun):
         section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
-        """Check the arguments of a picture that is drawn at the end of a run.
-
-        Args:
-            path: of the file, ending in `.png`.
-            times: at which the films are drawn [s]; empty: the start and the end.
-            title: a line on top.
-            view: camera and transparency; None: chosen from the shapes.
-            section: point [m] and normal of a plane that cuts the films; None: their surfaces are
-                drawn.
-            colour: "state" or "group".
-
-        Raises:
-            InputError: the path does not end in `.png`, more than 24 times, a negative time, an
-                unknown `colour`, or a section that is not a point and a normal.
-        """
         super().__init__(path)
         self.title = title
         self.view = view or View()
@@ -228,9 +204,6 @@ class Picture(DrawnRun):
     def _views(self, run: RunReader) -> Views | None:
         """The shapes or sections to draw; None for a run without recorded states.
 
-        Args:
-            run: reads the recording.
-
         Raises:
             InputError: the recording cannot be read.
         """
@@ -249,11 +222,7 @@ class Picture(DrawnRun):
 
     def _frames(self, run: RunReader) -> list[int]:
         """Indices of the states to draw: those that were asked for, and the last one of a stopped
-        run.
-
-        Args:
-            run: reads the recording; the list is empty if it has no states.
-        """
+        run."""
         count = len(run.times)
         if count == 0:
             return []

@@ -51,13 +51,6 @@ class PlaneCut:
     """
 
     def __init__(self, run: RunReader, point: Vector, normal: Vector) -> None:
-        """Choose axes (3, 3) of the picture, one a row: to the right, up, and towards the eye.
-
-        Args:
-            run: reads a recorded run whose films have the field "group".
-            point: of the plane, (3,) [m].
-            normal: of the plane, (3,), of any length but zero; it points towards the eye.
-        """
         self._run = run
         self._point = np.asarray(point, dtype=float)
         towards = unit(np.asarray(normal, dtype=float))
@@ -200,7 +193,6 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
 
     Args:
         ends: numbers of points (m, 2) of each line.
-        count: of the points.
 
     Yields:
         the numbers of k connected lines, and of the k + 1 points from one end of the chain to the

@@ -400,14 +400,7 @@ def _camera_for_all(
     colours: Colouring,
     view: View,
 ) -> Camera:
-    """A camera for one picture at a time, which sees the whole run, or follows each shape.
-
-    Args:
-        run: reads a recorded run.
-        field: name of a recorded field, which gives the colours of the shapes.
-        colours: of the field.
-        view: choices of the user; with `follow` the size is that of the largest shape.
-    """
+    """A camera for one picture at a time, which sees the whole run, or follows each shape."""
     shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
     if not view.follow:
         # A camera that stands still sees all points of the run as those of one shape.
@@ -428,12 +421,7 @@ def _images(
     in.
 
     Args:
-        run: reads a recorded run.
-        field: name of a recorded field.
-        colours: of the field.
         camera: which sees all frames, or is moved with each shape.
-        frames: indices of the states in `run.times`.
-        follow: whether the camera is moved so that each shape is in the middle.
 
     Yields:
         bytes (height, width, 3), with even numbers of rows and columns.
@@ -489,7 +477,6 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     """Write a GIF.
 
     Args:
-        path: of the file.
         images: bytes (height, width, 3), all of one size, at least one.
         pause: between two frames [s]; at least 0.02 s are written.
 
@@ -523,11 +510,7 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
     255.
 
     Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred
-    stay blue.  White is left out, which is a colour of the palette by itself.
-
-    Args:
-        frames: images of Pillow.  The list is empty if nothing is drawn on them.
-    """
+    stay blue.  White is left out, which is a colour of the palette by itself."""
     from PIL import Image
 
     step = 8 - _COLOUR_BITS
@@ -574,9 +557,7 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
     """Write an MP4 by the program ffmpeg, which is installed.
 
     Args:
-        path: of the file.
         images: bytes (height, width, 3), all of one size with even numbers, at least one.
-        rate: frames a second.
 
     Raises:
         OutputFailure: ffmpeg failed; the text contains its last message.

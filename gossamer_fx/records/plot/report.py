@@ -140,9 +140,6 @@ class InlineReport:
 def _check_recorded(run: RunReader) -> None:
     """Refuse a run that has made no step.
 
-    Args:
-        run: reads a recorded run.
-
     Raises:
         InputError: the run has no ledger, the table of energies with a row for each step.
     """
@@ -154,9 +151,6 @@ def _check_recorded(run: RunReader) -> None:
 
 def _page(run: RunReader) -> Iterable[str]:
     """Yield the lines of the HTML page of a report.
-
-    Args:
-        run: reads a recorded run, which has a ledger; texts from it are escaped.
 
     Raises:
         InputError: the files of the run cannot be read.
@@ -213,11 +207,7 @@ def _json(data: Any) -> str:
 
 
 def _status(about: Mapping[str, Any]) -> str:
-    """The HTML paragraph that states how the run ended.
-
-    Args:
-        about: contents of its run.json: times in s, energies in J, errors relative.
-    """
+    """The HTML paragraph that states how the run ended."""
     status = about["status"]
     numbers = about["statistics"]
     if "result" in about:
@@ -255,7 +245,6 @@ def _image(draw: Callable[[Path, float], None], words: str) -> str:
 
     Args:
         draw: writes a PNG to a path, for a page of a width [inches].
-        words: alternative text.
     """
     sources = []
     for width in (WIDTH, _NARROW_WIDTH):
@@ -280,11 +269,7 @@ def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
 
 
 def _prestress(parts: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, ...]]:
-    """Rows of the prestress that was asked for and reached, with the unit of each part.
-
-    Args:
-        parts: "prestress" of run.json, by the names of films, cables and beams.
-    """
+    """Rows of the prestress that was asked for and reached, with the unit of each part."""
     for name, part in parts.items():
         share = "-"
         # The file may come from a stranger.

@@ -75,14 +75,7 @@ class RunReader:
         """Open all files of a run; its times are those at which every body was written.
 
         Optional tables that the run did not write (points, solids, connector lines) count as empty;
-        a missing or damaged run.json or field file is an error.
-
-        Args:
-            folder: of the run, as `Recording` wrote it.
-
-        Raises:
-            InputError: it is not the folder of a run, or its files cannot be read.
-        """
+        a missing or damaged run.json or field file is an error."""
         self.folder = Path(folder)
         self.about = read_run_file(self.folder)
         self.fields: dict[str, list[str]] = self.about["fields"]
@@ -178,10 +171,6 @@ class RunReader:
 
     def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
         """Times of a table, and its other columns as vectors.
-
-        Args:
-            name: of the file in the folder of the run, e.g. "points.csv".
-            size: numbers in a vector.
 
         Returns:
             times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
@@ -313,8 +302,6 @@ class RunReader:
         """Rows of the table of colours (n,) of lines by their mean tension, INK for other fields.
 
         Args:
-            names: of the connectors, cables or beams to which the n lines belong.
-            field: by which the picture is coloured.
             time: of a recorded state [s].
             kinds: function that returns rows of the table for values (n,) of the field.
         """
@@ -421,11 +408,7 @@ class RunReader:
 
 
 def _names_of_lines(table: Tables) -> list[str]:
-    """Names (n,) of the connectors to which the lines of lines.csv belong.
-
-    Args:
-        table: lines.csv, whose columns are called "NUMBER NAME ax" and so on; may be empty.
-    """
+    """Names (n,) of the connectors to which the lines of lines.csv belong."""
     firsts = [column for column in table if column not in ("time", "step")][::_LINE_PARTS]
     return [column.partition(" ")[2].removesuffix(" ax") for column in firsts]
 
@@ -489,15 +472,6 @@ class RecordedBody:
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        """Open the field files of a body, one for each part of a run that was restarted.
-
-        Args:
-            folder: of the field files, which are BP files of ADIOS2, or VTU files with their list.
-            name: of the body.
-
-        Raises:
-            InputError: there is no file, or one cannot be read.
-        """
         path = folder / f"{file_name(name)}.bp"
         self.segments: list[FieldFile] = [AdiosFile(one) for one in segments(path)]
         listed = path.with_suffix(".pvd")
@@ -594,14 +568,6 @@ class VtuFiles(FieldFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """Read times [s] and mesh; fields are read when they are asked for.
-
-        Args:
-            path: of the PVD file, which lists the VTU files.
-
-        Raises:
-            InputError: a file is missing or damaged, or the list is empty.
-        """
         self._path = path
         entries = read_pvd(path)
         times = sorted({entry.time for entry in entries})
@@ -638,7 +604,6 @@ class VtuFiles(FieldFile):
 
         Args:
             name: of a field, in its SI unit; "points" are the positions [m].
-            step: index of the time.
 
         Raises:
             InputError: a file lacks the array, or has another number of points than the first step.
@@ -676,15 +641,6 @@ class AdiosFile(FieldFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """Read times [s] and mesh of a file; fields are read when they are asked for.
-
-        Args:
-            path: of the BP file.
-
-        Raises:
-            InputError: the file cannot be read, is damaged or has fewer steps than were written, or
-                this Python has no ADIOS2.
-        """
         self._path = path
         adios2 = adios2_for(path)
         noted = noted_steps(path)

@@ -102,10 +102,6 @@ def unit_factor(unit: str, wanted: str, where: str) -> float:
 def _decomposed(unit: str) -> tuple[dict[str, int], float]:
     """Powers of the units of SI in a product of units, and its size in them.
 
-    Args:
-        unit: products by blanks and quotients by "/", e.g. "N mm/s²".  An unknown name counts as a
-            unit by itself.
-
     Returns:
         powers by unit, e.g. {"N": 1, "m": 1, "s": -2}, and the factor 1e-3.
     """

@@ -131,14 +131,7 @@ def _chosen_frames(
     colour_bytes: int,
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many
-    bytes.
-
-    Args:
-        run: reads a recorded run.
-        files_of_frame: files of all bodies in each recorded state; a restart begins others.
-        surfaces: the thinned mesh in each file.
-        colour_bytes: bytes of all colours of a triangle in one state.
-    """
+    bytes."""
     sizes = [
         sum(
             surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
@@ -152,12 +145,7 @@ def _chosen_frames(
 
 
 def _box_around(run: RunReader, frames: list[int]) -> _Box:
-    """The smallest box [m] around bodies, solids and connectors in some frames.
-
-    Args:
-        run: reads a recorded run.
-        frames: numbers of recorded states, at least one.
-    """
+    """The smallest box [m] around bodies, solids and connectors in some frames."""
     lows = []
     highs = []
     for frame in frames:
@@ -184,10 +172,6 @@ def _part(
     """Some recorded states with the same mesh, as data for `viewer.js`.
 
     Args:
-        run: reads a recorded run.
-        surfaces: thinned meshes of its bodies, in the order of the bodies.
-        frames: numbers of the states.
-        fields: names and colours of the fields that can be chosen.
         box: around the whole run [m], of which positions are fractions.
 
     Returns:
@@ -251,14 +235,7 @@ def _piece_values(
     step: int,
     has_field: bool,
 ) -> Array:
-    """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it.
-
-    Args:
-        surface: thinned mesh of a film, with n triangles.
-        field: name of the field, in its SI unit.
-        step: index of the time in the file of the surface.
-        has_field: whether the field was recorded for this film.
-    """
+    """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it."""
     if not has_field:
         return np.full((len(surface.origin), 3), np.nan)
     corners = surface.file.pieces[surface.origin]
@@ -274,7 +251,6 @@ def _thinned(file: FieldFile, most: int) -> _Surface:
 
     Args:
         file: mesh and positions [m] of a body.
-        most: number of vertices at which no more are joined.
     """
     vertices, first_corner = np.unique(file.vertices.ravel(), return_index=True)
     points = file.pieces.ravel()[first_corner]
@@ -304,7 +280,6 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
     """A field in the list of those that can be shown, as data for `viewer.js`.
 
     Args:
-        name: of the field.
         colours: its table (kinds, 3), and its key: a scale or names of kinds.
 
     Returns:

@@ -97,9 +97,6 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
 def _earlier_export(folder: Path) -> list[Path]:
     """All that an earlier export has left in a folder: lists, and folders of the files they list.
 
-    Args:
-        folder: exists; it may be empty.
-
     Raises:
         InputError: the folder holds anything else, or its list of files is damaged.
     """
@@ -132,10 +129,6 @@ def _part_name(body: str) -> str:
 
 def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
     """The parts of the scene in a recorded state, by names of files.
-
-    Args:
-        run: reads a recorded run.
-        frame: index of the state in `run.times`.
 
     Yields:
         Name of the file without its ending, and points (p, 3) [m], cells and arrays at points in SI

@@ -85,16 +85,6 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        """Check axis and body, and find the number of the body among those of the contact.
-
-        Args:
-            contact: of the scene.
-            body: a film, cable, beam or obstacle of this contact.
-            axis: "x", "y" or "z".
-
-        Raises:
-            InputError: another axis, or a body that is not in the contact.
-        """
         check(
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",

@@ -35,14 +35,6 @@ class Crossings:
     """
 
     def __init__(self, *bodies: Membrane) -> None:
-        """Check the films; surfaces are built when the probe is first called.
-
-        Args:
-            bodies: films whose intersections are counted, one or more.
-
-        Raises:
-            InputError: no film is given, one is given twice, or something else is given.
-        """
         check(bool(bodies), "Crossings: there is no film; give one or several.")
         for k, film in enumerate(bodies):
             check(

@@ -51,7 +51,6 @@ class OrbitState:
     """
 
     def __init__(self, orbit: Orbit, quantity: str) -> None:
-        """Check the name of the quantity."""
         check(
             quantity in ORBITAL,
             f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
@@ -97,7 +96,6 @@ class SunAngle:
     """
 
     def __init__(self, orbit: Orbit, of: Membrane | Port) -> None:
-        """Check that there is a direction: a film's normal or a port's vector."""
         check(
             isinstance(of, Membrane | Port),
             f"SunAngle of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -133,16 +131,6 @@ class Attitude:
     NAMES = ("outward", "along", "across")
 
     def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
-        """Check the arguments of the probe of an angle [rad] to an axis of the orbit.
-
-        Args:
-            orbit: the orbit of the scene.
-            of: a film, whose mean normal counts, or a director of a body.
-            axis: "outward", "along" or "across" the orbit.
-
-        Raises:
-            InputError: `of` is neither a film nor a port, or `axis` is another word.
-        """
         check(
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -190,17 +178,6 @@ class LoadResultant:
         action: str,
         axis: str,
     ) -> None:
-        """Check the arguments of the probe of a load's force [N] or torque [N m].
-
-        Args:
-            orbit: the orbit of the scene.
-            load: name of a load; it is looked up when the probe is called.
-            action: "force" or "torque".
-            axis: "x", "y" or "z".
-
-        Raises:
-            InputError: `action` or `axis` is another word.
-        """
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,

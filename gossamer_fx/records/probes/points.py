@@ -147,7 +147,6 @@ class GasState:
     """
 
     def __init__(self, chamber: Volume, quantity: str) -> None:
-        """Check the name of the quantity."""
         check(
             quantity in GAS,
             f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.",
@@ -188,7 +187,6 @@ class AreaFraction:
     """
 
     def __init__(self, body: Membrane, state: str) -> None:
-        """Check the name of the state; forms are compiled when the probe is first called."""
         check(
             state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
         )
@@ -220,7 +218,6 @@ class AngularVelocity:
     """
 
     def __init__(self, frame: Frame, axis: str) -> None:
-        """Check the axis, and take the directors of the frame."""
         check_axis(axis)
         self.axis = axis
         self._directors = [port for port in frame.directors if isinstance(port, Port)]

@@ -39,15 +39,6 @@ class AngularMomentum:
     unit = "kg m²/s"
 
     def __init__(self, axis: str, *, frame: Frame | None = None) -> None:
-        """Check the arguments; nothing is computed before the first call.
-
-        Args:
-            axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
-            frame: with three directors, of a body or of the ground; None: axes of space.
-
-        Raises:
-            InputError: the axis is unknown, or the frame has two directors only.
-        """
         check_axis(axis)
         check(
             frame is None or len(frame.directors) == 3,
@@ -86,7 +77,6 @@ class Nutation:
     unit = "rad"
 
     def __init__(self, frame: Frame) -> None:
-        """Check that the frame has a third axis."""
         check(
             len(frame.directors) == 3,
             "Nutation: the frame has no third axis; give one with three directors.",

@@ -41,15 +41,6 @@ class MeanSpin:
     """
 
     def __init__(self, body: Body, axis: str = "z") -> None:
-        """Check the arguments of the probe of a body's mean spin [rad/s].
-
-        Args:
-            body: a film, plate, cable, beam or mass.
-            axis: of the rotation, "x", "y" or "z".
-
-        Raises:
-            InputError: `body` is not a body, or `axis` is not "x", "y" or "z".
-        """
         check(
             is_body(body), f"MeanSpin: {body!r} is not a body; give a film, plate, cable or beam."
         )
@@ -110,9 +101,7 @@ class MeanSpin:
         All other bodies have zero: what the mass matrix couples to the body does not count.
 
         Args:
-            system: the compiled scene.
             values: (n, 2) of this rank's n vectors (positions and directors), e.g. in m or m/s.
-            plane: the two axes, of 0, 1 and 2.
 
         Returns:
             products (n, 2), in the unit of the values times kg.
@@ -150,16 +139,6 @@ class PolarPosition:
     """
 
     def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
-        """Check the arguments of the probe of a point's radius [m] or angle [rad] about an axis.
-
-        Args:
-            port: the point.
-            frame: with three directors; the axis is the third one.
-            quantity: "radius" or "angle".
-
-        Raises:
-            InputError: `quantity` is not "radius" or "angle", or the frame has two directors only.
-        """
         check(
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",

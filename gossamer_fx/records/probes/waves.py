@@ -61,20 +61,6 @@ class Waves:
         part: str = "cosine",
         quantity: str = "height",
     ) -> None:
-        """Check the arguments of the probe of waves around an axis, and compute the Fourier
-        weights.
-
-        Args:
-            ports: N points at even angles around the axis.
-            frame: with three directors; the axis is the third one.
-            number: of waves around the axis, 0 to N/2.
-            part: "cosine" or "sine".
-            quantity: "height" along the axis, or "radius" from it [m].
-
-        Raises:
-            InputError: fewer than 3 points, `number` is not from 0 to N/2, an unknown `part` or
-                `quantity`, or a frame with two directors only.
-        """
         count = len(ports)
         check(count >= 3, f"Waves: {count} points do not show waves; give at least 3.")
         check(
@@ -126,15 +112,6 @@ class Imbalance:
     unit = "1"
 
     def __init__(self, ports: Sequence[Port], frame: Frame) -> None:
-        """Check the arguments; nothing is computed before the first call.
-
-        Args:
-            ports: points whose distances from the third axis of the frame are compared, at least 2.
-            frame: with three directors.
-
-        Raises:
-            InputError: fewer than 2 points, or the frame has two directors only.
-        """
         check(len(ports) >= 2, f"Imbalance: {len(ports)} points have none; give at least 2.")
         check(
             len(frame.directors) == 3,

@@ -124,20 +124,6 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
-        """Check the arguments of the writer of checkpoints; nothing is written before the run
-        begins.
-
-        Args:
-            folder: for the checkpoints.
-            every: number of steps between two checkpoints; None: `minutes` only.
-            minutes: wall time between two checkpoints [min]; None: `every` only.
-            keep: number of checkpoints that are kept.
-            overwrite: whether checkpoints of another run in the folder may be removed.
-
-        Raises:
-            InputError: `every` or `keep` is not an integer of at least 1, or `minutes` is not
-                positive.
-        """
         self.folder = Path(folder)
         self.every = every
         self.minutes = minutes
@@ -160,11 +146,6 @@ class Checkpoints:
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
         """Make the folder; before anything is computed.  Collective.
-
-        Args:
-            run: at its start, or as it was restarted.
-            scene: its description, see `run.same_scene.scene_of`.
-            restart: checkpoint or folder from which the run was restarted, if it was.
 
         Raises:
             InputError: the folder cannot be made or written, or contains checkpoints that would be
@@ -218,10 +199,6 @@ class Checkpoints:
         """Write a checkpoint if it is due; called after the outputs have recorded the step.
         Collective.
 
-        Args:
-            run: after a step.
-            last: whether the run ends with this step.
-
         Raises:
             OutputFailure: the checkpoint could not be written; older ones are unchanged.
         """
@@ -254,10 +231,6 @@ class Checkpoints:
 
         Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
         are too old or of later steps are removed.
-
-        Args:
-            run: with the state, the history variables and the positions of the outputs in their
-                files.
 
         Raises:
             OutputFailure: on all ranks; the incomplete folder is removed.
@@ -312,12 +285,7 @@ class Checkpoints:
             raise
 
     def _remove_old(self, newest: Path) -> None:
-        """Remove all checkpoints except the newest and those that are kept before it; on rank 0.
-
-        Args:
-            newest: folder of the checkpoint that was just written.  Checkpoints of later steps
-                belong to an earlier run and are removed.
-        """
+        """Remove all checkpoints except the newest and those that are kept before it; on rank 0."""
         others = [path for path in complete(self.folder) if path != newest]
         # Later steps belong to a run that this one has replaced.
         earlier = [path for path in others if _step(path) < _step(newest)]
@@ -461,11 +429,6 @@ def read(
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The arrays that this rank reads of a checkpoint, see `_load`.  Collective.
 
-    Args:
-        run: at its start, with the blocks of unknowns.
-        path: folder of the checkpoint.
-        state: contents of its run.json.
-
     Raises:
         InputError: a file is damaged; on all ranks, although one only has read it.
     """
@@ -486,7 +449,6 @@ def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
     """Set coordinates, velocities and other vectors from what all ranks have loaded.  Collective.
 
     Args:
-        run: whose vectors are written to.
         arrays: names of nodes and values of vectors (SI units) that this rank has read, for any
             nodes.
 
@@ -515,7 +477,6 @@ def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
     """Set the history variables in cells from what all ranks have loaded.  Collective.
 
     Args:
-        run: whose arrays are written to.
         arrays: names of cells and their values that this rank has read, e.g. temperatures [K], for
             any cells.
 
@@ -586,11 +547,6 @@ def _damaged(path: Path, reason: str) -> str:
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The shares of a checkpoint that this rank reads; no rank reads all.
-
-    Args:
-        run: at its start, with the blocks of unknowns.
-        path: folder of the checkpoint, which may have been written by more or fewer ranks.
-        state: contents of its run.json, with the checksums of the files.
 
     Returns:
         Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`;
@@ -676,9 +632,6 @@ def _checksum_of(state: dict[str, Any]) -> str:
 
 def _checksum(path: Path) -> list[int]:
     """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256.
-
-    Args:
-        path: of the file.
 
     Raises:
         OSError: it cannot be read.

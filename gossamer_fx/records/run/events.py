@@ -179,16 +179,7 @@ class EventMonitor:
     """
 
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
-        """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective.
-
-        Args:
-            run: at its start.
-            events: `At` and `When` of the user.
-            history: saves and restores the state of the run, for steps that are undone.
-
-        Raises:
-            InputError: something else is among the events, or a probe fails.
-        """
+        """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective."""
         self._run = run
         self._history = history
         for event in events:
@@ -282,9 +273,7 @@ class EventMonitor:
         """Make a step again, with other lengths, until it ends at its first event.  Collective.
 
         Args:
-            stepping: makes steps.
             step: time [s] and values of the probes at the start of the step.
-            passed: events that the step passes in its full length, at least one.
 
         Returns:
             The events that happen at the end that was found; its error is the smallest of their
@@ -347,8 +336,6 @@ class EventMonitor:
         that the probes had there (`_last`).
 
         Args:
-            stepping: makes steps; several, where a step control advances by less than it is asked
-                to.
             step: time [s] and values of the probes at the start of the step.
             length: of the step [s].
 
@@ -368,10 +355,6 @@ class EventMonitor:
     def _act(self, event: Event, words: str) -> None:
         """Log an event and call its action.  Collective.
 
-        Args:
-            event: that happens now; without an action it is only logged.
-            words: for the log.
-
         Raises:
             InputError: the action failed.
         """
@@ -383,12 +366,6 @@ class EventMonitor:
             ask(run.comm, what, lambda: then(run))
 
     def describe(self) -> list[dict[str, Any]]:
-        """Data about the events, which a restart compares with those in a checkpoint.
-
-        Returns:
-            a dictionary for each event: its name and its arguments; `key` is the same for events of
-            the same kind, name and value.  Collective.
-        """
         items = self._run.scene.items
         descriptions = []
         for event in self._events:
@@ -397,8 +374,6 @@ class EventMonitor:
         return descriptions
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint: events that have happened, and values of the
-        probes."""
         keys = [_key(event) for event in self._events]
         return {
             "done": [keys[k] for k in self._done],
@@ -411,9 +386,6 @@ class EventMonitor:
 
         Events are found by their keys, as they may come in another order; a new event has not
         happened, and its probe is evaluated.  Collective.
-
-        Args:
-            state: the lists "done" (keys) and "last" (keys with values).
 
         Raises:
             InputError: the probe of a new event fails.

@@ -131,11 +131,6 @@ def _names_of_multipliers(
 ) -> Names:
     """Names of Lagrange multipliers (m,), each after the first node that its constraint ties.
 
-    Args:
-        system: compiled scene.
-        names: of this rank's nodes of all bodies, integers of 64 bits.
-        constraints: ports that each constraint of this rank ties; one at least is on a body.
-
     Returns:
         integers of 64 bits, the same on any number of ranks.
     """

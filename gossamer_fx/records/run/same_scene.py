@@ -176,8 +176,6 @@ def _compare_meshes(refusal: str, there: Description, here: Description) -> None
     """Check that all meshes have the same cells, and points at the same positions.
 
     Args:
-        refusal: beginning of the message.
-        there: description of the scene in the checkpoint.
         here: description of this scene, with hashes of the cells and moments of the points [m, m²].
 
     Raises:
@@ -204,9 +202,6 @@ def _compare_events(
     """Check that the events are the same, which may come in another order.
 
     Args:
-        refusal: beginning of the message.
-        there: descriptions of the events in the checkpoint.
-        here: descriptions of the events of this run.
         changes: names of events that are meant to be others, or additional, or missing.
 
     Raises:
@@ -240,12 +235,6 @@ def _refuse_difference(
     here: Known,
 ) -> None:
     """Raise `InputError` for the first difference between the arguments of an item or event.
-
-    Args:
-        refusal: beginning of the message.
-        owner: the item or event, in words.
-        there: its description in the checkpoint.
-        here: its description in this scene.
 
     Raises:
         InputError: names the argument and both values; nothing is raised if there is no difference.
@@ -292,13 +281,7 @@ def _differences_of_lists(
     here: Sequence[Known],
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """Yield all differences of two lists; a list of numbers is compared as a vector.
-
-    Args:
-        there: list in the checkpoint.
-        here: list of this scene, of the same length.
-        words: keys that lead to both.
-    """
+    """Yield all differences of two lists; a list of numbers is compared as a vector."""
     if all(map(_is_number, [*there, *here])):
         if not _same_numbers(there, here):
             yield Difference(words, list(there), list(here))
@@ -316,13 +299,8 @@ def _differences_of_dicts(
     here: Description,
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """Yield all differences of two dictionaries: of arguments, a measured position, or an unknown.
-
-    Args:
-        there: dictionary in the checkpoint.
-        here: dictionary of this scene.
-        words: keys that lead to both.
-    """
+    """Yield all differences of two dictionaries: of arguments, a measured position, or an
+    unknown."""
     if UNKNOWN in there and UNKNOWN in here:
         return
     # A position that was computed has a known error, which its description states.
@@ -369,11 +347,6 @@ def _shown(value: Known) -> str:
 
 def _not_compared(here: Description, changes: Sequence[str]) -> str:
     """In words: what could not be compared with a checkpoint, and what is meant to change.
-
-    Args:
-        here: description of this scene; its unknown values are listed, e.g. those that functions of
-            the user read from outside.
-        changes: names of items and events that are meant to be others.
 
     Returns:
         a list in one line; empty if all was compared.

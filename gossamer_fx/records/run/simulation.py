@@ -113,23 +113,8 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective.
-
-        Args:
-            scene: bodies, loads and all other items.
-            stepper: time stepping rule, with its step dt [s].
-            outputs: records of the run.
-            halvings: how often a step that does not converge may be halved.
-            control: adapts the length of steps; None: steps of dt.
-            events: actions at a time, or when a probe passes a value.
-            checkpoints: where and how often the run is saved; None: it is not.
-            restart: a checkpoint, or a folder of them, from which the run continues.
-            changes: names of items and events that may differ from those of the checkpoint.
-
-        Raises:
-            InputError: names what is wrong with the scene, the outputs, the events or the
-                checkpoint; nothing has been computed then.
-        """
+        """Compile the scene and open the outputs; with `restart`, read the checkpoint.
+        Collective."""
         self.outputs = _list_of("outputs", outputs, Output)
         events = _list_of("events", events, object)
         self.scene = scene
@@ -252,7 +237,6 @@ class Simulation:
 
         Args:
             restart: file of the checkpoint, or a folder, of which the newest one is taken.
-            changes: names of the items whose arguments may differ from those in the checkpoint.
 
         Returns:
             Kinds of the outputs, and their positions in their files.
@@ -398,7 +382,6 @@ class Simulation:
 
         Args:
             until: end time [s].
-            signals: listens to signals of the operating system, such as SIGTERM.
 
         Returns:
             the number of the signal that ended the run, or 0.
@@ -429,7 +412,6 @@ class Simulation:
 
         Args:
             milestones: times [s] in increasing order; the last one is the end of the run.
-            signals: listens to signals of the operating system, such as SIGTERM.
 
         Returns:
             the number of the signal that ended the run, or 0; 0 too if an event ended it.
@@ -463,9 +445,6 @@ class Simulation:
 
     def _record(self, last: bool) -> None:
         """Let the outputs record the state, and write a checkpoint if it is due.  Collective.
-
-        Args:
-            last: whether the run ends here.
 
         Raises:
             OutputFailure: a file could not be written.
@@ -552,9 +531,6 @@ class Simulation:
     def _leave(self, number: int) -> None:
         """Log where the run ended, and end the program.
 
-        Args:
-            number: of the signal, e.g. 15 for SIGTERM.
-
         Raises:
             Interrupted: always.
         """
@@ -631,8 +607,6 @@ def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
     """Copy a sequence of objects of a kind into a list.
 
     Args:
-        what: name of the argument, for the message.
-        given: what the user gave.
         kind: class, or protocol, of each object.
 
     Raises:

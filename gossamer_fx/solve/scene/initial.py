@@ -50,7 +50,6 @@ class RigidMotion:
             )
 
     def initialise(self, start: InitialState) -> None:
-        """Add the motion to the velocities of all bodies, where they have been placed so far."""
         spin = np.asarray(self.spin, dtype=float)
         # v + Ω × (x - c) = Ω × x + (v - Ω × c); directors have the first part only.
         at_origin = np.asarray(self.velocity, dtype=float) - np.cross(spin, self.centre)
@@ -92,15 +91,11 @@ class StartFrom:
     name: str = "start"
 
     def initialise(self, start: InitialState) -> None:
-        """Place all bodies as they are in the other scene."""
         for body in start:
             start.place(body.body, self._coordinates(body))
 
     def _coordinates(self, here: BodyState) -> Array:
         """Coordinates for one body from the body of the same name in the other scene, flattened.
-
-        Args:
-            here: the state of a body in this scene.
 
         Returns:
             positions [m] and directors [-] of this rank's nodes; of a reduced film the coefficients

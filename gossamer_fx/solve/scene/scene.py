@@ -65,14 +65,6 @@ class Scene:
     """
 
     def __init__(self, *items: Item) -> None:
-        """Collect the items and all that they refer to, and check their names.
-
-        Args:
-            items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
-
-        Raises:
-            InputError: no items, something that is not an item, or two items of one name.
-        """
         self.items: list[Item] = []
         for item in items:
             self._add(item)
@@ -88,9 +80,6 @@ class Scene:
 
     def _add(self, item: object) -> None:
         """Add an item and all that it refers to, each once.
-
-        Args:
-            item: body, load, constraint, ...; what it refers to comes before it.
 
         Raises:
             InputError: it has no name, or brings nothing that a scene uses.

@@ -113,9 +113,6 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     They concern its size [m], open seams, slivers, normals that change sides, triangles upside
     down, and the thickness of plates.
 
-    Args:
-        body: on a mesh of triangles or lines.
-
     Raises:
         InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
     """
@@ -251,11 +248,7 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
 
 
 def _positions(body: MeshBody) -> Array:
-    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included.
-
-    Args:
-        body: on a mesh, with three unknowns a node.  Collective: all ranks call it.
-    """
+    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included."""
     from dolfinx import fem
 
     x = fem.Function(body.space)

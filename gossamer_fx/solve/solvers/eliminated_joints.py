@@ -144,13 +144,6 @@ class EliminatedJoints:
     needs_couplings = True
 
     def __init__(self, system: System, eliminated: Indices, max_iterations: int) -> None:
-        """Find the unknowns of films; `setUp` takes the first matrix.
-
-        Args:
-            system: compiled scene.
-            eliminated: local indices of the unknowns of this rank that are eliminated.
-            max_iterations: Krylov iterations at which a solve ends.
-        """
         self._system = system
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
@@ -254,12 +247,7 @@ class EliminatedJoints:
 
         The matrix has the blocks F (films), B (columns of g in the rows of the films), C (rows of
         g) and D (g by g); F̃ is the incomplete factorisation of F. The Schur complement of g is D -
-        C Z.
-
-        Args:
-            matrix: of all unknowns; `_take_rows` copies C and D from it.
-            is_new_step: whether Z, which costs most, has to be computed again.
-        """
+        C Z."""
         F = matrix.createSubMatrix(self._film_set, self._film_set)
         self._factorise_incompletely(F)
         self.problem = ""
@@ -328,11 +316,7 @@ class EliminatedJoints:
         films to the k eliminated unknowns, [N/m] for coordinates.
 
         The matrix has the same pattern as its transpose, so that only the rows of coupled unknowns
-        are read.
-
-        Args:
-            matrix: of all unknowns.
-        """
+        are read."""
         transpose = np.zeros((len(self._all_rest), len(self._films)))
         for film in self._coupled:
             columns, values = matrix.getRow(int(self._start + self._films[film]))

@@ -156,11 +156,7 @@ class BlockFactors:
         self.problem = set_up(self._with_pivots)
 
     def _is_accurate(self, matrix: PETSc.Mat) -> bool:
-        """Whether the factors without pivots solve A x = 1 to a relative residual of 1e-10.
-
-        Args:
-            matrix: A, which has been factorised; False too if the factorisation failed.
-        """
+        """Whether the factors without pivots solve A x = 1 to a relative residual of 1e-10."""
         if self._without_pivots.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
         assert self._right is not None, "setUp makes it"

@@ -225,13 +225,7 @@ class BorderedPreconditioner:
         """Take operator and sparse preconditioner; `setUp` computes the remainder.
 
         The operator is the matrix [[A, G], [Hᵀ, C]] of coordinates and a few scalar unknowns, such
-        as gas pressures.
-
-        Args:
-            operator: this matrix.
-            sparse: preconditioner P ≈ A of the coordinates.
-            system: compiled scene, whose time and step length [s] show when a new step begins.
-        """
+        as gas pressures."""
         self._operator = operator
         self._sparse = sparse
         self._system = system
@@ -273,12 +267,7 @@ class BorderedPreconditioner:
 
     def _set_up_sparse(self, is_new_step: bool) -> None:
         """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
-        contact.
-
-        Args:
-            is_new_step: whether this is the first tangent of a time step, for which couplings are
-                left out again; they return after a solve with many iterations.
-        """
+        contact."""
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
@@ -424,9 +413,6 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
 
 def _keep_factors(pc: PETSc.PC) -> bool:
     """Let a preconditioner use the factors of an earlier matrix for the next one, if it can.
-
-    Args:
-        pc: PETSc's preconditioner; only those of this package in Python may do so.
 
     Returns:
         Whether it does, so that the next matrix need not be summed.

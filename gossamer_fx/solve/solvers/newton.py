@@ -144,9 +144,6 @@ def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
 
     P and T are the types of its arguments and of its result.
 
-    Args:
-        method: bound method of an object that must outlive the calls.
-
     Returns:
         a function with the same arguments and result.
 
@@ -205,16 +202,7 @@ class Newton:
         """Make vectors and PETSc's solvers for the system; no equation is solved yet.  Collective.
 
         It allocates vectors of the unknowns `_x` and of the residual `_F`, both of coordinates and
-        scalar unknowns, and `_r` of coordinates alone.
-
-        Args:
-            system: compiled scene.
-            tolerances: when a step counts as solved.
-            direct: whether matrices of any size are factorised.
-
-        Raises:
-            InputError: PETSc's options ask for a line search.
-        """
+        scalar unknowns, and `_r` of coordinates alone."""
         self.system = system
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
@@ -436,11 +424,6 @@ class Newton:
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
         """Shorten an update where contact requires it; called by PETSc.  Collective.
 
-        Args:
-            x: iterate; not used.
-            update: solution of the linear system, changed in place.  PETSc makes it infinite if the
-                tangent could not be factorised, e.g. for lack of workspace.
-
         Returns:
             whether it may have changed.
         """
@@ -466,14 +449,7 @@ class Newton:
         iterations of a step, far from the solution, the tangent may be without geometric stiffness,
         which would make it indefinite.
 
-        A is the stored tangent [N/m] of the coordinates.
-
-        Args:
-            snes: PETSc's nonlinear solver, which has the number of the iteration.
-            x: iterate; not used, since the system has the state that the residual has set.
-            J: matrix of the linear system, which is the tangent itself or contains it.
-            P: not used.
-        """
+        A is the stored tangent [N/m] of the coordinates."""
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,
@@ -564,11 +540,6 @@ class Newton:
         w is the correction of the coordinates, y are the scalar unknowns of the iterate. It updates
         the norms of the last two iterates, and evaluates the residual again where the first test
         passes.
-
-        Args:
-            snes: PETSc's nonlinear solver.
-            iteration: number of the iterate, 0 for the first guess.
-            norms: of x, the update and the residual; only whether the last is finite counts.
 
         Returns:
             0 to go on, or PETSc's code of convergence (> 0) or divergence (< 0).
@@ -729,14 +700,7 @@ class Newton:
         """Why the iteration failed, how far it came, and where the residual is largest, in words.
 
         `_r` is the residual of the coordinates [N] that was evaluated last; k and v are names and
-        values of PETSc's codes.
-
-        Args:
-            reason: PETSc's negative code.
-            iterations: number of iterations that were made.
-
-        Collective: all ranks call it.
-        """
+        values of PETSc's codes."""
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN:

@@ -64,11 +64,7 @@ class TwoLevel:
     def __init__(self, system: System) -> None:
         """Choose incomplete factorisations on each rank, and build the coarse space.  Collective.
 
-        Levels of fill are chosen at the first set-up.
-
-        Args:
-            system: compiled scene with bodies on meshes, without Lagrange multipliers.
-        """
+        Levels of fill are chosen at the first set-up."""
         self._system = system
         self._coarse = CoarseSpace(system)
         self._local = factorisation.new_incomplete(system.comm)

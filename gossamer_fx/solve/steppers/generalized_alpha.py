@@ -146,11 +146,9 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = False
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint; the keys belong to its file format."""
         return {"started": self._has_acceleration}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
         self._has_acceleration = state["started"]
 
     def step(self, h: float) -> int:
@@ -275,7 +273,6 @@ class GeneralizedAlphaSolver:
 
         Args:
             h: length of the trial step [s].
-            r: distributed vector of all unknowns, which is overwritten.
         """
         system = self._system
         system.set_inertia(0.0)

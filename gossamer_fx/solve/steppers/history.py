@@ -43,12 +43,7 @@ class History:
         """Collect the vectors and history variables of system, terms and carriers by name.
 
         History variables are the state that does not follow from coordinates, e.g. rest angles of
-        creases.  Nothing is copied before the first `commit`, and `rollback` needs one.
-
-        Args:
-            system: compiled scene.
-            carriers: stepper and step control; those without history variables are left out.
-        """
+        creases.  Nothing is copied before the first `commit`, and `rollback` needs one."""
         self._system = system
         # The names are part of the format of checkpoint files.
         self.vectors = {
@@ -94,12 +89,9 @@ class History:
                     self._variables[f"part {k} {what}"] = field
 
     def get_state(self) -> dict[str, Any]:
-        """The history variables other than vectors, by name; the same on every rank."""
         return {name: variables.get_state() for name, variables in self._variables.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the caller has restored `vectors` and `cells`
-        before."""
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():

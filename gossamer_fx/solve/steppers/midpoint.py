@@ -108,7 +108,6 @@ class MidpointSolver:
         self.vectors: dict[str, PETSc.Vec] = {}
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint; the keys belong to its file format."""
         return {
             "care": self._delay_level,
             "easy": self._successes,
@@ -116,7 +115,6 @@ class MidpointSolver:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
         self._delay_level = state["care"]
         self._successes = state["easy"]
         self._steps_without_delay = state["useless"]

@@ -250,14 +250,12 @@ class ControlledSteps:
         return max(factor, self._control.min_factor)
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint; the keys belong to its file format."""
         length_before = 0.0
         if self._local_error:
             length_before = self._local_error.length_before
         return {"wanted": self.wanted, "before": length_before}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
         self.wanted = state["wanted"]
         if self._local_error:
             self._local_error.length_before = state["before"]
@@ -281,14 +279,6 @@ class LocalError:
     """
 
     def __init__(self, system: System) -> None:
-        """Make the vectors for the estimate of the local error, and compute the mass of the scene.
-
-        Args:
-            system: compiled scene.
-
-        Raises:
-            InputError: nothing in the scene has mass.
-        """
         self._system = system
         self.acceleration = system.numbering.vector()
         self.length_before = 0.0
@@ -319,7 +309,6 @@ class LocalError:
         return float(along_x.dot(self._scratch))
 
     def begin_step(self) -> None:
-        """Note the velocity at the start of a step."""
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
@@ -349,6 +338,5 @@ class LocalError:
         return h**3 / 6 / (h + self.length_before) * rms
 
     def commit(self) -> None:
-        """Accept the step that `measure` was called for."""
         self._mean_acceleration.copy(self.acceleration)
         self.length_before = self._length

@@ -104,17 +104,6 @@ class EqualSteps:
         dt: float,
         halvings: int,
     ) -> None:
-        """Take the step and how often it may be halved.
-
-        Args:
-            system: compiled scene.
-            solver: stepper at work on it.
-            dt: length of a step [s].
-            halvings: number of times that a step which fails may be halved.
-
-        Raises:
-            InputError: `halvings` is negative.
-        """
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
@@ -143,7 +132,6 @@ class EqualSteps:
 
         Args:
             h: length of the step [s].
-            halvings: how often it may be halved.
 
         Raises:
             StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.

@@ -36,12 +36,7 @@ class Increment:
         """Set all vectors to zero; `set_inertia` and `predict` begin a step.  Collective.
 
         The increment of the coordinates in a step is p + w [m]: p is predicted, w is found by the
-        solver.
-
-        Args:
-            numbering: layout of the vectors of all unknowns.
-            supports: which coordinates are fixed or prescribed.
-        """
+        solver."""
         self._supports = supports
         self._comm = numbering.comm
         self.remainder = numbering.vector()
@@ -148,11 +143,7 @@ class Increment:
 
         p + w is the increment of the step.  The remainder is added to the next increment, so that
         it does not accumulate.  Knuth's sum of two numbers (The Art of Computer Programming, vol.
-        2, section 4.2.2, theorem B).
-
-        Args:
-            q0, q1: coordinates [m] at the start and the end of the accepted step.
-        """
+        2, section 4.2.2, theorem B)."""
         start = q0.array_r
         end = q1.array_r
         increment = self._p.array_r + self._w.array_r

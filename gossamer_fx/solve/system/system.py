@@ -77,11 +77,6 @@ class System:
     def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
         """Number the unknowns and compile the terms; `initialise` then sets the state.  Collective.
 
-        Args:
-            start: the initial state of all bodies, with initial conditions applied.
-            parts: the items of the scene with their terms (masses, energies, loads, constraints).
-            rule: how the stress of a step follows from the strains at its ends.
-
         Raises:
             InputError: terms that contradict each other, e.g. two supports that move one
                 coordinate.
@@ -350,11 +345,7 @@ class System:
     def begin_step(self, h: float) -> Array:
         """Start a step of length h [s] from the accepted state (q0, v0).  Collective.
 
-        Active sets (contact pairs) are searched again.
-
-        Returns:
-            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
-        """
+        Active sets (contact pairs) are searched again."""
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
@@ -388,11 +379,7 @@ class System:
         return np.concatenate([np.zeros(0), *guesses])
 
     def extend_active_set(self) -> bool:
-        """Add contact pairs that a solved step needs and that its active sets lack.  Collective.
-
-        Returns:
-            Whether there were any, the same on all ranks; the step is then to be solved again.
-        """
+        """Add contact pairs that a solved step needs and that its active sets lack.  Collective."""
         if not self.active_sets:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
@@ -401,15 +388,12 @@ class System:
         return missed_anywhere
 
     def inadmissible(self) -> str:
-        """What is wrong with the solution of a step, in words; empty if nothing is."""
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
         found += [check.inadmissible() for check in self._checks]
         # All checks are made before the first message is chosen: they are collective.
         return next(filter(None, found), "")
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs
-        it."""
         for active_set in self.active_sets:
             active_set.limit_update(update)
 
@@ -452,20 +436,7 @@ class System:
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Evaluate the residual of the step at the present iterate.  Collective.
 
-        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads.
-
-        Args:
-            y: scalar unknowns, such as gas pressures [Pa], the same on every rank.
-            r: distributed vector of all unknowns, overwritten with the residual of the coordinates
-                [N]; in rows of Lagrange multipliers the violation of their constraint, in rows of
-                fixed coordinates zero.  The forces on these are stored as reactions of supports.
-
-        Returns:
-            The residual of the scalar unknowns, as long as y, relative to what they balance; the
-            same on every rank.
-
-        The iterate q1 [m] must have been set by `set_increment`, the inertia by `set_inertia`.
-        """
+        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads."""
         # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
@@ -547,7 +518,6 @@ class System:
         return G
 
     def tangent(self) -> PETSc.Mat:
-        """Derivative of the residual of the coordinates with respect to q1, as one matrix."""
         return self.assemble_tangent().whole()
 
     def assemble_tangent(self) -> Tangent:
@@ -584,13 +554,7 @@ class System:
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Coupling of all m scalar unknowns, such as gas pressures, with the coordinates in the
-        tangent.
-
-        Returns:
-            m columns (derivatives of forces by the scalars) and m rows (derivatives of their
-            residuals by the coordinates), this rank's part (n,) of each or None where it is zero;
-            and the corner (m, m).  They are zero at fixed coordinates.
-        """
+        tangent."""
         columns: list[Array | None] = []
         rows: list[Array | None] = []
         corner = np.zeros((0, 0))
@@ -609,11 +573,7 @@ class System:
         totals.
 
         Collective.  The coordinates q1 at the end of the step become q0, and q0 becomes `previous`
-        [m].  The step must have been solved: nothing is checked here.
-
-        Args:
-            v1: velocities [m/s] at the end of the step, a distributed vector; it is copied.
-        """
+        [m].  The step must have been solved: nothing is checked here."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -787,7 +747,6 @@ class System:
     # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        """The bilinear forms of the tangent of a body on a mesh."""
         forms = [form for kind in self._tangent_forms for form in kind.tangent_forms(body)]
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 

@@ -28,12 +28,10 @@ class Totals:
 
     @property
     def energy(self) -> float:
-        """Kinetic and stored."""
         return self.kinetic + sum(self.stored.values())
 
     @property
     def dissipated(self) -> float:
-        """All losses."""
         return sum(self.losses.values(), 0.0)
 
     @property

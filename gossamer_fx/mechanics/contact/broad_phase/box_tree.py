@@ -125,7 +125,6 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
     Args:
         primitives: n primitives with boxes (n, 6) [m].
         which: numbers (q,) of those that are asked for.
-        in_tree: whether they are the primitives of the tree, so that each pair is found once.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()

@@ -61,7 +61,6 @@ class CandidateSearch:
     bounds: TrajectoryBounds
 
     def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
-        """Start without candidates; the first search finds them."""
         self._mesh = mesh
         self._activation_distance = activation_distance
         self._horizon = FIRST_HORIZON
@@ -70,7 +69,6 @@ class CandidateSearch:
         self.count = 0
 
     def begin_step(self) -> None:
-        """Count a step for which the present candidates serve."""
         self._age += 1
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
@@ -189,10 +187,6 @@ class CandidateSearch:
         collective.
 
         On several ranks, facets of other ranks that may come near are fetched first.
-
-        Args:
-            bounds_of_mesh: returns bounds for the points that this rank knows; it is called again
-                when these are other ones.
 
         Raises:
             ValueError: a pair has a point that does not exist, or an array is not of the type that

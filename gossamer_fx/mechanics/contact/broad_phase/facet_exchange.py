@@ -58,13 +58,7 @@ class SearchRegions:
 
     def __init__(self, comm: MPI.Intracomm, boxes: Array) -> None:
         """Exchange the boxes of groups, so that each rank knows where the others search;
-        collective.
-
-        Args:
-            comm: the ranks.
-            boxes: least, then greatest coordinates (n, 6) [m] of the primitives (vertices or edges)
-                for which this rank searches.
-        """
+        collective."""
         of_ranks = comm.allgather(group_boxes(boxes))
         # What is near this rank's own region needs no sending.
         of_ranks[comm.rank] = np.zeros((0, 6))
@@ -98,7 +92,6 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
 
     Args:
         boxes: least, then greatest coordinates (n, 6) [m].
-        first_label: label of the first one; tables that are compared must not share labels.
     """
     count = len(boxes)
     labels: Int32Array = np.arange(

@@ -40,17 +40,6 @@ class Friction:
         law: ContactLaw,
         system: ContactAssembly,
     ) -> None:
-        """List the coefficients of bodies and obstacles.
-
-        Args:
-            mesh: bodies and obstacles of a contact; obstacles with friction have an origin and
-                axes.
-            coefficient: μ [-] of bodies with each other.
-            of_obstacles: μ [-] of each obstacle with bodies.
-            slip_velocity: speed [m/s] below which what sticks may slide.
-            law: of the normal forces.
-            system: the equations of the scene, with the step.
-        """
         self._mesh = mesh
         self._points = mesh.points
         self._law = law
@@ -89,16 +78,7 @@ class Friction:
 
         Block rows are vectors of three unknowns. The friction of this step's pairs is stored, all
         those of this rank whose coefficient is above zero; their blocks of the tangent have to be
-        set by `set_block_index` before tangents are asked for.
-
-        Args:
-            pairs: n pairs that take part, with the column `start` of their closest points.
-            x0: points (m, 3) [m] at the start.
-
-        Returns:
-            for the pairs between bodies, and for those with obstacles, the block rows (n, k) that
-            each pair couples in the tangent; a kind without pairs is left out.
-        """
+        set by `set_block_index` before tangents are asked for."""
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
         self._is_moved = (self._block_row >= 0).astype(float)
@@ -241,7 +221,6 @@ class Friction:
         contact.
 
         Args:
-            pairs: n pairs of bodies only, with the column `start` of their closest points.
             x0: points (m, 3) [m] at the start of the step.
         """
         points = pairs.points
@@ -267,8 +246,6 @@ class Friction:
         frame: so a ball on a rigid body rolls.
 
         Args:
-            pairs: n pairs with the column `start` of their closest points, each with an obstacle
-                that has a frame: an origin and three axes that move with it.
             x0: points (m, 3) [m] at the start of the step.
         """
         is_of_body = np.asarray(pairs.points < self._points.body_count)

@@ -163,12 +163,7 @@ class FrictionPairs:
 
         S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
         w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
-        a speed [m/s]. Only pairs of this rank count.
-
-        Args:
-            step: start and end of the step, and its creep h v_s [m].
-            point_forces: (m, 3) [N], changed in place.
-        """
+        a speed [m/s]. Only pairs of this rank count."""
         sliding = self.sliding(step)
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(sliding.w, step.creep)
@@ -235,10 +230,6 @@ class FrictionPairs:
         N is the force along the unit normal at the start of the step, with which the body on one
         side presses. Normal forces are those of the energy rule of the contact, without friction.
 
-        Args:
-            step: start and end of the step.
-            tangents: whether derivatives are computed.
-
         Returns:
             N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
             respect to the k points of each pair at the end, or an empty array without `tangents`;
@@ -275,7 +266,6 @@ class FrictionPairs:
 
         Args:
             stress: S (n, 2) [N] in the two directions of sliding.
-            sliding: with r and t, of which the measures are m = r·t, in the middle of the step.
 
         Returns:
             (n, k, 3) [N].
@@ -297,15 +287,7 @@ class FrictionPairs:
         between the sides.
 
         w is also compared with that of the previous call, to find pairs whose sliding turned round:
-        call it once for each Newton iterate.  Forces need not have been added before.
-
-        Args:
-            step: start and present end of the step, and its creep h v_s [m].
-            is_moved: 1 for points (m,) with unknowns, 0 for those without, whose blocks
-                get nothing.
-            blocks: 3 x 3 blocks of the tangent, row by row (b, 9) [N/m], changed in place;
-                `block_index` has the rows of each pair.
-        """
+        call it once for each Newton iterate.  Forces need not have been added before."""
         sliding = self.sliding(step)
         self._update_steadiness(sliding.w)
         normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
@@ -338,12 +320,10 @@ class FrictionPairs:
 
         Args:
             step: start and end of the step, and its creep h v_s [m].
-            sliding: of these n pairs.
             normal_force: N (n,) [N].
             of_normal_force: its derivative (n, k, 3) [N/m] with respect to the k points of each
                 pair at the end of the step.
             is_moved: 1 for points (m,) with unknowns, 0 for those without.
-            blocks: as in `add_tangents`, changed in place.
         """
         grip = grip_of(sliding.w, step.creep)
         pressing = self.coefficient * normal_force
@@ -383,8 +363,6 @@ class FrictionPairs:
         of sliding. h [s] is the step, v_s [m/s] a speed.
 
         Args:
-            sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the
-                end.
             grip: the factor g [1/m] and its derivative by |w|.
             pressing: μ N (n,) [N].
             creep: h v_s [m], sliding up to which friction grows.

@@ -106,15 +106,7 @@ class _Product:
         `_μ` (n, k, 3) [U/N] has μ at the points of each pair; `_N` (n,) [N] the normal forces; `_P`
         (n, 2) [U/N] the change P of the measures r·t with μ; `_power` (n,) [m U/N] is w·P;
         `_grip.factor` (n,) [1/m] is g; `_by_P` (n, 2) [N] and `_by_w` (n, 2) [U/m] are ∂W/∂P and
-        ∂W/∂w; `_forces` (n, 4, 3) [N] are those of the contact potential.
-
-        Args:
-            group: n pairs of this rank, with k points each, whose normal forces are positive.
-            step: the solved step.
-            μ: adjoint displacements (m, 3) [U/N] of all points that this rank knows.
-            normal_force: of the pairs (n,) [N].
-            forces: of the contact potential on the four points of each pair (n, 4, 3) [N].
-        """
+        ∂W/∂w; `_forces` (n, 4, 3) [N] are those of the contact potential."""
         self._group = group
         self._step = step
         self._N = normal_force

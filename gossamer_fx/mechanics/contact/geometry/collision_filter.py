@@ -128,11 +128,6 @@ def _ties(
     A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
     left out.
 
-    Args:
-        system: with the constraints of the scene.
-        bodies: those of the contact.
-        points: of these bodies that this rank knows; together the ranks know all.
-
     Returns:
         for each tie the numbers of the points of both sides, the shorter list first.  A side is one
         node, or the nodes of an edge between which the tied point lies.
@@ -190,11 +185,6 @@ def _numbers_of(
     wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
     """Return the numbers of points that are some nodes of bodies; collective.
-
-    Args:
-        wanted: number of the body and global node of each, the same list on every rank.
-        points: that this rank knows.
-        comm: the ranks.
 
     Returns:
         number over all ranks by body and node; -1: no rank has a point there.

@@ -97,14 +97,6 @@ class CollisionMesh:
 
         Collective.
 
-        Args:
-            bodies: films, cables and beams of a contact.
-            obstacles: what they touch.
-            radii: of each body [m], zero for films without a radius.
-            system: the equations, in which the bodies have unknowns.
-            has_friction: of each obstacle whether it needs an origin and axes that move with it;
-                empty: no obstacle does.
-
         Raises:
             InputError: an obstacle has a direction without a length.
         """
@@ -204,9 +196,6 @@ class CollisionMesh:
 
         A wall has three points, a solid one for each corner, a frame four: an origin and three
         axes.
-
-        Args:
-            start: number of the first one, which follows the points of bodies.
 
         Returns:
             vertices, edges and triangles of the solids, as numbers of points.
@@ -417,14 +406,7 @@ def _obstacle_points(
     has_frame: bool,
 ) -> ObstaclePoints:
     """Return the points and directions of an obstacle: first of walls, then of solids, then of its
-    frame.
-
-    Args:
-        obstacle: of which `walls` and `solids` are the parts.
-        walls: each brings an origin and two directions.
-        solids: each brings its corners.
-        has_frame: whether an origin and three axes follow, along which friction slides.
-    """
+    frame."""
     vectors: list[Attached] = []
     is_point: list[bool] = []
     for wall in walls:
@@ -449,8 +431,6 @@ def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> I
 
     Args:
         indices: (n,) among the primitives that this rank knows, those of obstacles last.
-        of_bodies: the primitives of bodies that this rank knows.
-        count: of those of bodies on all ranks; obstacles' primitives have the numbers that follow.
     """
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.

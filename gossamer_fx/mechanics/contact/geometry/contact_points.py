@@ -121,13 +121,6 @@ class ContactPoints:
         obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
-        """Find the unknowns that move obstacles; `set_nodes` adds the points of bodies.
-
-        Args:
-            bodies: films, cables and beams of a contact.
-            obstacles: points and directions of obstacles.
-            system: the equations, whose unknowns move them.
-        """
         self.comm = system.comm
         self._numbering = system.numbering
         self._blocks = [system.block(body) for body in bodies]

@@ -28,13 +28,7 @@ class DistributedRows:
     """
 
     def __init__(self, comm: MPI.Intracomm, rows: Int64Array, bound: int) -> None:
-        """Number the distinct rows of integers of all ranks in lexicographic order; collective.
-
-        Args:
-            comm: the ranks.
-            rows: (n, k) of this rank; each entry is at least 0.
-            bound: more than any first entry, the same on all ranks.
-        """
+        """Number the distinct rows of integers of all ranks in lexicographic order; collective."""
         # Ranges of first entries in the order of the ranks: so numbers are in the order of rows.
         meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
         self._exchange = RankExchange(comm, meeting_rank)

@@ -106,9 +106,6 @@ def _names_of_dofs(
 
     Args:
         vertices: numbers (c, k) of the cells' vertices in the mesh file.
-        dof_count: d, vertices and middles of edges together.
-        edges: the two vertices, 0 to k - 1, of the edge of each middle node; these nodes follow the
-            vertices.
     """
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)

@@ -36,7 +36,6 @@ class ObstacleMotion:
     """
 
     def __init__(self, name: str, function: PrescribedMotion, comm: MPI.Intracomm) -> None:
-        """Take the function of the user; it is called when a displacement is needed."""
         self.name = name
         self._function = function
         self._comm = comm

@@ -23,12 +23,7 @@ class SharedPoints:
     """
 
     def __init__(self, comm: MPI.Intracomm, points: SurfacePoints) -> None:
-        """Let the owners know which of their points this rank knows; collective.
-
-        Args:
-            comm: the ranks.
-            points: that this rank knows, ascending by number, each with its owner.
-        """
+        """Let the owners know which of their points this rank knows; collective."""
         self._comm = comm
         self.is_own = points.owner == comm.rank
         # The only rank owns all points.

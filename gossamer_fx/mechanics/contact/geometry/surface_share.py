@@ -183,11 +183,8 @@ def _surface_of(
     """Return the points, edges and triangles of one body, numbered over all ranks; collective.
 
     Args:
-        facets: this rank's.
-        body: number of the body.
         radius: [m].
         first: the lowest numbers (3,) of its points, edges and triangles.
-        comm: the ranks.
 
     Returns:
         tables of this rank's primitives with their areas [m²], and how many of each kind the body
@@ -230,7 +227,6 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
     of its shadow, length times diameter, and gives each end a half.
 
     Args:
-        facets: this rank's n points of one body, with triangles or lines between them.
         radius: of a cable or beam [m]; not used for films.
 
     Returns:

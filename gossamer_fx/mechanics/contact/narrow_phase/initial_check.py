@@ -122,7 +122,6 @@ def _count_and_first(
     """Return how many points of bodies are wrong on all ranks, and the first one; collective.
 
     Args:
-        mesh: with the points.
         x: points (m, 3) [m].
         is_wrong: mask of the points of bodies (n,) that this rank knows.
 

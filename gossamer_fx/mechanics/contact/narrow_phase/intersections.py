@@ -60,7 +60,6 @@ def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32A
     """Return for pairs of edges and triangles whether they intersect, as far as doubles can decide.
 
     Args:
-        surface: all edges and triangles.
         x: points (m, 3) [m].
         near: numbers (k, 2) of edge and triangle.
 

@@ -79,13 +79,6 @@ class LargeTurns:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
-        """List rigid bodies and kinds of surfaces of all bodies and obstacles.
-
-        Args:
-            mesh: bodies and obstacles of a contact.
-            activation_distance: gap [m] at which contact begins.
-            system: the equations, with the rigid bodies of which obstacles are parts.
-        """
         self._mesh = mesh
         self._system = system
         self._activation_distance = activation_distance
@@ -163,7 +156,6 @@ class LargeTurns:
         other obstacles do not turn.
 
         Args:
-            k: its number, bodies first, then obstacles.
             x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
                 at the end of the step.
         """
@@ -192,11 +184,6 @@ class LargeTurns:
         the box round the other one is.
 
         Args:
-            one: number of what turns, bodies first, then obstacles.
-            other: number of the other one; one of both is a body on a mesh.
-            turn: of `one`.
-            distances: gaps of the contact pairs that may touch, and the m points of the contact
-                that this rank knows, at the start of the step.
             x1: the same points (m, 3) [m] at its end.
         """
         touching = min(one, other)  # a body on a mesh
@@ -243,8 +230,6 @@ class LargeTurns:
         turn, at the start or the end of the step; collective.
 
         Args:
-            k: its number, bodies first, then obstacles.
-            turn: rotation in the step, of this or another body, with its centre.
             x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
                 at the end of the step.
         """
@@ -256,11 +241,6 @@ class LargeTurns:
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
         """Return the least gap [m] of a body to the walls of an obstacle at the start; collective.
-
-        Args:
-            body: number of the body.
-            obstacle: number of the obstacle, which follow the bodies.
-            distances: gaps of the contact pairs that may touch, at the start of the step.
 
         Returns:
             the gap on all ranks; infinite if the obstacle has no walls.
@@ -281,7 +261,6 @@ def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
 
     Args:
         start, end: points (n, 3) [m] of this rank; n may be 0 on some ranks.
-        comm: the ranks.
 
     Returns:
         the rotation about the mean of the points.  Points on a line do not turn about it.

@@ -150,9 +150,6 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
     """The functions of a law that is written in C; they take its numbers at the quadrature points.
 
     Args:
-        c_law: addresses of the C functions, and the numbers of the law as a UFL expression.
-        rule: how the stress of a step follows from the strains at its ends; it chooses the
-            function.
         start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
             functions at the quadrature points.
 

@@ -66,13 +66,6 @@ class PointLaw:
         """Prepare the constants and values that the C kernel reads; no law is evaluated yet.
         Collective.
 
-        Args:
-            functions: of the law, compiled.
-            values: strains and responses at the quadrature points, which the kernel reads and
-                writes.
-            cells: local numbers (n,) of the cells.
-            may_choose: whether iterates of the strain may be chosen between strain and stress.
-
         Raises:
             ValueError: arrays do not fit the cells or the strains.
         """
@@ -121,13 +114,7 @@ class PointLaw:
 
         The strains are the linearised ones.  Where a law with several states may choose, those of
         the first iterate are a guess, and later ones are chosen point by point between the
-        linearised strain and the strain of the linearised stress.
-
-        Args:
-            linear_strain: returns the strains (q, m), dimensionless, of q quadrature points,
-                linearised about the last iterate.
-            first_guess: returns the strains (q, m) of the first iterate of a step.
-        """
+        linearised strain and the strain of the linearised stress."""
         if not self._chooses:
             self._values.strain[:] = linear_strain()
             self.respond()
@@ -203,9 +190,6 @@ class PointLaw:
 
         They are the address of the function, its constants, and the indices (int32) of its
         arguments among all values of a cell.  The arrays are kept alive by this object.
-
-        Args:
-            function: compiled function of the law.
 
         Raises:
             ValueError: an argument is beyond the values of a cell.
