@@ -22,18 +22,29 @@ GREY = "#7a7a7a"
 
 def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
     """An empty figure of a size in inches, of a hundred pixels each."""
-    return Figure(
-        figsize=(width, height),
-        dpi=100,
-        facecolor="white",
-        layout="constrained",
-    )
+    return Figure(figsize=(width, height), dpi=100, facecolor="white", layout="constrained")
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; missing folders are made."""
+def save(figure: Figure, path: Path, title: str = "") -> None:
+    """Write a figure as PNG, with a title if one is given; missing folders are made."""
+    if title:
+        figure.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
+
+
+def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:
+    """Label the axes of curves, with a grid, and a legend if a curve has a label.
+
+    Args:
+        axes: of the curves.
+        xlabel, ylabel: quantities and units.
+        legend: further arguments of the legend, e.g. its place.
+    """
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**{"frameon": False, "fontsize": 8, **legend})
 
 
 def triangles(system: Any, film: gx.Membrane) -> Array:

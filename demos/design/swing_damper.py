@@ -31,6 +31,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
+from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
 
@@ -69,19 +71,7 @@ def build(
     steady: gx.Equilibrium, comm: MPI.Intracomm, pitch: float, damping: float
 ) -> tuple[gx.Scene, gx.Membrane, gx.RigidBody, list[str]]:
     """The sail, its hub and the dampers, and the names of these."""
-    film = ikaros.sail(comm, pitch)
-    hub = gx.RigidBody(
-        ikaros.HUB_MASS,
-        ikaros.HUB_INERTIA,
-        spin=(0.0, 0.0, EXTRA * ikaros.RPM),
-        name="hub",
-        comm=comm,
-    )
-    items: list[object] = [film, hub, ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS)]
-    for k in range(4):
-        items.append(
-            gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
-        )
+    items, film, hub = ikaros.swinging(comm, steady, pitch, SPIN, EXTRA, VISCOSITY)
     inner = ikaros.rows(pitch)[0] * pitch
     names = []
     # Two for each trapezoid, mirror images of each other, so that they do not pull it aside.
@@ -96,9 +86,6 @@ def build(
             names.append(f"damper {len(names)}")
             rim = hub.port((x, y, 0.0))
             items.append(gx.connectors.Damper(edge, rim, damping=damping, name=names[-1]))
-    items.append(gx.StartFrom(steady.system))
-    items.append(gx.RigidMotion(spin=(0.0, 0.0, SPIN * ikaros.RPM)))
-    items.append(gx.Damping(film, stiffness_factor=VISCOSITY, name="film damping"))
     return gx.Scene(*items), film, hub, names  # type: ignore[arg-type]
 
 
@@ -197,17 +184,10 @@ def main(
 def draw(runs: Sequence[Run], compared: Sequence[Run], best: Run, path: Path) -> None:
     """Energy that is left over the damping, with the slopes of the gradient, and the swing over the
     time."""
-    from demos.common.figures import BLUE, GREY, RED, new_figure, save
-
     figure = new_figure(10.0, 3.9)
     left, right = figure.subplots(1, 2)
-    left.loglog(
-        [run.damping for run in compared],
-        [run.share for run in compared],
-        "o-",
-        color=GREY,
-        label="sweep",
-    )
+    dampings = [run.damping for run in compared]
+    left.loglog(dampings, [run.share for run in compared], "o-", color=GREY, label="sweep")
     for k, run in enumerate(compared):
         # A short piece of the tangent, in logarithmic axes a power of the damping.
         x = run.damping * np.array([0.7, 1.4])
@@ -215,19 +195,13 @@ def draw(runs: Sequence[Run], compared: Sequence[Run], best: Run, path: Path) ->
         left.loglog(x, y, color=RED, lw=2, label="slope by gradient" if k == 0 else None)
     dampings = [run.damping for run in runs]
     left.loglog(dampings, [run.share for run in runs], "x", color=BLUE, label="runs of the search")
-    left.set(xlabel="damping c [N s/m]", ylabel="energy of the swing left, over the first")
+    finish(left, "damping c [N s/m]", "energy of the swing left, over the first")
     for run, name, colour in ((runs[0], "first", GREY), (best, "found", BLUE)):
-        right.plot(
-            run.times, 1e3 * run.swing, color=colour, label=f"{name}, {run.damping:.2g} N s/m"
-        )
-    right.set(xlabel="t [s]", ylabel="spin of the hub less that of the sail [mrad/s]")
-    for axes in (left, right):
-        axes.legend(frameon=False, fontsize=8)
-        axes.grid(alpha=0.3)
+        label = f"{name}, {run.damping:.2g} N s/m"
+        right.plot(run.times, 1e3 * run.swing, color=colour, label=label)
+    finish(right, "t [s]", "spin of the hub less that of the sail [mrad/s]")
     save(figure, path)
 
 
 if __name__ == "__main__":
-    for name, value in main(output="out/swing_damper").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{name:38} {value:.6g}")
+    print_figures(main(output="out/swing_damper"))

@@ -35,28 +35,30 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import (
-    dissipation,
-    dissipation_by_part,
-    print_run_figures,
-    run_case,
-    run_figures,
-    write_figure,
+from demos.common.deployment import first_time, print_figures, run_case
+from demos.common.figures import finish, new_figure, save
+from demos.common.spinning import (
+    RPM,
+    Disturbance,
+    attitude_probes,
+    drum,
+    plot_spins,
+    radii_of_tips,
+    spin_figures,
+    spin_probes,
 )
-from demos.common.disturbances import Disturbance, attitude_probes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.records.outputs.output import Probe
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))
-RPM = 2 * math.pi / 60
 HALF = 7.05  # half of the side of the sail [m]
 INNER = 1.6  # half of the side of its hole [m]
 PETALS = 14.0  # mass of the four trapezoids with their devices [kg]
@@ -124,7 +126,7 @@ def build(
         refine: cells between folds.
         rpm: spin at the start [rpm].
         hub_inertia: of the hub about its axis [kg m²]; those across it are `HUB_INERTIA`'s.
-        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; the guide of one trapezoid
+        tilt, offset, stuck: see `demos.common.spinning.Disturbance`; the guide of one trapezoid
             sticks.
         contact: activation distance [m]; 0: no contact.
         gap: between the layers [m].
@@ -140,29 +142,13 @@ def build(
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.Ikaros(
-        n=4,
-        inner=inner,
-        outer=outer,
-        pitch=pitch,
-        bends=bends,
-        gap=gap,
-        hub_gap=gap,
-        ramp=pitch,
+        n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch
     )
     film = sail(comm, pitch, folds.mark, refine=refine)
     disturbance = Disturbance(tilt, offset, stuck)
-    hub = gx.RigidBody(
-        HUB_MASS,
-        (*HUB_INERTIA[:2], hub_inertia),
-        position=disturbance.hub_position(),
-        name="hub",
-        comm=comm,
-    )
-    tips = [film.port(f"tip {k}") for k in range(4)]
-    items: list[object] = [film, folds.start(film), hub]
-    items += [
-        gx.connectors.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)
-    ]
+    hub = hub_body(comm, position=disturbance.hub_position(), about_axis=hub_inertia)
+    tips = tip_ports(film)
+    items: list[object] = [film, folds.start(film), hub, *tip_masses(film)]
     radius = min(HUB_RADIUS, folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact)
     items.append(tethers(film, hub, pitch, radius, tether_damping))
     flat_middle = np.array([0.0, -outer * pitch, 0.0])
@@ -171,54 +157,121 @@ def build(
     items += disturbance.holding_tethers(hub, middle, folded_middle, TETHER)
     items.append(gx.RigidMotion(spin=disturbance.spin(rpm * RPM)))
     if damping:
-        items.append(
-            gx.Damping(
-                film, stiffness_factor=damping, tension_only=tension_only, name="film damping"
-            )
+        viscosity = gx.Damping(
+            film, stiffness_factor=damping, tension_only=tension_only, name="film damping"
         )
+        items.append(viscosity)
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     axis = hub.frame_at((0.0, 0.0, 0.0))
-    probes: dict[str, Probe] = {
-        "spin of the hub [rpm]": _rpm(gx.probes.AngularVelocity(hub.frame(), "z")),
-        "spin of the sail [rpm]": _rpm(gx.probes.MeanSpin(film, "z")),
-        **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, axis, quantity="radius")
-            for k, port in enumerate(tips)
-        },
+    probes = {
+        **spin_probes(hub, film, tips, "rpm"),
         "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
         "middle [m]": gx.probes.PolarPosition(middle, axis, quantity="radius"),
         **attitude_probes(hub, tips),
     }
     if contact:
-        end = (0.0, 0.0, HUB_HEIGHT / 2)
-        drum = gx.contact.Cylinder(
-            start=(0.0, 0.0, -HUB_HEIGHT / 2),
-            end=end,
-            radius=radius,
-            body=hub,
-            name="drum",
+        touching = gx.Contact(
+            film,
+            drum(hub, radius, -HUB_HEIGHT / 2, HUB_HEIGHT / 2),
+            distance=contact,
+            friction=friction,
         )
-        items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
+        items.append(touching)
         probes["penetrations"] = gx.probes.Penetrations(touching, every=10)
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
-    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # Most steps that do not converge in 25 iterations never do: they are rejected sooner.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
+    return deployment(items, TITLE, probes, until, dt, largest, growth, iterations, frames=80)
+
+
+def deployment(
+    items: list[object],
+    title: str,
+    probes: dict[str, Probe],
+    until: float,
+    dt: float,
+    largest: float,
+    growth: float = 1.1,
+    iterations: int = 10,
+    max_iterations: int = 25,
+    frames: int = 60,
+) -> gx.Case:
+    """A case with the steps of all stages: dt, largest: first and largest step [s]; growth: of a
+    step, at most.
+
+    Most steps of film that do not converge in 25 iterations never do: they are rejected sooner.
+    """
+    tolerances = gx.Tolerances(relative=1e-13, max_iterations=max_iterations)
     return gx.Case(
-        gx.Scene(*items),
-        stepper,
+        gx.Scene(*items),  # type: ignore[arg-type]
+        gx.Midpoint(dt=dt, tolerances=tolerances),
         until=until,
-        title=TITLE,
+        title=title,
         probes=probes,
-        control=control,
-        frames=80,
-    )  # type: ignore[arg-type]
+        control=gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth),
+        frames=frames,
+    )
 
 
-def _rpm(spin: Probe) -> Probe:
-    return lambda run: spin(run) / RPM
+def hub_body(
+    comm: MPI.Comm,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    about_axis: float = HUB_INERTIA[2],
+    rpm: float = 0.0,
+) -> gx.RigidBody:
+    """The hub, with its moment of inertia about its axis [kg m²] and a spin [rpm]."""
+    return gx.RigidBody(
+        HUB_MASS,
+        (*HUB_INERTIA[:2], about_axis),
+        position=position,
+        spin=(0.0, 0.0, rpm * RPM),
+        name="hub",
+        comm=comm,
+    )
+
+
+def tip_ports(film: gx.Membrane) -> list[gx.Port]:
+    """The four corners of the sail."""
+    return [film.port(f"tip {k}") for k in range(4)]
+
+
+def tip_masses(film: gx.Membrane) -> list[gx.connectors.AttachedMass]:
+    """The masses at the corners."""
+    return [
+        gx.connectors.AttachedMass(port, TIP, name=f"mass {k}")
+        for k, port in enumerate(tip_ports(film))
+    ]
+
+
+def swinging(
+    comm: MPI.Comm,
+    search: gx.Equilibrium,
+    pitch: float,
+    rpm: float,
+    extra: float,
+    viscosity: float,
+    tether_damping: float = 0.0,
+) -> tuple[list[object], gx.Membrane, gx.RigidBody]:
+    """The open sail that spins as a search of `steady` found it, its hub `extra` [rpm] faster.
+
+    Args:
+        comm: communicator of the mesh.
+        search: of a free hub.
+        pitch: between folds [m].
+        rpm: spin of the sail [rpm].
+        extra: spin of the hub in addition [rpm].
+        viscosity: of the film over its stiffness [s]; 0: none.
+        tether_damping: of a tether [N s/m].
+    """
+    film = sail(comm, pitch)
+    hub = hub_body(comm, rpm=extra)
+    items: list[object] = [film, hub, *tip_masses(film)]
+    items.append(tethers(film, hub, pitch, HUB_RADIUS, tether_damping))
+    items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM))]
+    # Viscous damping of the film, proportional to its stiffness.
+    if viscosity:
+        items.append(gx.Damping(film, stiffness_factor=viscosity, name="film damping"))
+    return items, film, hub
 
 
 def sail(
@@ -287,38 +340,26 @@ def steady(
         swing about the hub   ω² = k/J, with a free hub of inertia I: k (1/J + 1/I)
         tilt against the hub  ω² = Ω² + k/J
     """
-    spin, waves = (0.0, 0.0, rpm * RPM), lambda X: bent * np.sin(X[0]) * np.cos(1.3 * X[1])
-    film = sail(
-        comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None
-    )
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
-    items = [
-        gx.connectors.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)
-    ]
+    spin = (0.0, 0.0, rpm * RPM)
+
+    def waves(X: Array) -> Array:
+        return np.vstack([0 * X[:2], bent * np.sin(X[0]) * np.cos(1.3 * X[1])])
+
+    film = sail(comm, pitch, displacement=waves if bent else None)
+    hub = hub_body(comm)
     ropes = tethers(film, hub, pitch, HUB_RADIUS)
+    support: object = gx.loads.Centrifugal(hub, spin)
     if held:
-        support: object = gx.constraints.FixedJoint(hub.frame(), gx.ground_frame())
-    else:
-        support = gx.loads.Centrifugal(hub, spin)
-    search = gx.Equilibrium(
-        gx.Scene(
-            film,
-            hub,
-            *items,
-            ropes,
-            gx.loads.Centrifugal(film, spin),
-            support,
-        )
-    )  # type: ignore[arg-type]
+        support = gx.constraints.FixedJoint(hub.frame(), gx.ground_frame())
+    items = [*tip_masses(film), ropes, gx.loads.Centrifugal(film, spin), support]
+    search = gx.Equilibrium(gx.Scene(film, hub, *items))  # type: ignore[arg-type]
     search.find()
-    system = search.system
     stiffness = 0.0
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
-        a, b = system.state.vectors(pair)
-        l = float(np.linalg.norm(a - b))  # noqa: E741
-        stiffness += (
-            TETHER * max(l - length, 0.0) * float(np.linalg.norm(a) * np.linalg.norm(b)) / l
-        )
+        a, b = search.system.state.vectors(pair)
+        distance = float(np.linalg.norm(a - b))
+        tension = TETHER * max(distance - length, 0.0)
+        stiffness += tension * float(np.linalg.norm(a) * np.linalg.norm(b)) / distance
     return search, stiffness, square_inertia(pitch)
 
 
@@ -352,100 +393,55 @@ def main(
     """Open the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
     pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins
-    at the end and of the closed form [rpm], radius of the tips at the end, its smallest and its
-    largest value [m], nutation at the start and the end [deg], imbalance of the tips at the end,
-    the time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the
-    energy that is still to be dissipated before hub and sail spin as one [J].
+    Returns the figures of `spin_figures`, the spin of the closed form at the end [rpm], the time at
+    which the middles of the edges are 6 m out [s], and the energy that is still to be dissipated
+    before hub and sail spin as one [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
     run, series = run_case(case, output, "ikaros", parts, VIEW)
-    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
-        draw(series, radius, Path(output) / "ikaros_spin.png")
-    first = run.first.angular_momentum
-    now = run.totals.angular_momentum
+        draw(series, Path(output) / "ikaros_spin.png")
     hub_inertia = float(given.get("hub_inertia", HUB_INERTIA[2]))  # type: ignore[arg-type]
     inertia = hub_inertia + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
-    steady = float(first[2]) / inertia
-    out = np.flatnonzero(series["middle [m]"] > OUT)
+    steady = float(run.first.angular_momentum[2]) / inertia
     return {
-        **run_figures(run, series),
-        "angular_momentum_drift": relative_drift(now, first),
-        "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
-        "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
+        **spin_figures(run, series),
         "spin_in_the_end": steady / RPM,
-        "radius": float(radius[-1]),
-        "smallest_radius": min(
-            float(series[name][-1]) for name in case.probes if name.startswith("radius")
-        ),
-        "nutation_at_start": float(series["nutation [deg]"][0]),
-        "nutation": float(series["nutation [deg]"][-1]),
-        "imbalance": float(series["imbalance of the tips"][-1]),
-        "largest_radius": float(radius.max()),
-        "opened": float(series.time[out[0]]) if len(out) else math.inf,
-        "energy": run.first.energy,
-        **dissipation(run),
+        "opened": first_time(series.time, series["middle [m]"], OUT),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
     }
 
 
-def draw(series: gx.Series, radius: Array, path: Path) -> None:
+def draw(series: gx.Series, path: Path) -> None:
     """Spins and radius over the time, the spin over the radius, and the values of the flight."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
+    figure = new_figure(12.0, 3.8)
     left, middle, right = figure.subplots(1, 3)
-    for what, colour in (("hub", (0.1, 0.35, 0.7)), ("sail", (0.8, 0.2, 0.1))):
-        spin = series[f"spin of the {what} [rpm]"]
-        left.plot(series.time, spin, color=colour, label=what)
-        right.plot(radius, spin, color=colour, label=what)
+    radius = radii_of_tips(series).mean(axis=0)
+    plot_spins(left, series.time, series, "rpm")
+    plot_spins(right, radius, series, "rpm")
     for label, (where, rpm) in FLIGHT.items():
         left.axhline(rpm, linestyle=":", color="black")
-        left.annotate(
-            f"flight: {label}",
-            (series.time[-1], rpm),
-            ha="right",
-            va="bottom",
-            fontsize=7,
-        )
+        end = (series.time[-1], rpm)
+        left.annotate(f"flight: {label}", end, ha="right", va="bottom", fontsize=7)
         if where is not None:
             right.plot(where, rpm, "o", color="black")
-    middle.plot(series.time, radius, color="black", label="tips")
-    middle.plot(
-        series.time, series["middle [m]"], "--", color="black", label="middles of the edges"
-    )
-    left.set(xlabel="t [s]", ylabel="spin [rpm]")
-    middle.set(xlabel="t [s]", ylabel="radius [m]")
-    right.set(xlabel="radius of the tips [m]", ylabel="spin [rpm]")
-    for axes in (left, middle, right):
-        axes.grid(alpha=0.3)
-    left.legend(frameon=False)
-    middle.legend(frameon=False)
-    write_figure(figure, TITLE, path)
+    plot_radii(middle, series)
+    finish(left, "t [s]", "spin [rpm]")
+    finish(right, "radius of the tips [m]", "spin [rpm]")
+    save(figure, path, TITLE)
 
 
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    print(
-        f"The tips are at {found['radius']:.2f} m; they were at most at "
-        f"{found['largest_radius']:.2f} m."
-    )
-    print(
-        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; "
-        "without swing it "
-        f"will be {found['spin_in_the_end']:.2f} rpm."
-    )
-    print(
-        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are "
-        f"lost{dissipation_by_part(found)}; "
-        f"{found['to_be_lost']:.1f} J have still to go."
-    )
-    print_run_figures(found, "angular momentum", "angular_momentum_drift")
+def plot_radii(axes: Any, series: gx.Series) -> None:
+    """Radii of the tips and of the middles of the edges over the time."""
+    axes.plot(series.time, radii_of_tips(series).mean(axis=0), color="black", label="tips")
+    edges = series["middle [m]"]
+    axes.plot(series.time, edges, "--", color="black", label="middles of the edges")
+    finish(axes, "t [s]", "radius [m]")
 
+
+# Units of figures of the stages, in addition to the common ones.
+UNITS = {"spin": "rpm", "released_spin": "rpm", "released_as_one": "rpm"}
 
 if __name__ == "__main__":
-    result = main(output="out/ikaros")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/ikaros"), UNITS)

@@ -36,18 +36,21 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import (
-    dissipation,
-    dissipation_by_part,
-    print_run_figures,
-    run_figures,
-    write_figure,
+from demos.common.deployment import print_figures
+from demos.common.figures import BLUE, RED, finish, new_figure, save
+from demos.common.spinning import (
+    RPM,
+    drum,
+    laid_along,
+    radii_of_tips,
+    spin_figures,
+    spin_probes,
+    turned,
 )
-from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
+from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, PETALS, TIP, UNITS, deployment, hub_body
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.outputs.output import Output, Probe
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))
@@ -116,17 +119,10 @@ def build(
     corners, angle = wound(cells)
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
+    hub = hub_body(comm)
     step = winding(cells)[0]
     radius = HUB_RADIUS * math.cos(step / 2) - ARM_RADIUS - 1.05 * CONTACT_DISTANCE
     half = HUB_HEIGHT / 4
-    drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -half),
-        end=(0.0, 0.0, half),
-        radius=radius,
-        body=hub,
-        name="drum",
-    )
     # The axis of a rod is next to the free part of its arm, and outside of its roll.
     clearance = ROD + ARM_RADIUS + 1.1 * CONTACT_DISTANCE
     outwards = np.array([math.cos(angle), math.sin(angle)])
@@ -145,64 +141,46 @@ def build(
     )
     items: list[object] = [hub, guides]
     arms: list[gx.Cable] = []
+    law = gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM)
     for k in range(4):
-        c = math.cos(math.pi / 2 * k)
-        s = math.sin(math.pi / 2 * k)
-        turned = corners @ np.array([[c, -s], [s, c]]).T
-
-        def wind(X: Array, turned: Array = turned) -> Array:
-            x = np.interp(X[0], along, turned[:, 0])
-            y = np.interp(X[0], along, turned[:, 1])
-            return np.vstack([x, y, 0 * x]) - X
-
-        mesh = line(comm, [(float(x), 0.0, 0.0) for x in along], 1)
+        wound_arm = turned(corners, math.pi / 2 * k)
         arm = gx.Cable(
-            mesh,
-            gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM),
+            line(comm, [(float(x), 0.0, 0.0) for x in along], 1),
+            law,
             name=f"arm {k}",
-            displacement=wind,
+            displacement=laid_along(wound_arm, along),
         )
-        root = hub.port((float(turned[0, 0]), float(turned[0, 1]), 0.0))
+        root = hub.port((float(wound_arm[0, 0]), float(wound_arm[0, 1]), 0.0))
         items += [arm, gx.constraints.BallJoint(arm.port("start"), root, name=f"knot {k}")]
         items += [gx.connectors.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
         items.append(gx.Damping(arm, stiffness_factor=damping, name=f"damping {k}"))
         arms.append(arm)
     contact = gx.Contact(
         *arms,
-        drum,
+        drum(hub, radius, -half, half),
         *guides.rods,
         distance=CONTACT_DISTANCE,
         stiffness=CONTACT_STIFFNESS,
         radius=dict.fromkeys((arm.name for arm in arms), ARM_RADIUS),
     )
-    scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))  # type: ignore[arg-type]
-    spin = gx.probes.AngularVelocity(hub.frame(), "z")
-    ring = gx.probes.AngularVelocity(guides.ring.frame(), "z")
-    probes: dict[str, Probe] = {
-        "spin of the hub [rpm]": lambda run: spin(run) / RPM,
-        "ring against hub [rad/s]": lambda run: ring(run) - spin(run),
-        **{
-            f"radius {k} [m]": gx.probes.PolarPosition(
-                a.port("end"), hub.frame(), quantity="radius"
-            )
-            for k, a in enumerate(arms)
-        },
-        "swing [rad]": gx.probes.PolarPosition(
-            arms[0].port("end"), guides.ring.frame(), quantity="angle"
-        ),
+    items += [contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM))]
+    tips = [arm.port("end") for arm in arms]
+    probes = {
+        **spin_probes(hub, None, tips, "rpm"),
+        **ring_probes(hub, guides),
+        "swing [rad]": gx.probes.PolarPosition(tips[0], guides.ring.frame(), quantity="angle"),
         "penetrations": gx.probes.Penetrations(contact),
     }
-    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=1.1)
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    return gx.Case(
-        scene,
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        frames=60,
+    return deployment(
+        items, TITLE, probes, until, dt, largest, iterations=iterations, max_iterations=40
     )
+
+
+def ring_probes(hub: gx.RigidBody, guides: gx.assemblies.RotationGuides) -> dict[str, Probe]:
+    """How fast the ring of the guides turns against the hub."""
+    spin = gx.probes.AngularVelocity(hub.frame(), "z")
+    ring = gx.probes.AngularVelocity(guides.ring.frame(), "z")
+    return {"ring against hub [rad/s]": lambda run: ring(run) - spin(run)}
 
 
 def main(
@@ -215,9 +193,8 @@ def main(
     """Let the arms out; `given` are arguments of `build`.  With `output`, a folder: a recording and
     a picture.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative),
-    radius of the tips at the end [m], spin of the hub then and that of the closed form [rpm], their
-    largest relative difference in the run, and the energy at the start [J].
+    Returns the figures of `spin_figures`, the spin of the hub at the end and that of the closed
+    form [rpm], and their largest relative difference in the run.
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -231,110 +208,42 @@ def main(
         if t > 0:
             run.run(until=float(t))
         looks.append((run.time, [gx.fields.positions(run, arm) for arm in arms]))
-    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
-    first = run.first.angular_momentum
-    now = run.totals.angular_momentum
-    budget = closed_form(radius, float(first[2]), cells) / RPM
-    spin = series["spin of the hub [rpm]"]
+    radius = radii_of_tips(series).mean(axis=0)
+    budget = closed_form(radius, float(run.first.angular_momentum[2]), cells) / RPM
     if output is not None and comm.rank == 0:
-        draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
+        draw(looks, series, budget, Path(output) / "ikaros_arms.png")
+    spin = series["spin of the hub [rpm]"]
     return {
-        **run_figures(run, series),
-        "angular_momentum_drift": relative_drift(now, first),
-        "radius": float(radius[-1]),
+        **spin_figures(run, series),
         "spin": float(spin[-1]),
         "budget": float(budget[-1]),
         "difference": float(np.abs(spin / budget - 1).max()),
-        "energy": run.first.energy,
-        **dissipation(run),
     }
 
 
 def draw(
-    looks: list[tuple[float, list[Array]]],
-    series: gx.Series,
-    radius: Array,
-    budget: Array,
-    path: Path,
+    looks: list[tuple[float, list[Array]]], series: gx.Series, budget: Array, path: Path
 ) -> None:
     """The arms from above, and the spin over time and radius."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(
-        figsize=(12, 6),
-        dpi=100,
-        facecolor="white",
-        layout="constrained",
-    )
+    figure = new_figure(12.0, 6.0)
     above, below = figure.subfigures(2, 1, height_ratios=(1.0, 1.3))
     for axes, (t, arms) in zip(above.subplots(1, len(looks)), looks, strict=True):
         for arm in arms:
-            axes.plot(
-                arm[:, 0],
-                arm[:, 1],
-                color=(0.1, 0.35, 0.7),
-                linewidth=1,
-            )
-            axes.plot(
-                *arm[-1, :2],
-                "o",
-                color="black",
-                markersize=3,
-            )
-        axes.set(
-            xlim=(-8, 8),
-            ylim=(-8, 8),
-            aspect="equal",
-            title=f"t = {t:.1f} s",
-            xticks=[],
-            yticks=[],
-        )
+            axes.plot(arm[:, 0], arm[:, 1], color=BLUE, linewidth=1)
+            axes.plot(*arm[-1, :2], "o", color="black", markersize=3)
+        axes.set(xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"t = {t:.1f} s")
+        axes.set(xticks=[], yticks=[])
     left, right = below.subplots(1, 2)
-    spin = series["spin of the hub [rpm]"]
-    for axes, x in ((left, series.time), (right, radius - HUB_RADIUS)):
-        axes.plot(
-            x,
-            spin,
-            color=(0.8, 0.2, 0.1),
-            label="hub, computed",
-        )
-        axes.plot(
-            x,
-            budget,
-            "--",
-            color=(0.1, 0.35, 0.7),
-            label="if all turned as one",
-        )
-        axes.grid(alpha=0.3)
-    for out, rpm in FLIGHT:
-        right.plot(
-            out,
-            rpm,
-            "o",
-            color="black",
-            label="flight" if out else None,
-        )
-    left.set(xlabel="t [s]", ylabel="spin [rpm]")
-    right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
-    right.legend(frameon=False)
-    write_figure(figure, TITLE, path)
-
-
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    print(f"The tips are at {found['radius']:.2f} m, and the hub spins at {found['spin']:.2f} rpm.")
-    print(
-        f"If all turned as one it would be {found['budget']:.2f} rpm; at most "
-        f"{found['difference']:.1%} between them."
-    )
-    print(
-        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are "
-        f"lost{dissipation_by_part(found)}."
-    )
-    print_run_figures(found, "angular momentum", "angular_momentum_drift", "something")
+    out = radii_of_tips(series).mean(axis=0) - HUB_RADIUS
+    for length, rpm in FLIGHT:
+        right.plot(length, rpm, "o", color="black", label="flight" if length else None)
+    for axes, x, label in ((left, series.time, "t [s]"), (right, out, "length of the arms [m]")):
+        spin = series["spin of the hub [rpm]"]
+        axes.plot(x, spin, color=RED, label="hub, computed")
+        axes.plot(x, budget, "--", color=BLUE, label="if all turned as one")
+        finish(axes, label, "spin [rpm]")
+    save(figure, path, TITLE)
 
 
 if __name__ == "__main__":
-    result = main(output="out/ikaros_arms")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/ikaros_arms"), UNITS | {"budget": "rpm"})

@@ -38,38 +38,39 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import (
-    dissipation,
-    dissipation_by_part,
-    print_run_figures,
-    run_case,
-    run_figures,
-    write_figure,
+from demos.common.deployment import print_figures, run_case
+from demos.common.figures import finish, new_figure, save
+from demos.common.spinning import (
+    RPM,
+    drum,
+    plot_spins,
+    radii_of_tips,
+    spin_figures,
+    spin_probes,
 )
 from demos.sails.ikaros import (
     FLIGHT,
     HUB_HEIGHT,
     HUB_INERTIA,
-    HUB_MASS,
-    RPM,
     TETHER,
-    TIP,
+    UNITS,
     arm_inertia,
+    deployment,
+    hub_body,
+    plot_radii,
     rows,
     sail,
     square_inertia,
     tethers,
+    tip_masses,
+    tip_ports,
 )
+from demos.sails.ikaros_arms import FLIGHT as STAGE_1
+from demos.sails.ikaros_arms import START, ring_probes
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.outputs.output import Probe
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, from the roll to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
-START = 25.0  # spin before stage 1 [rpm]
-# In flight: length of arms that stand out [m] and spin [rpm], before and after stage 1.
-WOUND = (0.0, START)
-HELD = (5.2, 7.4)
 RING = 2.0  # mass of the ring with its rods [kg]
 ROD = 0.03  # radius of a rod [m]
 HEIGHT = 0.9  # of a rod [m]
@@ -122,63 +123,29 @@ def build(
         out: length of the tips that stand out at the start [m].
         rods: their number, a multiple of 4.
     """
-    folds, (_, outer, bends) = folded(pitch, gap, out), rows(pitch)
+    folds = folded(pitch, gap, out)
+    _, outer, bends = rows(pitch)
     film = sail(comm, pitch, folds.mark, refine=refine)
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
+    hub = hub_body(comm)
     guides = _guides(hub, folds, contact, brake, release, rods)
-    tips = [film.port(f"tip {k}") for k in range(4)]
     radius = folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact
-    drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -HUB_HEIGHT / 2),
-        end=(0.0, 0.0, HUB_HEIGHT / 2),
-        radius=radius,
-        body=hub,
-        name="drum",
-    )
-    touching = gx.Contact(film, drum, *guides.rods, distance=contact)
-    start = folds.start(film)
-    items: list[object] = [
-        film,
-        start,
-        hub,
-        guides,
-        touching,
-        *_tethers(film, hub, pitch, radius, folds, release),
-    ]
-    items += [
-        gx.connectors.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)
-    ]
+    surface = drum(hub, radius, -HUB_HEIGHT / 2, HUB_HEIGHT / 2)
+    touching = gx.Contact(film, surface, *guides.rods, distance=contact)
+    items: list[object] = [film, folds.start(film), hub, guides, touching]
+    items += _tethers(film, hub, pitch, radius, folds, release)
+    items += tip_masses(film)
     items += [
         gx.Damping(film, stiffness_factor=damping, name="film damping"),
         gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),
     ]
-    spin = gx.probes.AngularVelocity(hub.frame(), "z")
-    turn = gx.probes.AngularVelocity(guides.ring.frame(), "z")
-    mean = gx.probes.MeanSpin(film, "z")
-    probes: dict[str, Probe] = {
-        "spin of the hub [rpm]": lambda run: spin(run) / RPM,
-        "spin of the sail [rpm]": lambda run: mean(run) / RPM,
-        "ring against hub [rad/s]": lambda run: turn(run) - spin(run),
-        **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), quantity="radius")
-            for k, port in enumerate(tips)
-        },
-        "middle [m]": gx.probes.PolarPosition(
-            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), quantity="radius"
-        ),
+    middle = film.port_at((0.0, -outer * pitch, 0.0))
+    probes = {
+        **spin_probes(hub, film, tip_ports(film), "rpm"),
+        **ring_probes(hub, guides),
+        "middle [m]": gx.probes.PolarPosition(middle, hub.frame(), quantity="radius"),
         "penetrations": gx.probes.Penetrations(touching),
     }
-    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
-    return gx.Case(
-        gx.Scene(*items),
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        frames=120,
-    )  # type: ignore[arg-type]
+    return deployment(items, TITLE, probes, until, dt, largest, growth, iterations, frames=120)
 
 
 def _smooth(part: float) -> float:
@@ -270,118 +237,53 @@ def main(
     """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
     pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at
-    the release the radius of the tips [m], the spin of the hub, and the spin if all turned as one
-    [rpm]; at the end the spins of hub and sail and that of the closed form [rpm], and the radius of
-    the tips [m]; its largest value [m], and the energy at the start [J].
+    Returns the figures of `spin_figures`; at the release the radius of the tips [m], the spin of
+    the hub, and the spin if all turned as one [rpm]; the spin of the closed form at the end [rpm].
     """
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
     stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
     looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.65, 0.8)] + stage2
-    run, series = run_case(
-        case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW
-    )
+    fractions = [t / until for t in looks if t <= until]
+    run, series = run_case(case, output, "ikaros_stages", fractions, VIEW)
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
-    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
-    first = run.first.angular_momentum
-    now = run.totals.angular_momentum
+    radius = radii_of_tips(series).mean(axis=0)
+    momentum = float(run.first.angular_momentum[2])
     if output is not None and comm.rank == 0:
-        draw(
-            series, radius, float(first[2]), pitch, release, Path(output) / "ikaros_stages_spin.png"
-        )
+        draw(series, momentum, pitch, release, Path(output) / "ikaros_stages_spin.png")
     inertia = HUB_INERTIA[2] + RING * (roll_radius(pitch) + ROD) ** 2 + square_inertia(pitch)
     k = min(int(np.searchsorted(series.time, release)), len(radius) - 1)
     return {
-        **run_figures(run, series),
-        "angular_momentum_drift": relative_drift(now, first),
+        **spin_figures(run, series),
         "released_radius": float(radius[k]),
         "released_spin": float(series["spin of the hub [rpm]"][k]),
-        "released_as_one": float(as_one(radius[k : k + 1], float(first[2]), pitch)[0] / RPM),
-        "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
-        "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
-        "spin_in_the_end": float(first[2]) / inertia / RPM,
-        "radius": float(radius[-1]),
-        "largest_radius": float(radius.max()),
-        "energy": run.first.energy,
-        **dissipation(run),
+        "released_as_one": float(as_one(radius[k : k + 1], momentum, pitch)[0] / RPM),
+        "spin_in_the_end": momentum / inertia / RPM,
     }
 
 
-def draw(
-    series: gx.Series, radius: Array, momentum: float, pitch: float, release: float, path: Path
-) -> None:
+def draw(series: gx.Series, momentum: float, pitch: float, release: float, path: Path) -> None:
     """Spins and radius over the time, the spin of the hub over the length of arms out, and the
     values of the flight."""
-    from matplotlib.figure import Figure
-
-    blue = (0.1, 0.35, 0.7)
-    red = (0.8, 0.2, 0.1)
-    figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
+    figure = new_figure(12.0, 3.8)
     left, middle, right = figure.subplots(1, 3)
-    for what, colour in (("hub", blue), ("sail", red)):
-        left.plot(series.time, series[f"spin of the {what} [rpm]"], color=colour, label=what)
-    left.axhline(FLIGHT["open (16 June 2010)"][1], linestyle=":", color="black")
-    left.annotate("flight, open", (0.0, FLIGHT["open (16 June 2010)"][1]), ha="left", va="bottom")
-    middle.plot(series.time, radius, color="black", label="tips")
-    middle.plot(
-        series.time, series["middle [m]"], "--", color="black", label="middles of the edges"
-    )
-    before = series.time <= release
-    R = roll_radius(pitch)
-    out = np.linspace(0.0, max(float(radius[before].max()) - R, 0.1), 60)
-    for what, colour in (("hub", blue), ("sail", red)):
-        right.plot(
-            radius[before] - R,
-            series[f"spin of the {what} [rpm]"][before],
-            color=colour,
-            label=what,
-        )
-    right.plot(
-        out,
-        as_one(R + out, momentum, pitch) / RPM,
-        "--",
-        color="black",
-        label="if all turned as one",
-    )
-    for length, rpm in (WOUND, HELD):
+    plot_spins(left, series.time, series, "rpm")
+    open_spin = FLIGHT["open (16 June 2010)"][1]
+    left.axhline(open_spin, linestyle=":", color="black")
+    left.annotate("flight, open", (0.0, open_spin), ha="left", va="bottom")
+    plot_radii(middle, series)
+    arms_out = radii_of_tips(series).mean(axis=0) - roll_radius(pitch)
+    plot_spins(right, arms_out, series, "rpm", upto=release)
+    out = np.linspace(0.0, max(float(arms_out[series.time <= release].max()), 0.1), 60)
+    rigid = as_one(roll_radius(pitch) + out, momentum, pitch) / RPM
+    right.plot(out, rigid, "--", color="black", label="if all turned as one")
+    for length, rpm in STAGE_1:
         right.plot(length, rpm, "o", color="black")
-    left.set(xlabel="t [s]", ylabel="spin [rpm]")
-    middle.set(xlabel="t [s]", ylabel="radius [m]")
-    right.set(
-        xlabel="length of the arms that is out in stage 1 [m]", ylabel="spin [rpm]; dots: flight"
-    )
-    for axes in (left, middle, right):
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False)
+    finish(left, "t [s]", "spin [rpm]")
+    finish(right, "length of the arms that is out in stage 1 [m]", "spin [rpm]; dots: flight")
     for axes in (left, middle):
         axes.axvline(release, color="black", linewidth=0.6)
-    write_figure(figure, TITLE, path)
-
-
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    print(
-        f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
-        f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as "
-        "one."
-    )
-    print(
-        f"At the end the tips are at {found['radius']:.2f} m; they were at most at "
-        f"{found['largest_radius']:.2f} m."
-    )
-    print(
-        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; "
-        "without swing it "
-        f"will be {found['spin_in_the_end']:.2f} rpm."
-    )
-    print(
-        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are "
-        f"lost{dissipation_by_part(found)}."
-    )
-    print_run_figures(found, "angular momentum", "angular_momentum_drift")
+    save(figure, path, TITLE)
 
 
 if __name__ == "__main__":
-    result = main(output="out/ikaros_stages")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/ikaros_stages"), UNITS)

@@ -28,8 +28,8 @@ from mpi4py import MPI
 from scipy.optimize import curve_fit
 
 import gossamer_fx as gx
-from demos.common.deployment import dissipation, dissipation_by_part
-from demos.common.figures import BLUE, GREY, RED, new_figure, save
+from demos.common.deployment import dissipation, print_figures, run_case
+from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.sails import ikaros
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
@@ -55,49 +55,16 @@ def main(
     """
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
     inertia = ikaros.HUB_INERTIA[2]
-    Ω = rpm * ikaros.RPM
     # Frequency of two bodies with inertias I and J about an axis, which a spring of stiffness k
     # joins.
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
-    film = ikaros.sail(comm, pitch)
-    hub = gx.RigidBody(
-        ikaros.HUB_MASS,
-        ikaros.HUB_INERTIA,
-        spin=(0.0, 0.0, extra * ikaros.RPM),
-        name="hub",
-        comm=comm,
-    )
-    items: list[object] = [film, hub]
-    items += [
-        gx.connectors.AttachedMass(
-            film.port(f"tip {k}"),
-            ikaros.TIP,
-            name=f"mass {k}",
-        )
-        for k in range(4)
-    ]
-    items.append(
-        ikaros.tethers(
-            film,
-            hub,
-            pitch,
-            ikaros.HUB_RADIUS,
-            tether_damping,
-        )
-    )
-    items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
-    # Viscous damping of the film, proportional to its stiffness.
-    if damping:
-        items.append(gx.Damping(film, stiffness_factor=damping, name="film damping"))
-    series = gx.Series(
-        {"hub": gx.probes.AngularVelocity(hub.frame(), "z"), "sail": gx.probes.MeanSpin(film, "z")}
-    )
-    run = gx.Simulation(
-        gx.Scene(*items),
-        gx.Midpoint(dt=dt),
-        outputs=[gx.outputs.Progress(), series],
-    )  # type: ignore[arg-type]
-    run.run(until=until)
+    items, film, hub = ikaros.swinging(comm, search, pitch, rpm, extra, damping, tether_damping)
+    probes = {
+        "hub": gx.probes.AngularVelocity(hub.frame(), "z"),
+        "sail": gx.probes.MeanSpin(film, "z"),
+    }
+    scene = gx.Scene(*items)  # type: ignore[arg-type]
+    run, series = run_case(gx.Case(scene, gx.Midpoint(dt=dt), until=until, probes=probes))
     # Spin of the hub against the sail; that of both together does not change.
     swing = series["hub"] - series["sail"]
     found = fit(np.asarray(series.time), swing)
@@ -131,23 +98,18 @@ def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
     # Only as many results are drawn as there are colours.
     for (extra, found), colour in zip(results.items(), (BLUE, GREY, RED), strict=False):
         first = extra * ikaros.RPM
-        left.plot(
-            found["times"], found["swings"] / first, color=colour, lw=1.2, label=f"{extra:g} rpm"
-        )
-    left.set(xlabel="time [s]", ylabel="spin of the hub against the sail / first")
+        swing = found["swings"] / first
+        left.plot(found["times"], swing, color=colour, lw=1.2, label=f"{extra:g} rpm")
     # The first half of the run, so that single swings can be told apart.
     left.set_xlim(0.0, 120.0)
-    left.legend(title="first spin", fontsize=8, frameon=False, loc="lower right")
-    left.grid(alpha=0.3)
+    label = "spin of the hub against the sail / first"
+    finish(left, "time [s]", label, title="first spin", loc="lower right")
     frequencies = [1e3 * found["frequency"] for found in results.values()]
     right.semilogx(list(results), frequencies, "o-", color=BLUE, label="computed")
     closed_form = 1e3 * next(iter(results.values()))["closed_form"]
     right.axhline(closed_form, color=GREY, ls="--", label="small swings, closed form")
-    right.set(xlabel="first spin of the hub [rpm]", ylabel="frequency [mHz]")
-    right.legend(fontsize=8, frameon=False)
-    right.grid(alpha=0.3)
-    figure.suptitle("IKAROS: the hub swings in its open sail")
-    save(figure, path)
+    finish(right, "first spin of the hub [rpm]", "frequency [mHz]")
+    save(figure, path, "IKAROS: the hub swings in its open sail")
 
 
 def fit(t: Array, s: Array) -> tuple[float, float, float]:
@@ -170,24 +132,8 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
     return float(best[0]), abs(float(best[1])), float(np.std(left) / np.std(s))
 
 
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    print(
-        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form "
-        f"{1e3 * found['closed_form']:.2f} mHz); "
-        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves "
-        f"{100 * found['misfit']:.1f} % of the motion."
-    )
-    print(
-        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are "
-        f"lost{dissipation_by_part(found)}."
-    )
-    print(
-        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, "
-        f"{found['iterations']:.1f} "
-        f"iterations each, {found['seconds']:.0f} s."
-    )
-
+# Units of the figures.
+UNITS = {"frequency": "Hz", "closed_form": "Hz", "decay": "1/s", "swing": "J"}
 
 if __name__ == "__main__":
     # Runs with dampers in the tethers are printed only.
@@ -197,7 +143,6 @@ if __name__ == "__main__":
             result = main(extra=more, tether_damping=dampers)
             if dampers == 0.0:
                 undamped[more] = result
-            if MPI.COMM_WORLD.rank == 0:
-                say(result)
+            print_figures({"extra [rpm]": more, "dampers [N s/m]": dampers, **result}, UNITS)
     if MPI.COMM_WORLD.rank == 0:
         draw(undamped, Path("out/ikaros_swing/ikaros_swing.png"))

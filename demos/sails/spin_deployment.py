@@ -43,7 +43,7 @@ from demos.common.deployment import (
     run_figures,
     write_figure,
 )
-from demos.common.disturbances import Disturbance, attitude_probes
+from demos.common.spinning import Disturbance, attitude_probes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import pinwheel
 from gossamer_fx.presets.films import KAPTON_HN
