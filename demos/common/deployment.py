@@ -90,6 +90,18 @@ def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
     }
 
 
+def effort(run: gx.Simulation) -> dict[str, float]:
+    """Error of the energy balance with its sign, Newton iterations per step, rejected steps
+    (substeps), unknowns (dofs) and wall time [s] of a run."""
+    return {
+        "energy_error": run.energy_error,
+        "newton_per_step": run.iterations / run.step,
+        "substeps": run.substeps,
+        "dofs": run.system.numbering.size,
+        "seconds": run.seconds,
+    }
+
+
 def dissipation(run: gx.Simulation) -> dict[str, float]:
     """Energy that a run has dissipated [J]: in all, and by each part of the scene that
     dissipates."""

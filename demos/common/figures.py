@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,12 @@ def triangles(system: Any, film: gx.Membrane) -> Array:
     x = system.state[film].local_positions()
     corners: Array = x[film.space.dofmap.list[:, :3]]
     return corners
+
+
+def area_vectors(corners: Array) -> Array:
+    """Area vectors (n, 3) [m²] of triangles (n, 3, 3) [m]."""
+    area: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    return area
 
 
 def petals_of(
@@ -145,3 +151,21 @@ def draw_film(
         axes.set_box_aspect(extent, zoom=zoom)
     axes.view_init(elev=view[0], azim=view[1])
     axes.set_axis_off()
+
+
+def draw_films(
+    shapes: Mapping[str, Array], path: Path, view: tuple[float, float], height: float = 3.2
+) -> None:
+    """Write a picture of films (n, 3, 3) [m] side by side, each with its title."""
+    figure = new_figure(10.5, height)
+    for place, (title, corners) in enumerate(shapes.items(), start=1):
+        axes = figure.add_subplot(1, len(shapes), place, projection="3d")
+        draw_film(axes, corners, view=view)
+        axes.set_title(title, fontsize=10)
+    save(figure, path)
+
+
+def arrow_of_flight(axes: Any, start: float, length: float) -> None:
+    """An arrow along x in axes of space, from a point of the x axis [m]."""
+    axes.quiver(start, 0, 0, length, 0, 0, color=RED, lw=2)
+    axes.text(start + length / 2, 0, 0.35, "flight", color=RED, ha="center")

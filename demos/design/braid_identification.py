@@ -43,6 +43,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
 from gossamer_fx.analysis.design.sensitivities import Gradient
@@ -323,6 +324,4 @@ def draw(tests: Sequence[tuple[str, Curve, Curve, Curve, Array]], path: Path) ->
 
 
 if __name__ == "__main__":
-    for name, value in main(output="out/braid_identification").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{name:38} {value:.4g}")
+    print_figures(main(output="out/braid_identification"))

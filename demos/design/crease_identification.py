@@ -19,6 +19,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.studies.crease import folded
 from gossamer_fx.analysis.design.crease_identification import GRAVITY
 from gossamer_fx.core.model.body import Array
@@ -211,5 +212,4 @@ def main(output: str | Path | None = None, cells: int = 16, seed: int = 0) -> di
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for name, value in main(output="out/crease_identification").items():
-            print(f"{name}: {value:.5g}")
+        print_figures(main(output="out/crease_identification"))

@@ -46,6 +46,7 @@ from mpi4py import MPI
 from numpy.polynomial import Legendre
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.presets.films import KAPTON_HN
@@ -281,6 +282,4 @@ def draw(
 
 
 if __name__ == "__main__":
-    for name, value in main(output="out/reflector").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{name:38} {value:.6g}")
+    print_figures(main(output="out/reflector"))

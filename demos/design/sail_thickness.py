@@ -24,6 +24,7 @@ import ufl
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.core.forms.kinematics import half_trace_and_radius
 from gossamer_fx.core.model.body import Array
 from meshes.sheet import CORNERS, crossed_sheet
@@ -169,5 +170,4 @@ def draw(film: gx.Membrane, before: Array, after: Array, thickness: Array, path:
 
 
 if __name__ == "__main__":
-    for name, value in main(output="demos").items():
-        print(f"{name:40} {value:.6g}")
+    print_figures(main(output="demos"))

@@ -32,6 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREEN, RED, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import sheet
@@ -210,5 +211,4 @@ def main(
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/film_friction").items():
-            print(f"{key:48} {value:.4g}")
+        print_figures(main(output="out/film_friction"))

@@ -38,6 +38,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import draw_film, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import parallelograms
@@ -212,5 +213,4 @@ def draw(shapes: dict[str, Array], path: Path) -> None:
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/fold_order").items():
-            print(f"{key:40} {value if isinstance(value, str) else format(value, '.3g')}")
+        print_figures(main(output="out/fold_order"))

@@ -18,6 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
@@ -110,6 +111,4 @@ def draw(x: Array, cells: Array, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    for key, value in main(cells=24, output="out/four_corner_film").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:24} {value:.6g}")
+    print_figures(main(cells=24, output="out/four_corner_film"))

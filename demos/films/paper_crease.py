@@ -34,6 +34,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased_strip import creased_strip
@@ -189,5 +190,4 @@ def main(
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/paper_crease").items():
-            print(f"{key:48} {value:.7g}")
+        print_figures(main(output="out/paper_crease"))

@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.system.totals import relative_drift
@@ -117,6 +118,4 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/spinning_sheet").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:24} {value:.6g}")
+    print_figures(main(output="out/spinning_sheet"))

@@ -19,6 +19,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.studies import airbag, bending_strip
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import WRINKLED
@@ -182,4 +183,4 @@ def main(output: str | Path | None = None) -> dict[str, float]:
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        print(main(output="out/wrinkle_fields"))
+        print_figures(main(output="out/wrinkle_fields"))

@@ -32,6 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, draw_film, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
@@ -153,5 +154,4 @@ def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/folded_bag").items():
-            print(f"{key:40} {value:.4g}")
+        print_figures(main(output="out/folded_bag"))

@@ -46,7 +46,7 @@ from demos.common.deployment import (
     dissipation,
     first_time,
     fold_angles,
-    print_run_figures,
+    print_figures,
     run_case,
     run_figures,
     square_millimetres,
@@ -67,11 +67,7 @@ from gossamer_fx.presets.gases import AIR, NITROGEN
 from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "A folded tube, deployed from a tank"
-VIEW = gx.plot.View(
-    azimuth=math.radians(-30),
-    elevation=math.radians(15),
-    zoom=True,
-)
+VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
 # Manufacturing errors of a specimen: 1 mm and 2 degrees are those of folding by hand along a drawn
 # line, 1 % of the diameter is 0.5 mm at the seams; makers of film state 5 to 10 % of the thickness
 # as the tolerance.
@@ -170,12 +166,7 @@ def build(
     else:
         bends = rows_of(length, diameter, cells, panels)
         folds = gx.fold.Roll(
-            length=length,
-            bends=bends,
-            radius=0.4 * half,
-            pitch=4e-3,
-            width=width,
-            opening=lift,
+            length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift
         )
     outside = gx.gas.Ambient(air) if air else None
     tube = gx.assemblies.InflatableTube(
@@ -194,12 +185,7 @@ def build(
         contact_distance=contact,
         contact_stiffness=contact_stiffness,
     )
-    source = gx.Tank(
-        tank,
-        gas=NITROGEN,
-        pressure=pressure,
-        temperature=293.0,
-    )
+    source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
     whole = math.pi / 4 * bore**2
     valve = tube.inlet(source, whole)
     if rise:
@@ -210,13 +196,8 @@ def build(
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:
-        items.append(
-            gx.loads.AirDrag(
-                tube.film,
-                air / (AIR.R * 293.0),
-                drag_coefficient=drag,
-            )
-        )
+        density = air / (AIR.R * 293.0)
+        items.append(gx.loads.AirDrag(tube.film, density, drag_coefficient=drag))
     probes: dict[str, Probe] = {
         f"p{i + 1} [Pa]": gx.probes.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
     }
@@ -314,22 +295,5 @@ def main(
     }
 
 
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
-    pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
-    print(
-        f"The rings between the compartments are half open after {order}; pressures at the end: "
-        f"{pressures}."
-    )
-    print(
-        f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm "
-        "from the clamp."
-    )
-    print_run_figures(found, "the mass of the gas", "mass_error")
-
-
 if __name__ == "__main__":
-    result = main(output="out/folded_tube")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/folded_tube"))

@@ -37,6 +37,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.records.outputs.schedule import Schedule
@@ -171,6 +172,4 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/inflate_tube").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:24} {value:.6g}")
+    print_figures(main(output="out/inflate_tube"))

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.core.model.body import Array
 
 # Radius over half the length of a meridian, of the mylar balloon.
@@ -186,4 +187,4 @@ def main(output: str | Path | None = None, gores: int = 16) -> dict[str, float]:
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        print(main(output="out/pumpkin"))
+        print_figures(main(output="out/pumpkin"))

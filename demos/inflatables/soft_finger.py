@@ -42,6 +42,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
@@ -274,5 +275,4 @@ def main(output: str | Path | None = None, until: float = 2.0) -> dict[str, floa
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/soft_finger").items():
-            print(f"{key:36} {value:.6g}")
+        print_figures(main(output="out/soft_finger"))

@@ -52,6 +52,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -60,12 +61,13 @@ from scipy.spatial.transform import Rotation
 import gossamer_fx as gx
 from demos.common.deployment import (
     dissipation,
-    print_run_figures,
+    print_figures,
     run_case,
     run_figures,
     square_millimetres,
 )
 from gossamer_fx.build.fold.folded import Folded
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.creased import creased_film, creased_tube
@@ -79,15 +81,8 @@ TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
 CUBE = 0.2  # edge of the cube [m]
 MASS = 7.0  # of the cube [kg]
-# Directions of gravity by the axis along which it acts.
-DOWN = {
-    "-x": (-1.0, 0.0, 0.0),
-    "+x": (1.0, 0.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-    "+y": (0.0, 1.0, 0.0),
-    "-z": (0.0, 0.0, -1.0),
-    "+z": (0.0, 0.0, 1.0),
-}
+# The axis along which gravity acts, and its sense.
+Direction = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 ROOM_TEMPERATURE = 293.0  # K
 GAS_CONSTANT_OF_AIR = 287.05  # J/(kg K)
 # Room between the stack and the walls of its box [m]: several times the distance at which contact
@@ -231,6 +226,7 @@ def lidded_box(
     )
 
 
+@check_arguments
 def build(
     comm: MPI.Comm,
     length: float = 1.5,
@@ -266,7 +262,7 @@ def build(
     lid: float = 0.1,
     delay: float = 0.0,
     gravity: float = 0.0,
-    down: str = "-z",
+    down: Direction = "-z",
     air: float = 0.0,
     settled: float = 0.0,
     window: float = SETTLING_WINDOW,
@@ -303,8 +299,6 @@ def build(
         settled, window: ends the run when the motion has settled, see the module, and the time
             [s] over which it is judged; 0: runs until `until`.
     """
-    if down not in DOWN:
-        raise gx.InputError(f"sprout: down is {down!r}; give one of {', '.join(DOWN)}.")
     folds = gx.fold.Miura(
         a=a,
         b=b,
@@ -325,12 +319,7 @@ def build(
     turn = (float(x), float(y), float(z))
     law = KAPTON_HN.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(mass, [inertia(mass)] * 3, name="cube", comm=comm)
-    source = gx.Tank(
-        tank,
-        gas=NITROGEN,
-        pressure=pressure + air,
-        temperature=ROOM_TEMPERATURE,
-    )
+    source = gx.Tank(tank, gas=NITROGEN, pressure=pressure + air, temperature=ROOM_TEMPERATURE)
     outside = gx.gas.Ambient(air, ROOM_TEMPERATURE) if air else None
 
     mesh = creased_film(comm, figure.film(), lines, (fine, fine, coarse, coarse))
@@ -345,12 +334,7 @@ def build(
         outline = [*lines, figure.axis(side)]
         tube = gx.assemblies.InflatableTube(
             creased_tube(
-                comm,
-                figure.tube(side),
-                outline,
-                cell,
-                lambda X: folds.lattice(X)[1],
-                walls,
+                comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
             ),
             law,
             gas=NITROGEN,
@@ -376,15 +360,11 @@ def build(
             (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
             for side, inner, outer in legs
         ]
-        items.append(
-            gx.connectors.RopeBundle(
-                ends,
-                lengths=[inset / math.cos(HALF)] * len(ends),
-                stiffness=2e3,
-                name="tethers",
-            )
-        )
-        items.append(gx.RigidRegion(film, "side 1", rigid_body=cube))
+        lengths = [inset / math.cos(HALF)] * len(ends)
+        items += [
+            gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
+            gx.RigidRegion(film, "side 1", rigid_body=cube),
+        ]
     else:
         items += [
             gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
@@ -397,10 +377,7 @@ def build(
             for body in films
         ]
     walls_of_cube = gx.contact.Box(
-        centre=(0.0, 0.0, 0.0),
-        sizes=(CUBE, CUBE, CUBE),
-        body=cube,
-        name="walls",
+        centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), body=cube, name="walls"
     )
     obstacles: list[Obstacle] = [walls_of_cube]
     if box:
@@ -414,7 +391,8 @@ def build(
     touching = gx.Contact(*films, *obstacles, distance=contact)
     items.append(touching)
     if gravity:
-        g = tuple(gravity * component for component in DOWN[down])
+        g = [0.0, 0.0, 0.0]
+        g["xyz".index(down[1])] = float(f"{down[0]}{gravity}")
         items += [gx.Gravity(body, g) for body in films]
         items.append(gx.constraints.FixedJoint(gx.ground_frame(), cube.frame(), name="stand"))
     if air:
@@ -571,21 +549,5 @@ def main(
     }
 
 
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
-    print(
-        f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the "
-        "roots."
-    )
-    print(
-        f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} "
-        "rad/s."
-    )
-    print_run_figures(found, "angular momentum", "angular_momentum_drift")
-
-
 if __name__ == "__main__":
-    result = main(output="out/sprout")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/sprout"))

@@ -37,6 +37,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.inflatables.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased import creased_tube
@@ -653,6 +654,4 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/sprout_deployed").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:45} {value:.4g}")
+    print_figures(main(output="out/sprout_deployed"))

@@ -36,6 +36,7 @@ import ufl
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.extend import Load, State, Term, area_vector, constant
@@ -192,5 +193,4 @@ def main(
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/follower_pressure").items():
-            print(f"{key:40} {value:.5f}")
+        print_figures(main(output="out/follower_pressure"))

@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.outputs.output import Output
@@ -275,6 +276,4 @@ def _largest(comm: MPI.Comm, values: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/reduced_sail").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:32} {value:.6g}")
+    print_figures(main(output="out/reduced_sail"))

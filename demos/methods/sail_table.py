@@ -38,6 +38,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, draw_film, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE
@@ -256,5 +257,4 @@ def main(
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/sail_table").items():
-            print(f"{key:40} {value:.5g}")
+        print_figures(main(output="out/sail_table"))

@@ -42,6 +42,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
@@ -269,5 +270,4 @@ def main(
 
 if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
-        for key, value in main(output="out/uniform_pressure").items():
-            print(f"{key:48} {value:.4g}")
+        print_figures(main(output="out/uniform_pressure"))

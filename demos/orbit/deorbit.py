@@ -16,17 +16,25 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
+from demos.common.deployment import effort, print_figures, run_case
+from demos.common.drag import EARTH, drag_area, fall_by_formula
+from demos.common.figures import (
+    BLUE,
+    GREY,
+    arrow_of_flight,
+    draw_film,
+    finish,
+    new_figure,
+    petals_of,
+    save,
+)
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.free_molecular import coefficients
-from gossamer_fx.mechanics.orbit.surface_forces import Rows
-from gossamer_fx.records.outputs.output import Output
 
 ALTITUDE = 4e5  # m
 MASS = 10.0  # kg
 AREA = 25.0  # of all panels [m²]
 SWEEP = math.radians(30)  # of the panels, towards the rear
-RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
+RADIUS = EARTH + ALTITUDE  # of the orbit [m]
 # Half of the width of a triangular panel over the distance from its root: four panels that are
 # swept by 30° just touch with cos 30°.
 PANEL_SLOPE = 0.85
@@ -49,46 +57,20 @@ def panels() -> list[gx.orbit.Surface]:
         normal = math.cos(SWEEP) * forward + math.sin(SWEEP) * out
         along_panel = math.cos(SWEEP) * out - math.sin(SWEEP) * forward
         centre = PANEL_DISTANCE * along_panel + MAST
-        panel = gx.orbit.Surface(
-            AREA / 4,
-            tuple(normal),
-            centre=tuple(centre),
-            two_sided=True,
+        found.append(
+            gx.orbit.Surface(AREA / 4, tuple(normal), centre=tuple(centre), two_sided=True)
         )
-        found.append(panel)
     return found
 
 
-def drag_area(air: gx.orbit.Air, speed: float) -> float:
-    """F/(½ρU²) [m²] of the panels in flow along their axis."""
-    speed_ratio = speed / air.thermal_speed
-    wall = math.sqrt(WALL_TEMPERATURE / air.temperature)
-    total = 0.0
-    # Cosine of the angle between flow and normal, of the front and the rear side.
-    for cosine in (math.cos(SWEEP), -math.cos(SWEEP)):
-        A, B = coefficients(cosine, speed_ratio, 1.0, 1.0, wall, Rows)
-        total += AREA * float(A * cosine + B)
-    return total
-
-
-def fall_by_formula(hours: float, mu: float) -> tuple[Array, Array]:
-    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler
-    steps of a minute.
-
-    Args:
-        hours: how long.
-        mu: gravitational parameter of the Earth [m³/s²].
-    """
-    step = 60.0
-    times = step * np.arange(round(3600 * hours / step) + 1)
-    axes = np.empty(len(times))
-    axes[0] = RADIUS
-    for k, a in enumerate(axes[:-1]):
-        speed = math.sqrt(mu / a)
-        air = AIR(a - (RADIUS - ALTITUDE))
-        force = air.density * speed**2 / 2 * drag_area(air, speed)
-        axes[k + 1] = a - step * 2 * force / MASS / math.sqrt(mu / a**3)
-    return times, axes
+def drag(a: float, speed: float) -> float:
+    """Force [N] on the panels in flow along their axis, on an orbit with the semi-major axis a
+    [m]."""
+    air = AIR(a - EARTH)
+    # Cosines of the angles between flow and normal, of the front and the rear side.
+    cosines = np.array([[math.cos(SWEEP)], [-math.cos(SWEEP)]])
+    how = gx.orbit.Accommodation(wall_temperature=WALL_TEMPERATURE)
+    return air.density * speed**2 / 2 * drag_area(AREA, cosines, air, speed, how)
 
 
 def draw(series: gx.Series, formula: tuple[Array, Array], path: Path) -> None:
@@ -96,43 +78,18 @@ def draw(series: gx.Series, formula: tuple[Array, Array], path: Path) -> None:
     figure = new_figure(width=11.0, height=4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.5))
     sail = left.add_subplot(projection="3d")
-    draw_film(
-        sail,
-        petals_of(panels(), root=MAST, slope=PANEL_SLOPE),
-        view=(18.0, -60.0),
-    )
-    sail.quiver(
-        0.3,
-        0,
-        0,
-        1.6,
-        0,
-        0,
-        color=RED,
-        lw=2,
-    )
-    sail.text(1.1, 0, 0.35, "flight", color=RED, ha="center")
+    draw_film(sail, petals_of(panels(), root=MAST, slope=PANEL_SLOPE), view=(18.0, -60.0))
+    arrow_of_flight(sail, 0.3, 1.6)
     left.suptitle("25 m² in four panels, swept back by 30°", fontsize=10)
     above, below = right.subplots(2, 1, sharex=True)
     times, axes = formula
-    above.plot(
-        np.array(series.time) / 3600,
-        (series["a"] - RADIUS) / 1e3,
-        color=BLUE,
-    )
-    above.plot(times / 3600, (axes - RADIUS) / 1e3, "--", color=GREY)
-    above.set_ylabel("semi-major axis,\nchange [km]")
-    above.legend(["computed, swinging", "formula, aligned"], fontsize=8, frameon=False)
+    hours = np.array(series.time) / 3600
+    above.plot(hours, (series["a"] - RADIUS) / 1e3, color=BLUE, label="computed, swinging")
+    above.plot(times / 3600, (axes - RADIUS) / 1e3, "--", color=GREY, label="formula, aligned")
+    finish(above, "", "semi-major axis,\nchange [km]")
     angle = np.degrees(series["angle to the motion [rad]"])
-    below.plot(
-        np.array(series.time) / 3600,
-        angle,
-        color=BLUE,
-        lw=0.4,
-    )
-    below.set(xlabel="time [h]", ylabel="angle to the\nmotion [deg]")
-    for panel in (above, below):
-        panel.grid(alpha=0.3)
+    below.plot(hours, angle, color=BLUE, lw=0.4)
+    finish(below, "time [h]", "angle to the\nmotion [deg]")
     save(figure, path)
 
 
@@ -167,28 +124,16 @@ def main(
         comm=comm,
         name="satellite",
     )
-    drag = gx.orbit.Drag(
-        body,
-        orbit,
-        atmosphere=AIR,
-        surfaces=panels(),
-        rotation=0.0,
-        name="drag",
-    )
+    wind = gx.orbit.Drag(body, orbit, atmosphere=AIR, surfaces=panels(), rotation=0.0, name="drag")
     nose = body.frame().directors[0]
     probes = {
         "angle to the motion [rad]": gx.probes.Attitude(orbit, nose, axis="along"),
         "a": gx.probes.OrbitState(orbit, "a"),
     }
-    series = gx.Series(probes)
-    outputs: list[Output] = [gx.outputs.Progress(), series]
-    run = gx.Simulation(
-        gx.Scene(drag),
-        gx.Midpoint(dt=dt),
-        outputs=outputs,
-    )
-    run.run(until=3600 * hours)
-    formula = fall_by_formula(hours, orbit.mu)
+    seconds = 3600 * hours
+    case = gx.Case(gx.Scene(wind), gx.Midpoint(dt=dt), until=seconds, probes=probes)
+    run, series = run_case(case)
+    formula = fall_by_formula(RADIUS, drag, MASS, seconds, 60.0, orbit.mu)
     if output is not None and comm.rank == 0:
         draw(series, formula, Path(output) / "deorbit.png")
     last_quarter = len(series.time) * 3 // 4
@@ -198,13 +143,9 @@ def main(
         "largest angle to the motion, late [rad]": float(
             series["angle to the motion [rad]"][last_quarter:].max()
         ),
-        "energy_error": run.energy_error,
-        "newton_per_step": run.iterations / run.step,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/deorbit").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:40} {value:.6g}")
+    print_figures(main(output="out/deorbit"))

@@ -17,46 +17,18 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.framed_sail import springs_to_frame, stretching
+from demos.common.deployment import effort, print_figures
+from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.records.outputs.output import Output
 
-SIDE = 10.0  # of the sail [m]
-GAP = 0.2  # between the sail and the frame, bridged by the springs [m]
-SPIN = 0.01  # rad/s
-ALTITUDE = 8e5  # m
 STRETCH = 1e-4  # of the film in both directions [1]
-RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
 FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6)
 # Green-Lagrange strain ½(λ²-1) of both directions, and the force on a length of an edge as it was:
 # λ S t
 STRAIN = STRETCH + STRETCH**2 / 2
 TENSION = (1 + STRETCH) * FILM.E * FILM.thickness / (1 - FILM.nu) * STRAIN
-
-
-def sail(
-    comm: MPI.Comm, cells: int
-) -> tuple[gx.Membrane, gx.RigidBody, list[gx.connectors.Spring]]:
-    """Film, frame, and the springs between them; the centre is at the origin."""
-    film = gx.Membrane(
-        crossed_sheet(comm, cells, cells, SIDE, SIDE),
-        FILM,
-        displacement=stretching(SIDE, STRETCH),
-        name="sail",
-    )
-    frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
-    springs = springs_to_frame(
-        film,
-        frame,
-        side=SIDE,
-        cells=cells,
-        strain=STRETCH,
-        tension=TENSION,
-        gap=GAP,
-        stiffness=500.0,
-    )
-    return film, frame, springs
 
 
 def main(
@@ -75,13 +47,15 @@ def main(
         effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
-    orbit = gx.orbit.Orbit(
-        start,
-        gravity="J2",
-        sun=(0.0, 0.0, 1.0),
-        shadow="cone",
+    orbit = gx.orbit.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
+    film, frame, springs = framed_sail(
+        crossed_sheet(comm, cells, cells, SIDE, SIDE),
+        FILM,
+        cells=cells,
+        strain=STRETCH,
+        tension=TENSION,
+        stiffness=500.0,
     )
-    film, frame, springs = sail(comm, cells)
     light = gx.orbit.SolarPressure(film, orbit, optics=JPL_SAIL, name="sunlight")
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
     scene = gx.Scene(film, frame, *springs, orbit, light, spin)
@@ -105,14 +79,9 @@ def main(
             "force of sunlight [N]": probes["force"],
             "sun angle [rad]": probes["sun angle"],
         }
-        outputs.append(
-            gx.plot.FlightPicture(
-                Path(output) / "orbit_sail.png",
-                orbit,
-                probes=drawn,
-                title="A spinning sail in orbit",
-            )
-        )
+        path = Path(output) / "orbit_sail.png"
+        title = "A spinning sail in orbit"
+        outputs.append(gx.plot.FlightPicture(path, orbit, probes=drawn, title=title))
     run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=until or start.period(orbit.mu))
     flat = orbit.pressure * SIDE**2 * sum(JPL_SAIL.coefficients())
@@ -122,14 +91,9 @@ def main(
         "force over that on a flat sail": float(series["force"][1:][lit].mean() / flat),
         "largest change of the sun angle": float(np.ptp(series["sun angle"])),
         "part of the film not taut": float(series["wrinkled or slack"][-1]),
-        "energy_error": run.energy_error,
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
 if __name__ == "__main__":
-    for key, value in main(cells=16, output="out/orbit_sail").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:36} {value:.6g}")
+    print_figures(main(cells=16, output="out/orbit_sail"))

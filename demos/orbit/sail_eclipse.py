@@ -20,36 +20,24 @@ from dolfinx.mesh import locate_entities
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.framed_sail import springs_to_frame, stretching
+from demos.common.deployment import effort, print_figures
+from demos.common.figures import new_figure, save
+from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
 
-SIDE = 10.0  # of the sail [m]
-GAP = 0.2  # between the sail and the frame, bridged by the springs [m]
 SPRING = 800.0  # stiffness [N/m] of the springs on a metre of the edge
 TENSION = 8.0  # N/m, at which the sail is mounted
-SPIN = 0.01  # rad/s
-RADIUS = 6378137.0 + 8e5  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
 MOUNTED = 285.0  # K, temperature at which the sail is mounted
 
 # Polyimide with aluminium on its front: thickness, coefficient of expansion, and 1090 J/(kg K).
 THICKNESS = 7.5e-6  # m
-FILM = gx.Miyazaki(
-    E=2.5e9,
-    nu=0.3,
-    density=1420.0,
-    thickness=THICKNESS,
-    residual_stiffness=1e-3,
-)
+FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1420.0, thickness=THICKNESS, residual_stiffness=1e-3)
 ALPHA = 20e-6  # 1/K
 SAIL = gx.orbit.ThermalProperties(
     1090.0 * FILM.density * THICKNESS, absorptivity=0.12, emissivity=(0.03, 0.5)
 )
-COATED = gx.orbit.ThermalProperties(
-    40.0,
-    absorptivity=(0.16, 0.12),
-    emissivity=(0.08, 0.5),
-)
+COATED = gx.orbit.ThermalProperties(40.0, absorptivity=(0.16, 0.12), emissivity=(0.08, 0.5))
 BANDS = ((2.0, 4.0), (6.0, 8.0))  # of x [m] that are coated
 
 
@@ -105,30 +93,15 @@ def sail(
         )
         in_band = np.union1d(in_band, found).astype(np.int32)
     groups["coated"] = (2, in_band)
-    film = gx.Membrane(
+    return framed_sail(
         gx.Mesh(mesh.domain, groups),
         FILM,
-        thermal=gx.materials.ThermalExpansion(ALPHA, MOUNTED, reference=MOUNTED),
-        displacement=stretching(SIDE, strain),
-        name="sail",
-    )
-    frame = gx.RigidBody(
-        30.0,
-        (500.0, 500.0, 1000.0),
-        comm=comm,
-        name="frame",
-    )
-    springs = springs_to_frame(
-        film,
-        frame,
-        side=SIDE,
         cells=cells,
         strain=strain,
         tension=TENSION,
-        gap=GAP,
         stiffness=SPRING * SIDE / cells,
+        thermal=gx.materials.ThermalExpansion(ALPHA, MOUNTED, reference=MOUNTED),
     )
-    return film, frame, springs
 
 
 def main(
@@ -146,11 +119,7 @@ def main(
         closing errors, effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
-    orbit = gx.orbit.Orbit(
-        start,
-        sun=(0.0, 0.0, 1.0),
-        shadow="cone",
-    )
+    orbit = gx.orbit.Orbit(start, sun=(0.0, 0.0, 1.0), shadow="cone")
     film, frame, springs = sail(comm, cells)
     light = gx.orbit.SolarPressure(film, orbit, optics=JPL_SAIL, name="sunlight")
     heating = gx.orbit.SolarHeating(
@@ -158,16 +127,7 @@ def main(
     )
     damping = gx.Damping(film, stiffness_factor=0.05)
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
-    scene = gx.Scene(
-        film,
-        frame,
-        *springs,
-        orbit,
-        light,
-        heating,
-        damping,
-        spin,
-    )
+    scene = gx.Scene(film, frame, *springs, orbit, light, heating, damping, spin)
     series = gx.Series(
         {
             "sunlit": gx.probes.OrbitState(orbit, "sunlit"),
@@ -179,11 +139,7 @@ def main(
             "taut": gx.probes.AreaFraction(film, "taut"),
         }
     )
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=dt),
-        outputs=[gx.outputs.Progress(), series],
-    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[gx.outputs.Progress(), series])
     end = until or start.period(orbit.mu)
     entry, exit_ = eclipse(orbit)
     moments = {
@@ -208,10 +164,7 @@ def main(
         "hottest [K]": float(series["hottest"].max()),
         "coldest [K]": float(series["coldest"].min()),
         "heat_error": heating.balance(run).error,
-        "energy_error": run.energy_error,
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
@@ -227,19 +180,12 @@ def eclipse(orbit: gx.orbit.Orbit) -> tuple[float, float]:
     return (midnight - half) / rate, (midnight + half) / rate
 
 
-def draw(
-    series: gx.Series,
-    fields: dict[str, tuple[np.ndarray, np.ndarray]],
-    path: Path,
-) -> None:
+def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
     """Temperature, tension and flatness over time, and the temperature of the film at three
     times."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.tri import Triangulation
 
-    figure = Figure(figsize=(9.6, 7.2), dpi=110, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure(9.6, 7.2)
     grid = figure.add_gridspec(3, 2, width_ratios=(2.2, 1.0))
     minutes = series.time / 60
     dark = series["sunlit"] < 0.5
@@ -251,13 +197,7 @@ def draw(
     for row, (label, names, factor) in enumerate(curves):
         axes = figure.add_subplot(grid[row, 0])
         for name, colour in names.items():
-            axes.plot(
-                minutes,
-                factor * series[name],
-                color=colour,
-                lw=1.2,
-                label=name,
-            )
+            axes.plot(minutes, factor * series[name], color=colour, lw=1.2, label=name)
         axes.fill_between(
             minutes, 0, 1, where=dark, transform=axes.get_xaxis_transform(), color="#dddddd", lw=0
         )
@@ -280,17 +220,9 @@ def draw(
         axes.set_axis_off()
         images.append(image)
     if images:
-        figure.colorbar(
-            images[0],
-            ax=figure.axes[3:],
-            label="temperature [K]",
-            shrink=0.7,
-        )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    canvas.print_png(str(path))
+        figure.colorbar(images[0], ax=figure.axes[3:], label="temperature [K]", shrink=0.7)
+    save(figure, path)
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:45} {value:.6g}")
+    print_figures(main(output="out"))

@@ -44,6 +44,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
 from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
@@ -708,6 +709,4 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:36} {value:.6g}")
+    print_figures(main(output="out"))

@@ -34,21 +34,23 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import (
     crease_figures,
-    dissipation,
-    dissipation_by_part,
     first_time,
     fold_angles,
-    print_run_figures,
+    print_figures,
     run_case,
-    run_figures,
-    write_figure,
 )
-from demos.common.spinning import Disturbance, attitude_probes
-from gossamer_fx.core.model.body import Array
+from demos.common.figures import finish, new_figure, save
+from demos.common.spinning import (
+    Disturbance,
+    attitude_probes,
+    drum,
+    plot_spins,
+    radii_of_tips,
+    spin_figures,
+    spin_probes,
+)
 from gossamer_fx.meshes.sails import pinwheel
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.records.outputs.output import Probe
-from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
@@ -136,13 +138,7 @@ def build(
             rejected more often.
     """
     side, count = pattern(diameter, n)
-    folds = gx.fold.Star(
-        n=n,
-        side=side,
-        columns=cells,
-        reach=count * cells,
-        gap=gap,
-    )
+    folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
     # Height of the roll: the length of the last column of cells.
@@ -158,15 +154,9 @@ def build(
     )
     # The inscribed circle of the roll, less the gap to the film.
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
-    drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, 0.0),
-        end=(0.0, 0.0, -height),
-        radius=radius,
-        body=hub,
-        name="drum",
-    )
+    surface = drum(hub, radius, 0.0, -height)
     touching = gx.Contact(
-        film, drum, distance=contact, stiffness=contact_stiffness, friction=friction
+        film, surface, distance=contact, stiffness=contact_stiffness, friction=friction
     )
     spin = sense * 2 * math.pi * rev
     tips = [film.port(f"tip {k}") for k in range(n)]
@@ -205,13 +195,8 @@ def build(
         items.append(gx.loads.AirDrag(film, air))
     axis = hub.frame_at((0.0, 0.0, 0.0))
     # Angles of tips are taken in the frame of the hub, which turns.
-    probes: dict[str, Probe] = {
-        "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
-        "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
-        **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, axis, quantity="radius")
-            for k, port in enumerate(tips)
-        },
+    probes = {
+        **spin_probes(hub, film, tips),
         "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
         "penetrations": gx.probes.Penetrations(touching),
         **attitude_probes(hub, tips),
@@ -242,81 +227,36 @@ def main(
     """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
     pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a
-    free hub), the largest mean radius of the tips [m] and its time [s], the smallest radius of a
-    tip at the end [m], the nutation at the start and the end [deg], the imbalance of the tips at
-    the end, the spins at the end [rad/s], the energy at the start [J], the time [s] at which the
-    mean radius of the tips is `OPEN` of that of the open disc, and with creases the figures of
+    Returns the figures of `spin_figures`; the time [s] of the largest mean radius of the tips, and
+    that at which it is `OPEN` of that of the open disc; with creases the figures of
     `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     # Pictures are denser at first, where the roll opens fast.
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
     run, series = run_case(case, output, "spin_deployment", parts, VIEW)
-    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
-        draw(series, radius, Path(output) / "spin_deployment_curves.png")
-    # A held hub takes angular momentum from outside; the drift counts for a free one only.
-    first = run.first.angular_momentum
-    now = run.totals.angular_momentum
-    widest = int(radius.argmax())
+        draw(series, Path(output) / "spin_deployment_curves.png")
+    radius = radii_of_tips(series).mean(axis=0)
     diameter = float(given.get("diameter", 1.0))  # type: ignore[arg-type]
     return {
-        **run_figures(run, series),
-        "angular_momentum_drift": relative_drift(now, first),
-        "largest_radius": float(radius[widest]),
-        "when": float(series.time[widest]),
-        "smallest_radius": min(
-            float(series[name][-1]) for name in case.probes if name.startswith("radius")
-        ),
-        "nutation_at_start": float(series["nutation [deg]"][0]),
-        "nutation": float(series["nutation [deg]"][-1]),
-        "imbalance": float(series["imbalance of the tips"][-1]),
-        "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
-        "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
-        "energy": run.first.energy,
+        **spin_figures(run, series),
+        "when": float(series.time[radius.argmax()]),
         "opened": first_time(series.time, radius, OPEN * diameter / 2),
         **crease_figures(run, series, case),
-        **dissipation(run),
     }
 
 
-def draw(series: gx.Series, radius: Array, path: Path) -> None:
-    """Spins and radius over the time, and the spin of the sail over its radius."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
+def draw(series: gx.Series, path: Path) -> None:
+    """Spins over the time, and over the radius of the tips."""
+    figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
-    for what, colour in (("hub", (0.1, 0.35, 0.7)), ("sail", (0.8, 0.2, 0.1))):
-        spin = series[f"spin of the {what} [rad/s]"]
-        left.plot(1e3 * series.time, spin, color=colour, label=what)
-        right.plot(1e3 * radius, spin, color=colour, label=what)
-    left.set(xlabel="t [ms]", ylabel="spin [rad/s]")
-    right.set(xlabel="mean radius of the tips [mm]", ylabel="spin [rad/s]")
-    left.legend(frameon=False)
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    write_figure(figure, TITLE, path)
-
-
-def say(found: dict[str, float]) -> None:
-    """Print the results."""
-    print(
-        f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} "
-        "ms."
-    )
-    print(
-        f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} "
-        "rad/s."
-    )
-    print(
-        f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are "
-        f"lost{dissipation_by_part(found)}."
-    )
-    print_run_figures(found, "angular momentum", "angular_momentum_drift")
+    plot_spins(left, 1e3 * series.time, series, "rad/s")
+    finish(left, "t [ms]", "spin [rad/s]")
+    plot_spins(right, 1e3 * radii_of_tips(series).mean(axis=0), series, "rad/s")
+    finish(right, "mean radius of the tips [mm]", "spin [rad/s]")
+    save(figure, path, TITLE)
 
 
 if __name__ == "__main__":
-    result = main(output="out/spin_deployment")
-    if MPI.COMM_WORLD.rank == 0:
-        say(result)
+    print_figures(main(output="out/spin_deployment"))

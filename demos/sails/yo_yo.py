@@ -27,10 +27,11 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import write_figure
+from demos.common.deployment import print_figures, run_case, run_figures
+from demos.common.figures import BLUE, RED, finish, new_figure, save
+from demos.common.spinning import drum
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
-from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "A hub is stopped by two masses on cords"
@@ -87,13 +88,6 @@ def build(
     R, length, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub", comm=comm)
-    drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -0.02),
-        end=(0.0, 0.0, 0.02),
-        radius=RADIUS,
-        body=hub,
-        name="drum",
-    )
     cords: list[gx.Cable] = []
     items: list[object] = [hub]
     for k in range(2):
@@ -104,12 +98,7 @@ def build(
 
         mesh = line(comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], cells)
         law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
-        cord = gx.Cable(
-            mesh,
-            law,
-            name=f"cord {k + 1}",
-            displacement=wind,
-        )
+        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=wind)
         end = math.pi * k - cells * step
         place = (R * math.cos(end), R * math.sin(end), 0.0)
         tip = gx.PointMass(MASS, place, name=f"mass {k + 1}", comm=comm)
@@ -118,13 +107,13 @@ def build(
             cord,
             tip,
             gx.constraints.BallJoint(cord.port("start"), root, name=f"knot {k + 1}"),
+            gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"),
+            gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k + 1}"),
         ]
-        items.append(gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
-        items.append(gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k + 1}"))
         cords.append(cord)
     contact = gx.Contact(
         *cords,
-        drum,
+        drum(hub, RADIUS, -0.02, 0.02),
         distance=CONTACT_DISTANCE,
         stiffness=CONTACT_STIFFNESS,
         radius=dict.fromkeys((c.name for c in cords), CORD_RADIUS),
@@ -161,13 +150,7 @@ def main(
     With `output`, a folder: the recording of the run, and a picture.
     """
     case = build(comm, cells, dt=dt, largest=largest)
-    series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.outputs.Progress(), series]
-    if output is not None:
-        out = Path(output)
-        outputs.append(case.recording(out, overwrite=True))
-    run = case.simulation(outputs)
-    run.run(until=case.until)
+    run, series = run_case(case, output)
     t = series.time
     spin = series["spin of the hub [rad/s]"]
     error = np.abs(spin - spin_of(t, cells)) / SPIN
@@ -179,51 +162,23 @@ def main(
         "error_half": float(error[t <= case.until / 2].max()),
         "error_whole": float(error.max()),
         "last_spin": float(spin[-1]),
-        "energy_error": abs(run.energy_error),
         "angular_momentum_drift": relative_drift(now, first),
-        "penetrations": float(series["penetrations"].max()),
-        "rejected": run.substeps,
-        "steps": run.step,
-        "iterations": run.iterations / run.step,
-        "seconds": run.seconds,
+        **run_figures(run, series),
     }
 
 
 def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     """The spin of the hub over the time, computed and of the closed form, and their difference."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(
-        figsize=(9, 3.8),
-        dpi=100,
-        facecolor="white",
-        layout="constrained",
-    )
+    figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
     exact = spin_of(t, cells)
-    left.plot(
-        1e3 * t,
-        spin,
-        color=(0.8, 0.2, 0.1),
-        label="computed",
-    )
-    left.plot(
-        1e3 * t,
-        exact,
-        "--",
-        color=(0.1, 0.35, 0.7),
-        label="closed form",
-    )
-    left.set(xlabel="t [ms]", ylabel="spin of the hub [rad/s]")
-    left.legend(frameon=False)
+    left.plot(1e3 * t, spin, color=RED, label="computed")
+    left.plot(1e3 * t, exact, "--", color=BLUE, label="closed form")
+    finish(left, "t [ms]", "spin of the hub [rad/s]")
     right.plot(1e3 * t, 100 * (spin - exact) / SPIN, color="black")
-    right.set(xlabel="t [ms]", ylabel="difference [% of the first spin]")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    write_figure(figure, TITLE, path)
+    finish(right, "t [ms]", "difference [% of the first spin]")
+    save(figure, path, TITLE)
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/yo_yo").items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:24} {value:.6g}")
+    print_figures(main(output="out/yo_yo"), {"last_spin": "rad/s"})

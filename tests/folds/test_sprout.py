@@ -116,7 +116,7 @@ def test_the_search_for_rest_starts_where_the_run_ended(comm) -> None:
 
 
 def test_a_direction_that_is_not_an_axis_is_refused() -> None:
-    with pytest.raises(gx.InputError, match="down is 'down'; give one of"):
+    with pytest.raises(gx.InputError, match="down is 'down'; give '-x' or"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")
 
 
