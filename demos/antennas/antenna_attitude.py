@@ -32,32 +32,18 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.figures import draw_film, new_figure, save, triangles
+from demos.common.deployment import effort, print_figures, run_case
+from demos.common.figures import draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes import antenna as meshes
-from gossamer_fx.records.outputs.output import Output, Probe
+from gossamer_fx.records.outputs.output import Probe
 
 # Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m
-FILM = gx.Miyazaki(
-    E=2.3e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=2e-5,
-    residual_stiffness=1e-8 / 35,
-)
-BOOM = gx.sections.tube(
-    0.02,
-    5e-4,
-    E=100e9,
-    nu=0.3,
-    density=1560.0,
-)
+FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
+BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 # By the number of the case.
-TARGETS = {
-    1: (0.0, 0.0, 8.0),
-    2: (8.0, 0.0, 0.0),
-}  # degrees
+TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 # Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
 RATE = 0.6
 DAMPING = 1.0
@@ -77,18 +63,9 @@ class Antenna:
         return [self.film, *self.booms, *self.ties]
 
 
-def antenna(
-    comm: MPI.Comm,
-    film_cells: int,
-    boom_elements: int,
-    order: int = 1,
-) -> Antenna:
+def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1) -> Antenna:
     """The antenna in the plane z = 0, centre at the origin, stress-free."""
-    film = gx.Membrane(
-        meshes.film(comm, film_cells, SIDE),
-        FILM,
-        order=order,
-    )
+    film = gx.Membrane(meshes.film(comm, film_cells, SIDE), FILM, order=order)
     booms = [
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
@@ -115,29 +92,23 @@ def inertia() -> np.ndarray:
     return np.array([film + boom, film + boom, 2 * (film + boom)])
 
 
-class Attitude:
-    """One of the three controlled angles [deg], a probe."""
+def control_probes(control: gx.control.AttitudeControl) -> dict[str, Probe]:
+    """The three controlled angles [deg], and the torques about their axes [N m]."""
 
-    def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
-        self._control = control
-        self._axis = axis
+    def angle(axis: int) -> Probe:
+        def probe(run: gx.Simulation) -> float:
+            # Directors of the patch give R, and R the three angles.
+            vectors = run.system.state.vectors(control.frame.directors)
+            angles = control.angles_of(vectors.ravel(), control.reference())
+            return float(np.degrees(angles[axis]))
 
-    def __call__(self, run: gx.Simulation) -> float:
-        # Directors of the patch give R, and R the three angles.
-        vectors = run.system.state.vectors(self._control.frame.directors)
-        angles = self._control.angles_of(vectors.ravel(), self._control.reference())
-        return float(np.degrees(angles[self._axis]))
+        return probe
 
+    def torque(axis: int) -> Probe:
+        return lambda run: float(control.torques[axis])
 
-class ControlTorque:
-    """The torque about the axis of one of the angles [N m], a probe."""
-
-    def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
-        self._control = control
-        self._axis = axis
-
-    def __call__(self, run: gx.Simulation) -> float:
-        return float(self._control.torques[self._axis])
+    angles = {f"angle {axis} [deg]": angle(k) for k, axis in enumerate("uvw")}
+    return angles | {f"torque {axis} [N m]": torque(k) for k, axis in enumerate("uvw")}
 
 
 def build(
@@ -169,10 +140,7 @@ def build(
     scene = gx.Scene(
         *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre"), control
     )
-    probes: dict[str, Probe] = {
-        f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")
-    }
-    probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
+    probes = control_probes(control)
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
     # The torque begins at zero, so that the first residuals are small: `floor` ends their
     # iteration.
@@ -192,23 +160,13 @@ def main(
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
     over the time.
 
-    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the
+    With `output`, a folder: the recording of the run, and a picture.  "film" are the corners of the
     triangles of this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
-    series = gx.Series(turn.probes)
-    outputs: list[Output] = [gx.outputs.Progress(), series]
-    if output is not None:
-        out = Path(output)
-        # Times of the picture, scaled with a shorter run.
-        looks = (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
-        outputs += [
-            turn.recording(out, overwrite=True),
-            gx.plot.Picture(out / "antenna.png", times=looks, title=turn.title),
-        ]
-    run = turn.simulation(outputs)
-    run.run(until=turn.until)
-
+    # Times of the picture, scaled with a shorter run.
+    looks = (0.05, 0.1, 0.2, 0.4, 1.0)
+    run, series = run_case(turn, output, "antenna", looks)
     angles, torques, moved = (
         np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T
         for what, axes, unit in (
@@ -217,8 +175,6 @@ def main(
             ("A", "xyz", "m"),
         )
     )
-    if output is not None and comm.rank == 0:
-        plot(series.time, angles, torques, moved, Path(output) / "history.png")
     target = np.array(TARGETS[case])
     return {
         "angle_error": float(np.abs(angles[-1] - target).max() / np.abs(target).max()),
@@ -228,11 +184,7 @@ def main(
         "point_A": moved,
         "film": film_at_end(run),
         "booms": booms_at_end(run),
-        "energy_error": run.energy_error,
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
@@ -291,56 +243,16 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
         for ax, (label, values, names) in zip(axes[:, k], rows, strict=True):
             for component, name in zip(values.T, names, strict=True):
                 ax.plot(result["time"], component, label=name)
-            ax.grid(alpha=0.3)
-            if k == 0:
-                ax.set_ylabel(label)
-                ax.legend(fontsize=8, frameon=False)
-        axes[-1, k].set_xlabel("time [s]")
+            finish(ax, "time [s]", label)
     save(figure, path)
-
-
-def plot(
-    time: np.ndarray, angles: np.ndarray, torques: np.ndarray, moved: np.ndarray, path: Path
-) -> None:
-    """Angles, torques and the displacement of A over the time."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(
-        3,
-        1,
-        sharex=True,
-        figsize=(7, 8),
-        layout="constrained",
-    )
-    curves = (
-        ("angle [deg]", angles, ("θ about u", "β about v", "γ about w")),
-        ("torque [N m]", torques, ("u", "v", "w")),
-        ("displacement of A [m]", moved, ("X", "Y", "Z")),
-    )
-    for ax, (label, values, names) in zip(axes, curves, strict=True):
-        for values_of_one, name in zip(values.T, names, strict=True):
-            ax.plot(time, values_of_one, label=name)
-        ax.set_ylabel(label)
-        ax.legend()
-    axes[-1].set_xlabel("time [s]")
-    figure.savefig(path)
 
 
 if __name__ == "__main__":
     results = {
         case: main(case=case, output=f"out/antenna_attitude/case {case}") for case in TARGETS
     }
+    # Of one rank only: the mesh of a picture is that of rank 0.
     if MPI.COMM_WORLD.size == 1:
         draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
-    # Of one rank only: the mesh of a picture is that of rank 0.
     for case, result in results.items():
-        if MPI.COMM_WORLD.rank == 0:
-            for key in (
-                "angle_error",
-                "energy_error",
-                "newton_per_step",
-                "substeps",
-                "dofs",
-                "seconds",
-            ):
-                print(f"case {case}  {key:16} {result[key]:.6g}")
+        print_figures({"case": case} | result)

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antennas.antenna_attitude import antenna
-from gossamer_fx.records.outputs.output import Output
+from demos.common.deployment import effort, print_figures, run_case
 from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.totals import relative_drift
 
@@ -57,14 +57,7 @@ def main(
     With `output`, a folder: the recording, and a picture.
     """
     case = build(comm, until=steps * dt, dt=dt, **given)
-    outputs: list[Output] = [gx.outputs.Progress()]
-    if output is not None:
-        folder = Path(output)
-        times = [part * case.until for part in (0.1, 0.6, 1.0)]
-        picture = gx.plot.Picture(folder / "antenna_free.png", times, title=case.title)
-        outputs += [case.recording(folder, overwrite=True), picture]
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
-    run.run(until=case.until)
+    run, _ = run_case(case, output, "antenna_free", (0.1, 0.6, 1.0), stepper=stepper)
     first, last = run.first, run.totals
     assert run.system.constraints is not None
     return {
@@ -73,16 +66,10 @@ def main(
         "angular_momentum_drift": relative_drift(last.angular_momentum, first.angular_momentum),
         "constraint_error": run.system.constraints.violation(run.system.q0),
         "stored_over_kinetic": sum(last.stored.values()) / last.kinetic,
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
 if __name__ == "__main__":
     # A finer film than that of the paper, so that the picture shows where it wrinkles.
-    found = main(steps=2000, cells=9, elements=18, output="out/antenna_free")
-    for key, value in found.items():
-        if MPI.COMM_WORLD.rank == 0:
-            print(f"{key:24} {value:.6g}")
+    print_figures(main(steps=2000, cells=9, elements=18, output="out/antenna_free"))

@@ -27,7 +27,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antennas.antenna_attitude import FILM, SIDE, antenna
-from gossamer_fx.records.outputs.output import Output
+from demos.common.deployment import effort, run_case
+from demos.common.figures import finish, new_figure, save
 from gossamer_fx.solve.steppers.stepping import Stepper
 
 G = 1.0  # m/s²
@@ -142,13 +143,7 @@ def main(
     With `output`, a folder: the recording of the run.
     """
     case = build(comm, **given)
-    series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.outputs.Progress(), series]
-    if output is not None:
-        outputs.append(case.recording(output, overwrite=True))
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
-    run.run(until=case.until)
-
+    run, series = run_case(case, output, stepper=stepper)
     time = series.time
     tip = series["tip [m]"]
     film = series["film [m]"]
@@ -161,11 +156,7 @@ def main(
         "rigid_tip": rigid,
         "deviation": float(np.abs(tip - rigid).max()),
         "film_deflection": float(film.max()),
-        "energy_error": run.energy_error,
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 
@@ -185,22 +176,15 @@ def errors(
 
 def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
     """Tip and film over the time, and their errors over unknowns and run time."""
-    import matplotlib.pyplot as plt
-
-    figure, ((tip, by_size), (film, by_seconds)) = plt.subplots(
-        2, 2, figsize=(11, 8), layout="constrained"
-    )
+    figure = new_figure(11.0, 8.0)
+    (tip, by_size), (film, by_seconds) = figure.subplots(2, 2)
     for (order, cells, elements), r in results.items():
         # Colours follow the order of plotting; the line tells the order of the film.
         style = {
             "label": f"{cells}×{cells}-{elements}, P{order}",
             "ls": "--" if order == 1 else "-",
         }
-        tip.plot(
-            r["time"],
-            1e3 * (r["tip"] - r["rigid_tip"]),
-            **style,
-        )
+        tip.plot(r["time"], 1e3 * (r["tip"] - r["rigid_tip"]), **style)
         film.plot(r["time"], 1e3 * r["film"], **style)
     found = errors(results)
     for order in sorted({key[0] for key in found}):
@@ -208,26 +192,14 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
         for what, mark in ((0, "o-"), (1, "s--")):
             values = [1e3 * found[key][what] for key in keys]
             label = f"{('tip', 'film')[what]}, P{order}"
-            by_size.loglog(
-                [results[key]["dofs"] for key in keys],
-                values,
-                mark,
-                label=label,
-            )
-            by_seconds.loglog(
-                [results[key]["seconds"] for key in keys],
-                values,
-                mark,
-                label=label,
-            )
-    tip.set(xlabel="time [s]", ylabel="tip above the rigid limit [mm]")
-    film.set(xlabel="time [s]", ylabel="film from its corners' surface [mm]")
-    tip.legend(fontsize="x-small")
-    for axes, label in ((by_size, "unknowns"), (by_seconds, "run time [s]")):
-        axes.set(xlabel=label, ylabel="largest difference to the finest [mm]")
-        axes.grid(which="both", alpha=0.3)
-        axes.legend(fontsize="x-small")
-    figure.savefig(path)
+            for axes, effort_of in ((by_size, "dofs"), (by_seconds, "seconds")):
+                x = [results[key][effort_of] for key in keys]
+                axes.loglog(x, values, mark, label=label)
+    finish(tip, "time [s]", "tip above the rigid limit [mm]")
+    finish(film, "time [s]", "film from its corners' surface [mm]")
+    finish(by_size, "unknowns", "largest difference to the finest [mm]")
+    finish(by_seconds, "run time [s]", "largest difference to the finest [mm]")
+    save(figure, path)
 
 
 if __name__ == "__main__":

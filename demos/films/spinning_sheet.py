@@ -20,9 +20,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures
+from demos.common.deployment import effort, print_figures, run_case
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.solve.system.totals import relative_drift
 
 SPIN = 10.0  # rad/s
@@ -55,25 +54,9 @@ def build(
         residual: stiffness of the wrinkled and slack film over that of the taut film.
         order: of the elements, 1 or 2.
     """
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-        residual_stiffness=residual,
-    )
-    film = gx.Membrane(
-        sheet(comm, n, n),
-        law,
-        order=order,
-        velocity=throw,
-    )
-    return gx.Case(
-        gx.Scene(film),
-        gx.Midpoint(dt=dt),
-        until=until,
-        title=TITLE,
-    )
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=residual)
+    film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until=until, title=TITLE)
 
 
 def main(
@@ -91,15 +74,7 @@ def main(
     With `output`, a folder: the recording of the run, and a picture.
     """
     case = build(comm, n, steps * dt, dt, order=order)
-    outputs: list[Output] = [gx.outputs.Progress()]
-    if output is not None:
-        folder = Path(output)
-        times = np.linspace(0, case.until, 5)[1:].tolist()
-        picture = gx.plot.Picture(folder / "sheet.png", times=times, title=TITLE)
-        outputs += [case.recording(folder, overwrite=True), picture]
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
-    run.run(until=case.until)
-
+    run, _ = run_case(case, output, "sheet", (0.25, 0.5, 0.75, 1.0), stepper=stepper)
     first = run.first
     last = run.totals
     # The momentum is zero at the start.  It is compared with that of the whole film [kg] at the
@@ -110,10 +85,7 @@ def main(
         "energy_drift": abs(last.energy / first.energy - 1),
         "linear_momentum_drift": relative_drift(last.momentum, first.momentum, scale=scale),
         "angular_momentum_drift": relative_drift(last.angular_momentum, first.angular_momentum),
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 

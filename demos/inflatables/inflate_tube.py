@@ -30,16 +30,16 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures
+from demos.common.deployment import effort, print_figures, run_case
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.records.outputs.schedule import Schedule
 
 TITLE = "A tube pressed flat, deployed from a tank"
@@ -62,56 +62,35 @@ def valve_area(t: float) -> float:
 class Table:
     """Rows for people: the state of the run at a few instants."""
 
-    HEAD = (
-        "t [ms]",
-        "p [Pa]",
-        "T [K]",
-        "V [l]",
-        "gas [mg]",
-        "taut",
-        "wrinkled",
-        "slack",
-        "ledger",
-        "iterations",
-    )
-
     def __init__(self, film: gx.Membrane, times: Sequence[float]) -> None:
         self.times = times
-        self._fractions = [
-            gx.probes.AreaFraction(film, state) for state in ("taut", "wrinkled", "slack")
-        ]
         self._schedule = Schedule(times=tuple(times))
-        self.rows: list[tuple[str, ...]] = []
+        self._columns: dict[str, Callable[[gx.Simulation], str]] = {
+            "t [ms]": lambda run: f"{1e3 * run.time:.4g}",
+            "p [Pa]": lambda run: f"{run.chamber('tube').pressure:.4g}",
+            "T [K]": lambda run: f"{run.chamber('tube').temperature:.4g}",
+            "V [l]": lambda run: f"{1e3 * run.chamber('tube').volume:.4g}",
+            "gas [mg]": lambda run: f"{1e6 * run.chamber('tube').mass:.4g}",
+        }
+        for state in ("taut", "wrinkled", "slack"):
+            share = gx.probes.AreaFraction(film, state)
+            self._columns[state] = lambda run, share=share: f"{share(run):.1%}"
+        self._columns["ledger"] = lambda run: f"{run.energy_error:+.0e}"
+        self._columns["iterations"] = lambda run: f"{run.iterations / max(run.step, 1):.1f}"
+        self.rows = [tuple(self._columns)]
 
     def open(self, run: gx.Simulation) -> None:
-        self._seen = (0, 0)
+        """Nothing to prepare."""
 
     def record(self, run: gx.Simulation, last: bool) -> None:
-        if not self._schedule.due(run.step, run.time, last):
-            return
-        tube = run.chamber("tube")
-        steps = max(run.step - self._seen[0], 1)
-        numbers = [
-            run.time * 1e3,
-            tube.pressure,
-            tube.temperature,
-            tube.volume * 1e3,
-            tube.mass * 1e6,
-        ]
-        shares = [fraction(run) for fraction in self._fractions]
-        self.rows.append(
-            (
-                *(f"{n:.4g}" for n in numbers),
-                *(f"{s:.1%}" for s in shares),
-                f"{run.energy_error:+.0e}",
-                f"{(run.iterations - self._seen[1]) / steps:.1f}",
-            )
-        )
-        self._seen = run.step, run.iterations
+        """Add a row if it is time for one."""
+        if self._schedule.due(run.step, run.time, last):
+            self.rows.append(tuple(column(run) for column in self._columns.values()))
 
     def close(self, run: gx.Simulation) -> None:
+        """Print the table."""
         if run.comm.rank == 0:
-            for row in (self.HEAD, *self.rows):
+            for row in self.rows:
                 print("".join(word.rjust(11) for word in row))
 
 
@@ -141,20 +120,9 @@ def main(
     """
     case = build(comm, cells, until, dt)
     film = next(body for body in case.scene.bodies if isinstance(body, gx.Membrane))
-    outputs: list[Output] = [
-        gx.outputs.Progress(),
-        Table(film, np.linspace(0, until, 9)[1:].tolist()),
-    ]
-    if output is not None:
-        out = Path(output)
-        looks = (np.array([0.04, 0.1, 0.2, 0.4, 0.7, 1.0]) * until).tolist()
-        outputs += [
-            case.recording(out, overwrite=True),
-            gx.plot.Picture(out / "tube.png", times=looks, title=TITLE),
-        ]
-    run = case.simulation(outputs)
-    run.run(until=until)
-
+    looks = (0.04, 0.1, 0.2, 0.4, 0.7, 1.0)
+    table = Table(film, np.linspace(0, until, 9)[1:].tolist())
+    run, _ = run_case(replace(case, outputs=[table]), output, "tube", looks)
     state = run.chamber("tube")
     return {
         "time": run.time,
@@ -162,12 +130,8 @@ def main(
         "temperature": state.temperature,
         "volume": state.volume,
         "mass": state.mass,
-        "energy_error": abs(run.energy_error),
         "mass_error": abs(run.mass_error),
-        "newton_per_step": run.iterations / run.step,
-        "substeps": run.substeps,
-        "dofs": run.system.numbering.size,
-        "seconds": run.seconds,
+        **effort(run),
     }
 
 

@@ -17,17 +17,27 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
+from demos.common.deployment import print_figures
+from demos.common.figures import (
+    BLUE,
+    GREY,
+    RED,
+    draw_film,
+    finish,
+    new_figure,
+    petals_of,
+    save,
+)
+from demos.common.spinning import RPM
 from gossamer_fx.mechanics.orbit.eclipse import AU
 from gossamer_fx.mechanics.orbit.sky import MU_SUN
-from gossamer_fx.records.outputs.output import Output
 
 AREA = 173.0  # of the sail [m²]
 INERTIA = 770.0  # about the axis of spin [kg m²]
 ARM = 4.7  # from the axis to the centre of a petal [m]
 MASS = 300.0  # kg
 DISTANCE = 1.03  # from the sun [au]
-RPM = 2 * math.pi / 60
+RADIUS_OF_THE_SUN = 6.957e8  # m
 FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
 # Pitches of the picture [rad]; the petals are drawn with 60 times the pitch of the demo, which
@@ -42,21 +52,27 @@ def petals(pitch: float) -> list[gx.orbit.Surface]:
     for k in range(4):
         c = math.cos(k * math.pi / 2)
         s = math.sin(k * math.pi / 2)
-        normal = (
-            -s * math.sin(pitch),
-            c * math.sin(pitch),
-            -math.cos(pitch),
-        )
+        normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
         centre = (ARM * c, ARM * s, 0.0)
-        petal = gx.orbit.Surface(
-            AREA / 4,
-            normal,
-            centre=centre,
-            optics=OPTICS,
-            two_sided=True,
+        found.append(
+            gx.orbit.Surface(AREA / 4, normal, centre=centre, optics=OPTICS, two_sided=True)
         )
-        found.append(petal)
     return found
+
+
+def round_the_sun(start: gx.orbit.Elements) -> gx.orbit.Orbit:
+    """An orbit whose central body is the Sun."""
+    return gx.orbit.Orbit(
+        start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=RADIUS_OF_THE_SUN
+    )
+
+
+def days_of_braking(torque: float, inertia: float) -> float:
+    """Days in which a torque [N m] brakes a sail with a moment of inertia [kg m²] from 1 to 0.4
+    rpm; in flight 21."""
+    if torque == 0:
+        return math.inf
+    return 0.6 * RPM * inertia / abs(torque) / 86400
 
 
 def draw(results: dict[float, dict[str, float]], path: Path) -> None:
@@ -78,9 +94,7 @@ def draw(results: dict[float, dict[str, float]], path: Path) -> None:
     computed = [1e6 * found["torque [N m]"] for found in results.values()]
     axes.plot(pitches, computed, "o", color=BLUE, label="computed, sun angle 1°")
     axes.axhline(1e6 * FLIGHT, color=RED, ls="--", label="IKAROS in flight, June 2011")
-    axes.set(xlabel="pitch of the petals [mrad]", ylabel="torque about the axis of spin [µN m]")
-    axes.legend(fontsize=8, frameon=False)
-    axes.grid(alpha=0.3)
+    finish(axes, "pitch of the petals [mrad]", "torque about the axis of spin [µN m]")
     save(figure, path)
 
 
@@ -97,14 +111,7 @@ def main(
         torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4
         rpm by it.
     """
-    start = gx.orbit.Elements(DISTANCE * AU)
-    orbit = gx.orbit.Orbit(
-        start,
-        mu=MU_SUN,
-        sun=(0.0, 0.0, 0.0),
-        shadow="none",
-        radius=6.957e8,
-    )
+    orbit = round_the_sun(gx.orbit.Elements(DISTANCE * AU))
     # Light travels along x at the start.  The axis of spin is tilted from it by the sun angle.
     axis = np.array([math.cos(sun_angle), math.sin(sun_angle), 0.0])
     attitude = np.column_stack([(0.0, 0.0, 1.0), np.cross(axis, (0.0, 0.0, 1.0)), axis])
@@ -116,27 +123,17 @@ def main(
         comm=comm,
         name="sail",
     )
-    light = gx.orbit.SolarPressure(
-        body,
-        orbit,
-        surfaces=petals(pitch),
-        name="sunlight",
-    )
+    light = gx.orbit.SolarPressure(body, orbit, surfaces=petals(pitch), name="sunlight")
     probes = {
-        "spin": lambda run: float(run.totals.angular_momentum @ axis),
         "sun angle [rad]": gx.probes.SunAngle(orbit, body.frame().directors[2]),
         "torque": lambda run: sum(
             float(a) * gx.probes.LoadResultant(orbit, "sunlight", action="torque", axis=x)(run)
             for a, x in zip(axis, "xyz", strict=True)
         ),
     }
-    series = gx.Series({name: probes[name] for name in ("sun angle [rad]", "torque")})
-    outputs: list[Output] = [gx.outputs.Progress(), series]
-    run = gx.Simulation(
-        gx.Scene(light),
-        gx.Midpoint(dt=dt),
-        outputs=outputs,
-    )
+    series = gx.Series(probes)
+    outputs = [gx.outputs.Progress(), series]
+    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     frame = body.frame()
 
     def spin(system: object) -> float:
@@ -157,7 +154,7 @@ def main(
         "formula for a sun angle of 0 [N m]": formula,
         "torque over the flight's": braked / FLIGHT,
         "torque over 2PA 10 m": abs(braked) / (2 * P * AREA * 10),
-        "days from 1 to 0.4 rpm": 0.6 * RPM * INERTIA / abs(braked) / 86400 if braked else math.inf,
+        "days from 1 to 0.4 rpm": days_of_braking(braked, INERTIA),
         "energy_error": run.energy_error,
         "seconds": run.seconds,
     }
@@ -168,5 +165,4 @@ if __name__ == "__main__":
     if MPI.COMM_WORLD.rank == 0:
         draw(results, Path("out/windmill/windmill.png"))
         # As in flight.
-        for key, value in results[5.2e-3].items():
-            print(f"{key:36} {value:.6g}")
+        print_figures(results[5.2e-3])

@@ -45,11 +45,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS
+from demos.common.figures import area_vectors
+from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.orbit.eclipse import AU
-from gossamer_fx.mechanics.orbit.sky import MU_SUN
 from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 from gossamer_fx.meshes.sails import trapezoids
 
@@ -156,13 +156,7 @@ def curvature_at(build: Build) -> Any:
 def folds() -> gx.fold.Ikaros:
     """The fold, whose lines are the creases of the sail."""
     _, _, bends = ikaros.rows(PITCH)
-    return gx.fold.Ikaros(
-        n=4,
-        inner=INNER,
-        outer=OUTER,
-        pitch=PITCH,
-        bends=bends,
-    )
+    return gx.fold.Ikaros(n=4, inner=INNER, outer=OUTER, pitch=PITCH, bends=bends)
 
 
 def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
@@ -192,12 +186,7 @@ def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
     # Without a natural curvature the plate has no cubic energy.
     rest_curvature = curvature_at(build) if build.curvature else None
     return gx.Plate(
-        mesh,
-        law,
-        hinges=hinges,
-        rest_curvature=rest_curvature,
-        properties=properties,
-        name="sail",
+        mesh, law, hinges=hinges, rest_curvature=rest_curvature, properties=properties, name="sail"
     )
 
 
@@ -232,16 +221,8 @@ def tapes(film: gx.Membrane, build: Build) -> list[gx.connectors.Tape]:
 
 def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
     """The hub, and what is with the sail: masses at the tips, tethers, tapes and creases."""
-    hub = gx.RigidBody(
-        ikaros.HUB_MASS,
-        ikaros.HUB_INERTIA,
-        comm=film.comm,
-        name="hub",
-    )
-    items: list[Any] = [
-        gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
-        for k in range(4)
-    ]
+    hub = ikaros.hub_body(film.comm)
+    items: list[Any] = [*ikaros.tip_masses(film)]
     items.append(ikaros.tethers(film, hub, PITCH, ikaros.HUB_RADIUS))
     items += tapes(film, build)
     if build.crease and build.bends:
@@ -257,17 +238,9 @@ def sun_pressure(distance: float = DISTANCE, sun_angle: float = 0.0) -> float:
     return PRESSURE_AT_AU / distance**2 * cosine * (diffuse + (mirrored + along_light) * cosine)
 
 
-def steady(
-    comm: MPI.Comm,
-    build: Build,
-    rpm: float,
-    sunlit: bool = True,
-) -> gx.Equilibrium:
+def steady(comm: MPI.Comm, build: Build, rpm: float, sunlit: bool = True) -> gx.Equilibrium:
     """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
-    pressure = 0.0
-    if sunlit:
-        pressure = sun_pressure()
-    search = spinning_sail(comm, build, rpm, pressure, SEARCH)
+    search = spinning_sail(comm, build, rpm, sun_pressure() if sunlit else 0.0, SEARCH)
     search.find()
     return search
 
@@ -372,13 +345,6 @@ def masses(film: gx.Membrane) -> Array:
     return np.where(is_device, film_weight + device_weight, film_weight) * area
 
 
-def area_vectors(corners: Array) -> Array:
-    """Area vectors (n, 3) [m²] of triangles (n, 3, 3) [m]."""
-    first = corners[:, 1] - corners[:, 0]
-    second = corners[:, 2] - corners[:, 0]
-    return np.cross(first, second) / 2
-
-
 def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
     """Moment of inertia [kg m²] about z of triangles (n, 3, 3) with masses (n,), and of the masses
     at the tips."""
@@ -414,14 +380,9 @@ def sail_of(search: gx.Equilibrium) -> Any:
 def windmill(comm: MPI.Comm, corners: Array) -> float:
     """Torque of sunlight [N m] about z on triangles (n, 3, 3) [m]; light travels along z."""
     areas = area_vectors(corners)
-    front = OPTICS.coefficients()
-    back = OPTICS.coefficients(back=True)
+    along_z = np.array([0.0, 0.0, 1.0])
     forces = light_force(
-        areas,
-        np.array([0.0, 0.0, 1.0]),
-        front,
-        back,
-        Rows,
+        areas, along_z, OPTICS.coefficients(), OPTICS.coefficients(back=True), Rows
     )
     torques = np.cross(corners.mean(axis=1), forces)
     return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))
@@ -494,17 +455,8 @@ def slack_tethers(search: gx.Equilibrium) -> int:
 def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
     """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad]
     to z."""
-    start = gx.orbit.Elements(
-        DISTANCE * AU,
-        i=math.pi / 2,
-        perigee=math.pi / 2 + sun_angle,
-    )
-    return gx.orbit.Orbit(
-        start,
-        mu=MU_SUN,
-        sun=(0.0, 0.0, 0.0),
-        shadow="none",
-        radius=6.957e8,
+    return round_the_sun(
+        gx.orbit.Elements(DISTANCE * AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
     )
 
 
@@ -557,11 +509,7 @@ def moments(search: gx.Equilibrium) -> tuple[float, float]:
     return ikaros.HUB_INERTIA[0] + J / 2, ikaros.HUB_INERTIA[2] + J
 
 
-def frozen(
-    search: gx.Equilibrium,
-    rpm: float,
-    sun_angle: float,
-) -> tuple[gx.RigidBody, list[Any]]:
+def frozen(search: gx.Equilibrium, rpm: float) -> tuple[gx.RigidBody, list[Any]]:
     """Hub and sail as one rigid body in the shape of a steady spin, and its surfaces.  Collective.
 
     Its products of inertia are left out: a thousandth of the moments.
@@ -571,16 +519,16 @@ def frozen(
     own = triangles(film, search.system.state[film].local_positions())
     corners = np.concatenate(comm.allgather(own))
     about_diameter, about_axis = moments(search)
-    surfaces = []
-    for triangle, area in zip(corners, area_vectors(corners), strict=True):
-        surface = gx.orbit.Surface(
+    surfaces = [
+        gx.orbit.Surface(
             float(np.linalg.norm(area)),
             tuple(area),
             centre=tuple(triangle.mean(axis=0)),
             optics=OPTICS,
             two_sided=True,
         )
-        surfaces.append(surface)
+        for triangle, area in zip(corners, area_vectors(corners), strict=True)
+    ]
     body = gx.RigidBody(
         ikaros.HUB_MASS + ikaros.PETALS + 4 * ikaros.TIP,
         (about_diameter, about_diameter, about_axis),
@@ -610,7 +558,7 @@ def fly_frozen(
         torque across: mean torque that turns the axis [N m].
         energy_error, seconds.
     """
-    body, surfaces = frozen(search, rpm, sun_angle)
+    body, surfaces = frozen(search, rpm)
     orbit = orbit_of_flight(sun_angle)
     light = gx.orbit.SolarPressure(body, orbit, surfaces=surfaces, name="sunlight")
     frame = body.frame()
@@ -623,18 +571,10 @@ def fly_frozen(
     series = gx.Series(probes)
     outputs: list[Any] = [gx.outputs.Progress(), series]
     if output is not None:
-        picture = gx.plot.FlightPicture(
-            Path(output) / "ikaros_devices.png",
-            orbit,
-            probes=probes,
-            title="IKAROS as built: a day in sunlight",
-        )
-        outputs.append(picture)
-    run = gx.Simulation(
-        gx.Scene(light),
-        gx.Midpoint(dt=dt),
-        outputs=outputs,
-    )
+        path = Path(output) / "ikaros_devices.png"
+        title = "IKAROS as built: a day in sunlight"
+        outputs.append(gx.plot.FlightPicture(path, orbit, probes=probes, title=title))
+    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     about_diameter, about_axis = moments(search)
     before = angular_momentum(run, frame, about_diameter, about_axis)
     run.run(until=until)
@@ -643,14 +583,11 @@ def fly_frozen(
     size_after = float(np.linalg.norm(after))
     torque = (size_after - size_before) / run.time
     turned = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
-    days = math.inf
-    if torque:
-        days = 0.6 * RPM * about_axis / abs(torque) / 86400
     return {
         "torque": torque,
         "mean torque of the probe": float(series["torque about the axis [N m]"][1:].mean()),
         "spin change": torque * run.time / about_axis / RPM,
-        "days from 1 to 0.4 rpm": days,
+        "days from 1 to 0.4 rpm": days_of_braking(torque, about_axis),
         "drift of the axis": turned,
         "sun angle": probes["sun angle [rad]"](run),
         "energy_error": abs(run.energy_error),
