@@ -44,6 +44,7 @@ from petsc4py import PETSc
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
 from gossamer_fx.analysis.design.sensitivities import Gradient
@@ -301,8 +302,6 @@ def main(
 def draw(tests: Sequence[tuple[str, Curve, Curve, Curve, Array]], path: Path) -> None:
     """Measured, first and fitted curves of each test, the fitted ones with two standard
     deviations."""
-    from demos.common.figures import BLUE, GREY, RED, new_figure, save
-
     columns = math.ceil(len(tests) / 2)
     figure = new_figure(3.6 * columns, 6.0)
     panels = figure.subplots(2, columns, squeeze=False).ravel()
@@ -313,11 +312,9 @@ def draw(tests: Sequence[tuple[str, Curve, Curve, Curve, Array]], path: Path) ->
             1e3 * after.w, after.P, yerr=2 * spread, fmt="o-", ms=3, color=BLUE, label="fitted, 2σ"
         )
         axes.set_title(name, fontsize=10)
-        axes.set(xlabel="deflection of midspan [mm]", ylabel="load [N]")
         axes.set_ylim(bottom=0.0)
-        axes.grid(alpha=0.3)
+        finish(axes, "deflection of midspan [mm]", "load [N]", loc="lower right")
     panels[0].set_title(f"{tests[0][0]} (fitted)", fontsize=10)
-    panels[0].legend(frameon=False, fontsize=8, loc="lower right")
     for axes in panels[len(tests) :]:
         axes.set_axis_off()
     save(figure, path)

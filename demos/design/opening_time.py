@@ -37,6 +37,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import print_figures
+from demos.common.figures import finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
@@ -172,8 +174,6 @@ def main(
 
 def draw(found: Sequence[Opening], wanted_time: float, path: Path) -> None:
     """Enclosed volume over time of the runs, and the distance of each from what is wanted."""
-    from demos.common.figures import new_figure, save
-
     figure = new_figure(9.9, 3.96)
     volumes, errors = figure.subplots(1, 2)
     for k, one in enumerate(found):
@@ -181,20 +181,14 @@ def draw(found: Sequence[Opening], wanted_time: float, path: Path) -> None:
         time_ms, share = 1e3 * one.curve[0], one.curve[1] / ROUND
         volumes.plot(time_ms, share, color=str(shade), lw=1 + k / len(found), label=f"run {k + 1}")
     volumes.plot([1e3 * wanted_time], [0.5], "o", color="tab:red", label="wanted")
-    volumes.set_xlabel("t [ms]")
-    volumes.set_ylabel("volume over that of the round tube")
-    volumes.legend(frameon=False, fontsize=8)
+    finish(volumes, "t [ms]", "volume over that of the round tube")
     numbers = np.arange(1, len(found) + 1)
     deviations = [abs(one.time - wanted_time) / wanted_time for one in found]
     errors.semilogy(numbers, deviations, "o-", color="black")
-    errors.set_xlabel("run")
-    errors.set_ylabel("error of the opening time, relative")
     errors.set_xticks(numbers)
+    finish(errors, "run", "error of the opening time, relative")
     save(figure, path)
 
 
 if __name__ == "__main__":
-    result = main(output="demos")
-    if MPI.COMM_WORLD.rank == 0:
-        for name, value in result.items():
-            print(f"{name:20} {value:.6g}")
+    print_figures(main(output="out/opening_time"))

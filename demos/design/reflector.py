@@ -47,6 +47,7 @@ from numpy.polynomial import Legendre
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.presets.films import KAPTON_HN
@@ -259,25 +260,19 @@ def draw(
 ) -> None:
     """Deviation of the inflated film from the paraboloid, and the stress-free meridian with its
     error."""
-    from demos.common.figures import BLUE, GREY, RED, new_figure, save
-
     figure = new_figure(11.0, 3.8)
     deviations, meridian, error = figure.subplots(1, 3)
     names = ("made as the paraboloid", "stress-free shape optimised")
     for (radii, heights), name, colour in zip(inflated, names, (RED, BLUE), strict=True):
         deviations.plot(radii, 1e3 * heights, ".", ms=3, color=colour, label=name)
-    deviations.set(xlabel="r [m]", ylabel="inflated film above the paraboloid [mm]")
+    finish(deviations, "r [m]", "inflated film above the paraboloid [mm]")
     meridian.plot(exact.R, 1e3 * (exact.Z - paraboloid(exact.R)), color=GREY, label="exact")
     # The error is the difference from the exact meridian.
     found = errors + np.interp(R, exact.R, exact.Z) - paraboloid(R)
     meridian.plot(R, 1e3 * found, ".", ms=3, color=BLUE, label="found")
-    meridian.set(xlabel="R [m]", ylabel="stress-free film above the paraboloid [mm]")
+    finish(meridian, "R [m]", "stress-free film above the paraboloid [mm]")
     error.plot(R, 1e6 * errors, ".", ms=3, color=BLUE)
-    error.set(xlabel="R [m]", ylabel="error of the stress-free height [µm]")
-    for axes in (deviations, meridian):
-        axes.legend(frameon=False, fontsize=8)
-    for axes in (deviations, meridian, error):
-        axes.grid(alpha=0.3)
+    finish(error, "R [m]", "error of the stress-free height [µm]")
     save(figure, path)
 
 

@@ -61,23 +61,8 @@ def build(
     case = folded_tube(comm, length=length, tank=TANK, until=UNTIL, **SPECIMENS[specimen], **levels)
     far = distance_of(case.probes)
     probes = {**case.probes, "distance [m]": far}
-    arrived = gx.When(
-        far,
-        ARRIVED * length,
-        stop=True,
-        name="the tip has arrived",
-        tolerance=1e-5,
-    )
-    return gx.Case(
-        case.scene,
-        case.stepper,
-        until=UNTIL,
-        title=case.title,
-        probes=probes,
-        frames=40,
-        control=case.control,
-        events=[arrived],
-    )
+    arrived = gx.When(far, ARRIVED * length, stop=True, name="the tip has arrived", tolerance=1e-5)
+    return replace(case, probes=probes, frames=40, events=[arrived])
 
 
 def distance_of(probes: Any) -> Probe:

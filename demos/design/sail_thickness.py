@@ -25,6 +25,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import new_figure, save
 from gossamer_fx.core.forms.kinematics import half_trace_and_radius
 from gossamer_fx.core.model.body import Array
 from meshes.sheet import CORNERS, crossed_sheet
@@ -32,13 +33,7 @@ from meshes.sheet import CORNERS, crossed_sheet
 SIDE = 0.5  # m
 THICKNESS = 25e-6  # m
 ARM = 0.1  # m
-LAW = gx.Miyazaki(
-    2.5e9,
-    0.34,
-    density=1420.0,
-    thickness=THICKNESS,
-    residual_stiffness=1e-3,
-)
+LAW = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=THICKNESS, residual_stiffness=1e-3)
 PULLS = (10.0, 2.0, 10.0, 2.0)  # N, at the corners in their order around the square
 ROPE = 2e4  # N/m
 
@@ -59,11 +54,7 @@ def sail(comm: MPI.Comm, cells: int) -> tuple[gx.Membrane, gx.Equilibrium]:
         ends.append((film.port(name), gx.Ground(tuple(anchor.tolist()))))
         # A little more than the stretch of the film at the corners is taken up by the ropes.
         lengths.append(ARM - pull / ROPE)
-    ropes = gx.connectors.RopeBundle(
-        ends,
-        stiffness=ROPE,
-        lengths=lengths,
-    )
+    ropes = gx.connectors.RopeBundle(ends, stiffness=ROPE, lengths=lengths)
     plane = gx.Fixed(film, "film", components=(2,))
     return film, gx.Equilibrium(gx.Scene(ropes, plane), gx.analysis.Continuation(tolerance=1e-10))
 
@@ -82,11 +73,7 @@ def main(
         h, r = half_trace_and_radius(film.measure(q))
         return ufl.max_value(-((h - r) + film.constants.nu * (h + r)), 0.0) ** 2
 
-    wrinkling = gx.analysis.Integral(
-        film,
-        lambda q: density(q) * film.dx,
-        unit="m²",
-    )
+    wrinkling = gx.analysis.Integral(film, lambda q: density(q) * film.dx, unit="m²")
     mass = gx.analysis.Integral(
         film,
         lambda q: film.constants.density * film.constants.thickness * film.dx,
@@ -107,13 +94,7 @@ def main(
     if output is not None and comm.size == 1:
         after = cell_values(film, equilibrium, density)
         thickness = found.parameters["film.thickness"]
-        draw(
-            film,
-            before,
-            after,
-            thickness,
-            Path(output) / "sail_thickness.png",
-        )
+        draw(film, before, after, thickness, Path(output) / "sail_thickness.png")
     return {
         "wrinkling over that of the even sail": found.value / found.values[0],
         "mass over that of the even sail": mass(equilibrium) / start,
@@ -138,36 +119,23 @@ def cell_values(film: gx.Membrane, equilibrium: gx.Equilibrium, density: Any) ->
 
 def draw(film: gx.Membrane, before: Array, after: Array, thickness: Array, path: Path) -> None:
     """Compressive strain of both sails, and the thickness that was found."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     geometry = film.mesh.domain.geometry
     x = geometry.x[:, 0]
     y = geometry.x[:, 1]
-    figure = Figure(figsize=(11, 3.6), dpi=100)
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 3.6)
     panels = (
         ("compressive strain, even thickness [1e-3]", 1e3 * before, 1e3 * before.max()),
         ("the same, thickness optimised [1e-3]", 1e3 * after, 1e3 * before.max()),
         ("thickness [µm]", 1e6 * thickness, 1e6 * thickness.max()),
     )
     for axes, (title, values, largest) in zip(figure.subplots(1, 3), panels, strict=True):
-        drawn = axes.tripcolor(
-            x,
-            y,
-            geometry.dofmap,
-            facecolors=values,
-            vmin=0,
-            vmax=largest,
-        )
+        drawn = axes.tripcolor(x, y, geometry.dofmap, facecolors=values, vmin=0, vmax=largest)
         figure.colorbar(drawn, ax=axes)
         axes.set_title(title, fontsize=9)
         axes.set_aspect("equal")
         axes.set_axis_off()
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    save(figure, path)
 
 
 if __name__ == "__main__":
-    print_figures(main(output="demos"))
+    print_figures(main(output="out/sail_thickness"))

@@ -33,19 +33,13 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREEN, RED, new_figure, save
+from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import sheet
 
 EDGE = 0.1  # of a sheet [m]
 FRICTION = 0.4
-FILM = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-    residual_stiffness=1e-6,
-)
+FILM = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
 GAP = 2.2e-4  # between sheets at the start [m]
 DISTANCE = 2e-4  # at which contact begins [m]
 SPEED = 0.02  # m/s
@@ -98,12 +92,7 @@ def build(
             supports.append(gx.Fixed(film, "right", components=(0, 1), motion=moved))
         else:
             supports.append(gx.Fixed(film, "left", components=(0, 1)))
-    floor = gx.contact.Plane(
-        point=(0, 0, 0),
-        normal=(0, 0, 1),
-        friction=0.0,
-        name="floor",
-    )
+    floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), friction=0.0, name="floor")
     contact = gx.Contact(
         *films,
         floor,
@@ -118,12 +107,7 @@ def build(
         gx.Damping(film, stiffness_factor=1e-3, name=f"damping of {film.name}") for film in films
     ]
     scene = gx.Scene(contact, load, *supports, *damping)
-    case = gx.Case(
-        scene,
-        gx.Midpoint(dt=5e-4),
-        until=until,
-        title="Sheets pulled apart",
-    )
+    case = gx.Case(scene, gx.Midpoint(dt=5e-4), until=until, title="Sheets pulled apart")
     return contact, films, case
 
 
@@ -148,34 +132,16 @@ def draw(histories: dict[tuple[int, float], tuple[Array, Array]], means: Array, 
         time, force = histories[stack]
         # Means of neighbouring steps: a mode of the sheets changes sign with every step.
         smoothed = (force[1:] + force[:-1]) / 2
-        left.plot(
-            1e3 * time[1:],
-            1e3 * smoothed,
-            color=colour,
-            linewidth=1,
-        )
-        limit = 1e3 * closed_form(*stack)
-        left.axhline(
-            limit,
-            color=colour,
-            linestyle="--",
-            label=f"{stack[0]} sheets: (n - 1) μ p A",
-        )
-    left.set(xlabel="time [ms]", ylabel="force [mN]", ylim=(0, None))
-    left.legend(frameon=False, fontsize=9)
+        left.plot(1e3 * time[1:], 1e3 * smoothed, color=colour, linewidth=1)
+        label = f"{stack[0]} sheets: (n - 1) μ p A"
+        left.axhline(1e3 * closed_form(*stack), color=colour, linestyle="--", label=label)
+    left.set(ylim=(0, None))
+    finish(left, "time [ms]", "force [mN]")
     normal = np.array([(n - 1) * p * EDGE**2 for n, p in histories])
     line = np.array([0.0, normal.max()])
-    right.plot(
-        line,
-        1e3 * FRICTION * line,
-        color=BLUE,
-        label=f"μ = {FRICTION}",
-    )
+    right.plot(line, 1e3 * FRICTION * line, color=BLUE, label=f"μ = {FRICTION}")
     right.plot(normal, 1e3 * means, "o", color=RED, label="stacks of 2, 3 and 5 sheets")
-    right.set(xlabel="sum of normal forces (n - 1) p A [N]", ylabel="mean force [mN]")
-    right.legend(frameon=False)
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
+    finish(right, "sum of normal forces (n - 1) p A [N]", "mean force [mN]")
     save(figure, path)
 
 

@@ -39,7 +39,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import draw_film, new_figure, save, triangles
+from demos.common.figures import draw_films, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import parallelograms
 from gossamer_fx.meshes.sheet import sheet
@@ -93,26 +93,14 @@ def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array],
     def displacement(X: Array) -> Array:
         x = np.zeros_like(X)
         # The second half goes below: its depth counts as height of the layers for the second fold.
-        x[a], depth = halved(
-            X[a],
-            np.zeros_like(X[a]),
-            openings[0],
-        )
-        x[b], x[2] = halved(
-            X[b],
-            -depth,
-            openings[1],
-        )
+        x[a], depth = halved(X[a], np.zeros_like(X[a]), openings[0])
+        x[b], x[2] = halved(X[b], -depth, openings[1])
         return x - X
 
     return displacement
 
 
-def build(
-    comm: MPI.Intracomm,
-    first: str,
-    openings: tuple[float, float],
-) -> gx.Membrane:
+def build(comm: MPI.Intracomm, first: str, openings: tuple[float, float]) -> gx.Membrane:
     """The square film, folded twice."""
     return gx.Membrane(
         sheet(comm, 16, 16, EDGE, EDGE),
@@ -124,21 +112,9 @@ def build(
 def miura(comm: MPI.Intracomm, theta: float) -> tuple[gx.Membrane, gx.fold.Miura]:
     """A sheet of 4 × 4 parallelograms, and its fold map with the angle θ [rad]."""
     # The same pattern as the mesh below: its edges lie on the fold lines.
-    folds = gx.fold.Miura(
-        EDGE / 4,
-        EDGE / 4,
-        gamma=math.radians(60.0),
-        theta=theta,
-    )
-    flat = parallelograms(
-        comm,
-        EDGE / 4,
-        EDGE / 4,
-        math.radians(60.0),
-        4,
-        4,
-        2,
-    )
+    gamma = math.radians(60.0)
+    folds = gx.fold.Miura(EDGE / 4, EDGE / 4, gamma=gamma, theta=theta)
+    flat = parallelograms(comm, EDGE / 4, EDGE / 4, gamma, 4, 4, 2)
     return gx.Membrane(flat, FILM), folds
 
 
@@ -192,23 +168,8 @@ def main(output: str | Path | None = None) -> dict[str, object]:
         results[f"gap, Miura, θ = {degrees:g}° [m]"] = gx.probes.ContactGap(contact)(run)
         shapes[f"Miura, {degrees:g}°: {energy:.0e} J"] = triangles(run.system, film)
     if output is not None:
-        draw(shapes, Path(output) / "fold_order.png")
+        draw_films(shapes, Path(output) / "fold_order.png", view=(20.0, 35.0))
     return results
-
-
-def draw(shapes: dict[str, Array], path: Path) -> None:
-    """Starts side by side, with their energies."""
-    figure = new_figure(10.5, 3.2)
-    for place, (title, corners) in enumerate(shapes.items(), start=1):
-        axes = figure.add_subplot(
-            1,
-            len(shapes),
-            place,
-            projection="3d",
-        )
-        draw_film(axes, corners, view=(20.0, 35.0))
-        axes.set_title(title, fontsize=10)
-    save(figure, path)
 
 
 if __name__ == "__main__":

@@ -19,19 +19,14 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import draw_film, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION = 10.0  # n0 of the film [N/m]
 HEIGHT = 0.4  # of two opposite corners [m]
 # Stiffness and density have no part in the form; they are required by the law.
-FILM = gx.analysis.Prestress(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-5,
-    tension=TENSION,
-)
+FILM = gx.analysis.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)
 
 
 def main(
@@ -89,25 +84,10 @@ def radius_of_arc(x: Array) -> float:
 
 def draw(x: Array, cells: Array, path: Path) -> None:
     """Draw the film with points x (n, 3) and triangles `cells` as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 6), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    axes.plot_trisurf(
-        *x.T,
-        triangles=cells,
-        color=(0.55, 0.72, 0.88),
-        edgecolor="white",
-        linewidth=0.3,
-    )
-    axes.set_proj_type("ortho")
-    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.1)
-    axes.view_init(40, -20)
-    axes.set_axis_off()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, bbox_inches="tight")
+    figure = new_figure(9.0, 6.0)
+    axes = figure.add_subplot(projection="3d")
+    draw_film(axes, x[cells], colour="#8cb8e0", view=(40.0, -20.0), zoom=1.1)
+    save(figure, path)
 
 
 if __name__ == "__main__":

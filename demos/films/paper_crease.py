@@ -35,18 +35,13 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREY, RED, new_figure, save
+from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased_strip import creased_strip
 
 PANEL = 0.02  # length of a panel [m]
 WIDTH = 0.03  # m
-PAPER = gx.Linear(
-    E=3e9,
-    nu=0.3,
-    density=800.0,
-    thickness=1e-4,
-)
+PAPER = gx.Linear(E=3e9, nu=0.3, density=800.0, thickness=1e-4)
 BENDING = PAPER.E * PAPER.thickness**3 / 12 / (1 - PAPER.nu**2)  # N m
 STIFFNESS = BENDING / (100 * PAPER.thickness)  # of the crease [N m/m/rad]
 YIELD_ANGLE = math.radians(25.0)
@@ -100,20 +95,10 @@ def build(comm: MPI.Intracomm, cells: int = 6) -> Paper:
         hinges=["crease"],
         displacement=lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])]),
     )
-    crease = gx.connectors.Crease(
-        plate,
-        "crease",
-        stiffness=STIFFNESS,
-        yield_angle=YIELD_ANGLE,
-    )
+    crease = gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS, yield_angle=YIELD_ANGLE)
     left = plate.port_at((-PANEL, WIDTH / 2, 0.0))
     right = plate.port_at((PANEL, WIDTH / 2, 0.0))
-    thread = gx.connectors.Tether(
-        left,
-        right,
-        stiffness=1e3,
-        length=thread_length,
-    )
+    thread = gx.connectors.Tether(left, right, stiffness=1e3, length=thread_length)
     hold = gx.Fixed(plate, "crease")
     return Paper(plate, crease, gx.Equilibrium(gx.Scene(plate, crease, thread, hold)))
 
@@ -123,38 +108,14 @@ def draw(angles: Array, moments: Array, views: dict[str, Array], path: Path) -> 
     figure = new_figure()
     side, plot = figure.subplots(1, 2)
     for (name, view), colour in zip(views.items(), (GREY, RED, BLUE), strict=True):
-        side.plot(
-            *(1e3 * view),
-            color=colour,
-            linewidth=2.5,
-            label=name,
-        )
-    side.set(
-        aspect="equal",
-        xlabel="mm",
-        ylabel="mm",
-        ylim=(-2, 28),
-    )
-    side.legend(frameon=False, ncols=3, loc="upper center")
+        side.plot(*(1e3 * view), color=colour, linewidth=2.5, label=name)
+    side.set(aspect="equal", ylim=(-2, 28))
+    finish(side, "mm", "mm", ncols=3, loc="upper center")
     elastic_plastic = np.degrees([0.0, YIELD_ANGLE, angles.max(), angles.max() - YIELD_ANGLE])
     limit = 1e3 * STIFFNESS * YIELD_ANGLE
-    plot.plot(
-        elastic_plastic,
-        [0, limit, limit, 0],
-        color=GREY,
-        label="closed form",
-    )
-    plot.plot(
-        np.degrees(angles),
-        1e3 * moments,
-        "o",
-        color=RED,
-        markersize=4,
-        label="plate",
-    )
-    plot.set(xlabel="angle of the fold [°]", ylabel="moment of the crease [mN m/m]")
-    plot.grid(alpha=0.3)
-    plot.legend(frameon=False)
+    plot.plot(elastic_plastic, [0, limit, limit, 0], color=GREY, label="closed form")
+    plot.plot(np.degrees(angles), 1e3 * moments, "o", color=RED, markersize=4, label="plate")
+    finish(plot, "angle of the fold [°]", "moment of the crease [mN m/m]")
     save(figure, path)
 
 

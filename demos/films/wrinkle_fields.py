@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import new_figure, save
 from demos.studies import airbag, bending_strip
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import WRINKLED
@@ -65,13 +66,8 @@ def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
 
 def bent_strip(cells: int = 32) -> Wrinkles:
     """The strip of the study, with `cells` cells over its height."""
-    moved, search = bending_strip.bent_strip(
-        MPI.COMM_SELF,
-        bending_strip.LAWS[LAW],
-        1,
-        K,
-        cells,
-    )
+    law = bending_strip.LAWS[LAW]
+    moved, search = bending_strip.bent_strip(MPI.COMM_SELF, law, 1, K, cells)
     search.find()
     return wrinkles(moved.body, search)
 
@@ -86,18 +82,9 @@ def square_airbag(cells: int = 16) -> list[Wrinkles]:
 
 def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
     """The films from above, side by side, each with its title."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
-    from PIL import Image
 
-    figure = Figure(
-        figsize=(11, 5.3),
-        dpi=100,
-        facecolor="white",
-        layout="constrained",
-    )
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 5.3)
     aspect_ratios = []
     for parts in scenes.values():
         corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
@@ -112,25 +99,10 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
         axes.set_axis_off()
         axes.set_title(title, fontsize=11)
     key = [Patch(color=_pale(STATES[name]), label=name) for name in ("taut", "wrinkled", "slack")]
-    figure.legend(
-        handles=key,
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-    )
+    figure.legend(handles=key, loc="outside lower center", ncols=3, frameon=False)
     # The first drawing computes the layout that the second one uses.
-    canvas.draw()
-    canvas.draw()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # With a palette of 48 colours the file is small.
-    pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]
-    image = Image.fromarray(pixels)
-    image = image.quantize(
-        48,
-        Image.Quantize.FASTOCTREE,
-        dither=Image.Dither.NONE,
-    )
-    image.save(path, optimize=True)
+    figure.draw_without_rendering()
+    save(figure, path)
 
 
 def _draw_part(axes: Any, part: Wrinkles) -> None:
@@ -138,13 +110,9 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
 
     corners = part.corners[:, :, :2]
     colours = [_pale(round(state)) for state in part.state]
-    cells = PolyCollection(
-        corners,
-        facecolors=colours,
-        edgecolors="white",
-        linewidths=0.3,
+    axes.add_collection(
+        PolyCollection(corners, facecolors=colours, edgecolors="white", linewidths=0.3)
     )
-    axes.add_collection(cells)
 
     is_wrinkled = part.state == WRINKLED
     edge_lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -156,12 +124,9 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
     # The largest tenth of the shortening has the full line width.
     shortening = -part.strain2[is_wrinkled]
     weight = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
-    wrinkles = LineCollection(
-        lines,
-        colors=(0.30, 0.14, 0.0),
-        linewidths=0.3 + 0.8 * weight,
+    axes.add_collection(
+        LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * weight)
     )
-    axes.add_collection(wrinkles)
 
 
 def _pale(state: int) -> tuple[float, ...]:

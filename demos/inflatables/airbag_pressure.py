@@ -28,7 +28,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREEN, RED, draw_film, new_figure, save, triangles
+from demos.common.figures import BLUE, GREEN, RED, draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import AIR
@@ -38,13 +38,7 @@ ATMOSPHERE = 101325.0  # Pa
 TEMPERATURE = 293.0  # of gas, wall and surroundings [K]
 STROKE = 0.12  # of the plate [m]
 DURATION = 0.1  # of the stroke [s]
-FABRIC = gx.Miyazaki(
-    E=4e8,
-    nu=0.3,
-    density=1000.0,
-    thickness=3e-4,
-    residual_stiffness=1e-3,
-)
+FABRIC = gx.Miyazaki(E=4e8, nu=0.3, density=1000.0, thickness=3e-4, residual_stiffness=1e-3)
 # Conductance [W/K] of the wall: m c_v is 14 J/K.
 WALLS = {"no heat passes": 0.0, "τ = 0.03 s": 480.0, "perfect wall": 1e6}
 
@@ -81,12 +75,12 @@ def build(
     # The air around the bag and the fabric itself damp its vibrations.
     damping = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
     scene = gx.Scene(film, bag, wall, contact, damping)
-    return film, gx.Case(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        until=until,
-        title="A squeezed airbag",
-    )
+    probes = {
+        "volume": lambda run: run.chamber("chamber").volume,
+        "pressure": lambda run: run.chamber("chamber").pressure,
+    }
+    stepper = gx.Midpoint(dt=1e-3)
+    return film, gx.Case(scene, stepper, until=until, title="A squeezed airbag", probes=probes)
 
 
 def exponent(volume: Array, pressure: Array) -> float:
@@ -107,28 +101,13 @@ def draw(histories: dict[str, gx.Series], shapes: list[Array], path: Path) -> No
     for (name, history), colour in zip(histories.items(), (RED, GREEN, BLUE), strict=True):
         V = np.array(history["volume"])
         p = np.array(history["pressure"])
-        plot.plot(
-            1e3 * V[::5],
-            1e-3 * p[::5],
-            "o",
-            color=colour,
-            markersize=4,
-            label=name,
-        )
+        plot.plot(1e3 * V[::5], 1e-3 * p[::5], "o", color=colour, markersize=4, label=name)
     for name, n, colour in (("no heat passes", AIR.gamma, RED), ("perfect wall", 1.0, BLUE)):
         V = np.array(histories[name]["volume"])
         closed_form = histories[name]["pressure"][0] * (V[0] / V) ** n
         label = f"p V$^{{{n:g}}}$ = constant"
-        plot.plot(
-            1e3 * V,
-            1e-3 * closed_form,
-            color=colour,
-            linewidth=1,
-            label=label,
-        )
-    plot.set(xlabel="volume [l]", ylabel="absolute pressure [kPa]")
-    plot.grid(alpha=0.3)
-    plot.legend(frameon=False)
+        plot.plot(1e3 * V, 1e-3 * closed_form, color=colour, linewidth=1, label=label)
+    finish(plot, "volume [l]", "absolute pressure [kPa]")
     save(figure, path)
 
 
@@ -142,12 +121,7 @@ def main(
     results = {}
     for name, conductance in WALLS.items():
         film, case = build(comm, conductance, cells)
-        history = gx.Series(
-            {
-                "volume": lambda run: run.chamber("chamber").volume,
-                "pressure": lambda run: run.chamber("chamber").pressure,
-            }
-        )
+        history = gx.Series(case.probes)
         run = case.simulation([history])
         start = triangles(run.system, film)
         run.run(until=case.until)

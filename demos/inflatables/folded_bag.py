@@ -33,7 +33,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREY, draw_film, new_figure, save, triangles
+from demos.common.figures import BLUE, GREY, draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
@@ -80,16 +80,7 @@ def volume(corners: Array) -> float:
 
 def start_energies(openings: Array, cells: int = 6) -> Array:
     """Strain energy [J] of the folded start for several openings [m]."""
-    film = gx.Membrane(
-        flat_tube(
-            MPI.COMM_SELF,
-            LENGTH,
-            DIAMETER,
-            cells,
-            PANELS,
-        ),
-        FILM,
-    )
+    film = gx.Membrane(flat_tube(MPI.COMM_SELF, LENGTH, DIAMETER, cells, PANELS), FILM)
     return np.array([accordion(opening).start(film).strain_energy() for opening in openings])
 
 
@@ -102,24 +93,11 @@ def draw(shapes: dict[str, Array], openings: Array, energies: Array, path: Path)
         draw_film(axes, corners, view=(22.0, -65.0))
         axes.set_title(title)
     plot = figure.add_subplot(layout[2])
-    plot.loglog(
-        1e3 * openings,
-        energies,
-        "o",
-        color=BLUE,
-        label="strain energy of the start",
-    )
+    plot.loglog(1e3 * openings, energies, "o", color=BLUE, label="strain energy of the start")
     # The law opening⁴, through the last point.
     fourth = energies[-1] * (openings / openings[-1]) ** 4
-    plot.loglog(
-        1e3 * openings,
-        fourth,
-        color=GREY,
-        label="opening$^4$",
-    )
-    plot.set(xlabel="opening [mm]", ylabel="energy [J]")
-    plot.grid(alpha=0.3, which="both")
-    plot.legend(frameon=False)
+    plot.loglog(1e3 * openings, fourth, color=GREY, label="opening$^4$")
+    finish(plot, "opening [mm]", "energy [J]")
     save(figure, path)
 
 

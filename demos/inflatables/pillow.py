@@ -62,28 +62,12 @@ def build(comm: MPI.Intracomm, cells: int = 8, until: float = 0.1, dt: float = 5
     """The scene, with an even number of `cells` along an edge."""
     mesh = gx.gmsh_mesh(lambda model: two_squares(model, cells), comm)
     film = gx.Membrane(mesh, KAPTON_HN.law(25e-6))
-    bag = gx.Chamber(
-        film,
-        gas=NITROGEN,
-        pressure=10.0,
-        temperature=293.0,
-        dead_volume=1e-6,
-    )
-    tank = gx.Tank(
-        volume=4e-6,
-        gas=NITROGEN,
-        pressure=1e6,
-        temperature=293.0,
-    )
+    bag = gx.Chamber(film, gas=NITROGEN, pressure=10.0, temperature=293.0, dead_volume=1e-6)
+    tank = gx.Tank(volume=4e-6, gas=NITROGEN, pressure=1e6, temperature=293.0)
     valve = gx.Orifice(tank, bag, area=5e-7, discharge_coefficient=0.8)
     damping = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
     scene = gx.Scene(film, bag, valve, damping)
-    return gx.Case(
-        scene,
-        gx.Midpoint(dt=dt),
-        until=until,
-        title=TITLE,
-    )
+    return gx.Case(scene, gx.Midpoint(dt=dt), until=until, title=TITLE)
 
 
 def main(
@@ -94,11 +78,7 @@ def main(
     folder = Path(output)
     case = build(comm, cells, until)
     times = [0.1 * until, 0.3 * until, until]
-    picture = gx.plot.Picture(
-        folder / "pillow.png",
-        times=times,
-        title=TITLE,
-    )
+    picture = gx.plot.Picture(folder / "pillow.png", times=times, title=TITLE)
     run = case.simulation([gx.outputs.Progress(), gx.Ledger(folder / "ledger.csv"), picture])
     run.run(until=case.until)
     if comm.rank == 0:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +25,7 @@ from scipy.integrate import quad
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
+from demos.common.figures import draw_films, triangles
 from gossamer_fx.core.model.body import Array
 
 # Radius over half the length of a meridian, of the mylar balloon.
@@ -35,13 +35,7 @@ PRESSURE = 100.0  # Pa
 # Share of the pressure that the film bears while it is sewn: without any it has no definite shape.
 SEWING_PRESSURE = 0.01
 APART = 0.1  # m, by which the gores are farther from the axis at the start
-FILM = gx.Miyazaki(
-    E=1e8,
-    nu=0.3,
-    density=920.0,
-    thickness=2e-5,
-    residual_stiffness=1e-4,
-)
+FILM = gx.Miyazaki(E=1e8, nu=0.3, density=920.0, thickness=2e-5, residual_stiffness=1e-4)
 
 
 def meridian(points: int = 60) -> Array:
@@ -70,10 +64,11 @@ class Balloon:
     tendons: list[gx.connectors.Tape]
     statics: gx.Equilibrium
 
-    def positions(self) -> Array:
-        """Positions [m] of the nodes of all triangles (n, 3, 3), of this rank."""
-        x = self.statics.system.state[self.film].local_positions()
-        return x[self.film.space.dofmap.list]
+    def shape(self) -> Array:
+        """Positions [m] of the corners of all triangles (n, 3, 3) of this rank about their
+        middle."""
+        corners = triangles(self.statics.system, self.film)
+        return corners - (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2
 
     def tendon_line(self) -> Array:
         """Positions (n, 3) [m] along the first seam."""
@@ -95,84 +90,28 @@ def build(comm: MPI.Intracomm, gores: int = 16, along: int = 16, across: int = 4
     cord = gx.CableLaw(EA=1e3 * load / gores, line_density=1e-3)
     tendons = [
         gx.connectors.Tape.along_edges(
-            film,
-            cord,
-            edges=f"left {k}",
-            length_factor=TENDON_FACTOR,
-            name=f"tendon {k}",
+            film, cord, edges=f"left {k}", length_factor=TENDON_FACTOR, name=f"tendon {k}"
         )
         for k in range(gores)
     ]
     pressure = gx.Pressure(film, lambda t: PRESSURE * max(t - 1, SEWING_PRESSURE))
     pole = gx.Fixed(film, "first 0")
-    statics = gx.Equilibrium(
-        gx.Scene(
-            film,
-            pressure,
-            *seams,
-            *tendons,
-            pole,
-        )
-    )
-    return Balloon(film, seams, tendons, statics)
-
-
-def draw(shapes: dict[str, Array], path: Path) -> None:
-    """Triangles (n, 3, 3) of several states, side by side, each with its title."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    figure = Figure(figsize=(12, 4), dpi=90, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    for number, (title, triangles) in enumerate(shapes.items(), start=1):
-        axes: Any = figure.add_subplot(
-            1,
-            len(shapes),
-            number,
-            projection="3d",
-        )
-        middle = (triangles.max(axis=(0, 1)) + triangles.min(axis=(0, 1))) / 2
-        faces = Poly3DCollection(
-            triangles - middle,
-            facecolors="#c9d8e8",
-            edgecolors="#5b7188",
-            linewidths=0.25,
-            shade=True,
-        )
-        axes.add_collection3d(faces)
-        axes.set(
-            xlim=(-0.55, 0.55),
-            ylim=(-0.55, 0.55),
-            zlim=(-0.55, 0.55),
-        )
-        axes.set_box_aspect((1, 1, 1))
-        axes.view_init(elev=24, azim=-60)
-        axes.set_axis_off()
-        axes.set_title(title, fontsize=11, y=0.97)
-    figure.subplots_adjust(
-        left=0,
-        right=1,
-        bottom=0,
-        top=0.95,
-        wspace=0,
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    canvas.print_png(str(path))
+    scene = gx.Scene(film, pressure, *seams, *tendons, pole)
+    return Balloon(film, seams, tendons, gx.Equilibrium(scene))
 
 
 def main(output: str | Path | None = None, gores: int = 16) -> dict[str, float]:
     """Shape and tendons over those of the constant-stress limit; a picture in a folder `output`."""
     balloon = build(MPI.COMM_SELF, gores)
-    shapes = {"flat gores, bent and apart": balloon.positions()}
+    shapes = {"flat gores, bent and apart": balloon.shape()}
     for t in (0.5, 1.0):
         balloon.statics.find(at=t)
-    shapes["sewn, 1 Pa"] = balloon.positions()
+    shapes["sewn, 1 Pa"] = balloon.shape()
     for t in (1.2, 2.0):
         balloon.statics.find(at=t)
-    shapes["inflated, 100 Pa"] = balloon.positions()
+    shapes["inflated, 100 Pa"] = balloon.shape()
     if output is not None:
-        draw(shapes, Path(output) / "pumpkin.png")
+        draw_films(shapes, Path(output) / "pumpkin.png", view=(24.0, -60.0), height=3.5)
     x = balloon.tendon_line()
     # Nothing keeps the axis upright: radii count from the line between the poles.
     axis = (x[-1] - x[0]) / np.linalg.norm(x[-1] - x[0])

@@ -28,7 +28,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREEN, RED, draw_film, new_figure, save, triangles
+from demos.common.figures import BLUE, GREEN, RED, draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.presets.gases import AIR
 
@@ -39,13 +39,7 @@ TEMPERATURE = 293.0  # K
 OVERPRESSURES = (30.0, 50.0, 100.0)  # Pa
 DISTANCE = 2e-3  # activation distance of contact [m], far less than an edge of the mesh
 GRAVITY = 9.81  # m/s²
-FABRIC = gx.Miyazaki(
-    E=4e8,
-    nu=0.3,
-    density=1000.0,
-    thickness=3e-4,
-    residual_stiffness=1e-3,
-)
+FABRIC = gx.Miyazaki(E=4e8, nu=0.3, density=1000.0, thickness=3e-4, residual_stiffness=1e-3)
 
 
 def torus(comm: MPI.Intracomm, size: float) -> gx.Mesh:
@@ -124,9 +118,8 @@ def draw(rings: dict[str, Ring], path: Path) -> None:
         radii, heights = ring.radii_and_heights()
         section.plot(radii, heights, ".", color=colour, markersize=3, label=name)
     section.axhline(0.0, color="black", linewidth=1)
-    section.set(xlabel="distance from the axis [m]", ylabel="height [m]", aspect="equal")
-    section.legend(frameon=False, loc="center", markerscale=3)
-    section.grid(alpha=0.3)
+    section.set(aspect="equal")
+    finish(section, "distance from the axis [m]", "height [m]", loc="center", markerscale=3)
     save(figure, path)
 
 

@@ -43,7 +43,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, save, triangles
+from demos.common.figures import BLUE, GREY, RED, draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.presets.gases import AIR
@@ -181,29 +181,13 @@ def build(comm: MPI.Intracomm, dt: float = 0.015, until: float = 2.0) -> tuple[C
     vent = gx.Orifice(chambers[0], outside, area=controller.vent_area, name="vent")
     # Silicone and air damp the swing of the finger.
     damping = [
-        gx.Damping(
-            film,
-            mass_factor=10.0,
-            stiffness_factor=1e-3,
-            name=f"damping of {film.name}",
-        )
+        gx.Damping(film, mass_factor=10.0, stiffness_factor=1e-3, name=f"damping of {film.name}")
         for film in finger.films
     ]
-    scene = gx.Scene(
-        *finger.parts,
-        *chambers,
-        inlet,
-        vent,
-        *damping,
-        gx.StartFrom(straight.system),
-    )
-    case = gx.Case(
-        scene,
-        gx.Midpoint(dt=dt),
-        until=until,
-        title="A finger under control",
-    )
-    return controller, case
+    start = gx.StartFrom(straight.system)
+    scene = gx.Scene(*finger.parts, *chambers, inlet, vent, *damping, start)
+    title = "A finger under control"
+    return controller, gx.Case(scene, gx.Midpoint(dt=dt), until=until, title=title)
 
 
 def closed_form(differences: Array) -> Array:
@@ -222,32 +206,15 @@ def draw(
     draw_film(finger, both, view=(60.0, -80.0))
     statics = figure.add_subplot(1, 3, 2)
     dynamics = figure.add_subplot(1, 3, 3)
-    statics.plot(
-        1e-3 * differences,
-        np.degrees(closed_form(differences)),
-        color=GREY,
-        label="beam",
-    )
-    statics.plot(
-        1e-3 * differences,
-        np.degrees(angles),
-        "o",
-        color=RED,
-        label="film",
-    )
-    statics.set(xlabel="Δ [kPa]", ylabel="angle of the tip [°]")
+    kilopascal = 1e-3 * differences
+    statics.plot(kilopascal, np.degrees(closed_form(differences)), color=GREY, label="beam")
+    statics.plot(kilopascal, np.degrees(angles), "o", color=RED, label="film")
+    finish(statics, "Δ [kPa]", "angle of the tip [°]", loc="lower right")
     time, angle = control
-    dynamics.axhline(
-        math.degrees(TARGET),
-        color=GREY,
-        linestyle="--",
-        label="wanted",
-    )
+    dynamics.axhline(math.degrees(TARGET), color=GREY, linestyle="--", label="wanted")
     dynamics.plot(time, np.degrees(angle), color=BLUE, label="under control")
-    dynamics.set(xlabel="time [s]", ylabel="angle of the tip [°]", ylim=(0, None))
-    for axes in (statics, dynamics):
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False, loc="lower right")
+    dynamics.set(ylim=(0, None))
+    finish(dynamics, "time [s]", "angle of the tip [°]", loc="lower right")
     save(figure, path)
 
 

@@ -37,7 +37,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, RED, new_figure, save
+from demos.common.figures import BLUE, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.extend import Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.tube_section import cylinder
@@ -45,12 +45,7 @@ from gossamer_fx.meshes.tube_section import cylinder
 # The hoop strain is p R/(E t) = 1.6e-3.
 RADIUS = 0.1  # m
 PRESSURE = 1e3  # Pa
-FILM = gx.Linear(
-    E=2.5e9,
-    nu=0.3,
-    density=1420.0,
-    thickness=25e-6,
-)
+FILM = gx.Linear(E=2.5e9, nu=0.3, density=1420.0, thickness=25e-6)
 WAVES = (2, 3, 4, 5)
 
 
@@ -79,11 +74,7 @@ def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equil
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
     # Square cells.
     width = 2 * np.pi * RADIUS / around
-    film = gx.Membrane(
-        cylinder(comm, RADIUS, width, around, 1, order=2),
-        FILM,
-        order=2,
-    )
+    film = gx.Membrane(cylinder(comm, RADIUS, width, around, 1, order=2), FILM, order=2)
     # Both are loads of a film, with the same arguments.
     kind = DeadPressure if dead else gx.Pressure
     load = kind(film, PRESSURE)
@@ -130,41 +121,18 @@ def draw(found: dict[str, Array], path: Path) -> None:
     follower = 0.3 * np.stack([along[1], -along[0]]) / 2e-4
     dead_load = 0.3 * np.stack([np.cos(places), np.sin(places)])
     for force, colour, name in ((follower, BLUE, "follows"), (dead_load, RED, "dead load")):
-        ring.quiver(
-            *shape(places),
-            *force,
-            color=colour,
-            width=4e-3,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            label=name,
-        )
+        scale = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 4e-3}
+        ring.quiver(*shape(places), *force, color=colour, label=name, **scale)
     ring.set(aspect="equal", xlim=(-1.7, 1.7), ylim=(-1.3, 1.3))
     ring.set_axis_off()
     ring.legend(frameon=False, loc="center")
     n = np.linspace(1, WAVES[-1], 100)
     for (name, values), colour in zip(found.items(), (BLUE, RED), strict=True):
-        plot.plot(
-            n,
-            closed_form(n, name == "dead"),
-            color=colour,
-            label=f"{name}: closed form",
-        )
-        plot.plot(
-            WAVES,
-            values,
-            "o",
-            color=colour,
-            label=f"{name}: film",
-        )
-    plot.set(
-        xlabel="waves around, n",
-        ylabel="frequency [Hz]",
-        ylim=(0, None),
-    )
-    plot.grid(alpha=0.3)
-    plot.legend(frameon=False)
+        exact = closed_form(n, name == "dead")
+        plot.plot(n, exact, color=colour, label=f"{name}: closed form")
+        plot.plot(WAVES, values, "o", color=colour, label=f"{name}: film")
+    plot.set(ylim=(0, None))
+    finish(plot, "waves around, n", "frequency [Hz]")
     save(figure, path)
 
 
@@ -173,10 +141,7 @@ def main(
 ) -> dict[str, float]:
     """Frequencies over their closed form, and stiffness with over without pressure stiffness for n
     = 2."""
-    found = {
-        "follower": frequencies(comm, False, around),
-        "dead": frequencies(comm, True, around),
-    }
+    found = {name: frequencies(comm, name == "dead", around) for name in ("follower", "dead")}
     if output is not None and comm.rank == 0:
         draw(found, Path(output) / "follower_pressure.png")
     results = {}

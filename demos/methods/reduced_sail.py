@@ -38,12 +38,7 @@ SPIN = 2.5 * 2 * np.pi / 60  # 2.5 rpm [rad/s]
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 CORNERS = [(x, y, 0.0) for x in (0.0, SIDE) for y in (0.0, SIDE)]
 # Density [kg/m³] with the mass of the devices: 75 g/m².
-LAW = gx.Miyazaki(
-    E=2.5e9,
-    nu=0.34,
-    density=1e4,
-    thickness=7.5e-6,
-)
+LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1e4, thickness=7.5e-6)
 TIP_MASS = 0.5  # at each corner [kg]
 TETHER_RADIUS = 0.8  # of the ends of the tethers on the hub [m]
 TETHER_STIFFNESS = 50.0  # N/m
@@ -79,23 +74,12 @@ def film(comm: MPI.Comm, cells: int, kick: Kick, speed: float) -> gx.Membrane:
         y = 2 * X[1] / SIDE - 1
         return np.stack([0 * x, 0 * x, speed * kick(x, y)])
 
-    return gx.Membrane(
-        sheet(comm, cells, cells, SIDE, SIDE),
-        LAW,
-        velocity=velocity,
-        name="sail",
-    )
+    return gx.Membrane(sheet(comm, cells, cells, SIDE, SIDE), LAW, velocity=velocity, name="sail")
 
 
 def parts(sail: gx.Membrane) -> list[Any]:
     """The hub, the masses at the tips, and their joints and tethers to the sail."""
-    hub = gx.RigidBody(
-        200.0,
-        (50.0, 50.0, 85.0),
-        position=CENTRE,
-        comm=sail.comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(200.0, (50.0, 50.0, 85.0), position=CENTRE, comm=sail.comm, name="hub")
     items: list[Any] = [hub]
     for k, corner in enumerate(CORNERS):
         port = sail.port_at(corner)
@@ -111,18 +95,10 @@ def parts(sail: gx.Membrane) -> list[Any]:
         on_sail = sail.port_at((*(SIDE / 2 + 0.125 * SIDE * diagonal), 0.0))
         on_hub = hub.port((*(TETHER_RADIUS / 2**0.5 * diagonal), 0.0))
         length = 0.25 * SIDE / 2**0.5 - TETHER_RADIUS
-        items += [
-            tip,
-            gx.constraints.BallJoint(port, tip.port(), name=f"joint {k}"),
-        ]
         tether = gx.connectors.Spring(
-            on_hub,
-            on_sail,
-            stiffness=TETHER_STIFFNESS,
-            length=length,
-            name=f"tether {k}",
+            on_hub, on_sail, stiffness=TETHER_STIFFNESS, length=length, name=f"tether {k}"
         )
-        items.append(tether)
+        items += [tip, gx.constraints.BallJoint(port, tip.port(), name=f"joint {k}"), tether]
     return items
 
 
@@ -133,11 +109,7 @@ def steady(sail: gx.Membrane, spin: float) -> gx.Equilibrium:
     hub = items[0]
     turning = [sail, *(item for item in items if isinstance(item, gx.PointMass))]
     items += [gx.loads.Centrifugal(body, (0.0, 0.0, spin), centre=CENTRE) for body in turning]
-    hold = gx.constraints.FixedJoint(
-        hub.frame_at(CENTRE),
-        gx.ground_frame(CENTRE),
-        name="hold",
-    )
+    hold = gx.constraints.FixedJoint(hub.frame_at(CENTRE), gx.ground_frame(CENTRE), name="hold")
     # With many modes the round-off of the forces is above the default tolerance, 1e-8 of the load.
     found = gx.Equilibrium(gx.Scene(sail, *items, hold), gx.analysis.Continuation(tolerance=1e-7))
     found.find()
@@ -167,11 +139,8 @@ def flight(
         items.append(controller)
     start = gx.StartFrom(steady(sail, spin).system)
     turning = gx.RigidMotion(spin=(0.0, 0.0, spin), centre=CENTRE)
-    return gx.Simulation(
-        gx.Scene(sail, *items, start, turning),
-        gx.Midpoint(dt=dt),
-        outputs=outputs,
-    )
+    scene = gx.Scene(sail, *items, start, turning)
+    return gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=outputs)
 
 
 def main(
@@ -195,24 +164,14 @@ def main(
     for kick in (saddle, bowl):
         known = film(comm, cells, kick, 0.02)
         shapes.append(gx.reduction.Snapshots(known, every=4))
-        flight(
-            known,
-            SPIN,
-            dt,
-            outputs=[shapes[-1]],
-        ).run(until=training)
+        flight(known, SPIN, dt, outputs=[shapes[-1]]).run(until=training)
     recorded = time.process_time() - started
 
     spin = 1.1 * SPIN
     times = np.linspace(0, 2 * training, 41)[1:].tolist()
     other = film(comm, cells, tilted, 0.015)
     started = time.process_time()
-    reduced = gx.reduction.reduce(
-        other,
-        shapes,
-        modes=modes,
-        cells=sampled,
-    )
+    reduced = gx.reduction.reduce(other, shapes, modes=modes, cells=sampled)
     trained = time.process_time() - started
     truth = gx.reduction.Snapshots(other, times=times)
     whole = flight(other, spin, dt, [truth])

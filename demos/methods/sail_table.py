@@ -39,7 +39,16 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, RED, draw_film, new_figure, save, triangles
+from demos.common.figures import (
+    BLUE,
+    RED,
+    area_vectors,
+    draw_film,
+    finish,
+    new_figure,
+    save,
+    triangles,
+)
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE
 from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
@@ -50,23 +59,8 @@ SIDE = 20.0  # m
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 SLACK = 0.01  # share by which the corners are too near
 # Light cannot stretch the film: it only takes out its slack.  See the top for the modulus.
-FILM = gx.Miyazaki(
-    E=1e6,
-    nu=0.34,
-    density=1420.0,
-    thickness=2.5e-6,
-    residual_stiffness=1e-4,
-)
-COLUMNS = (
-    "cone [deg]",
-    "clock [deg]",
-    "Fx [N]",
-    "Fy [N]",
-    "Fz [N]",
-    "Tx [N m]",
-    "Ty [N m]",
-    "Tz [N m]",
-)
+FILM = gx.Miyazaki(E=1e6, nu=0.34, density=1420.0, thickness=2.5e-6, residual_stiffness=1e-4)
+COLUMNS = "cone [deg],clock [deg],Fx [N],Fy [N],Fz [N],Tx [N m],Ty [N m],Tz [N m]"
 
 
 def light_direction(cone: float, clock: float) -> Array:
@@ -75,11 +69,7 @@ def light_direction(cone: float, clock: float) -> Array:
     return np.array([np.sin(α) * np.cos(β), np.sin(α) * np.sin(β), -np.cos(α)])
 
 
-def build(
-    comm: MPI.Intracomm,
-    directions: Array,
-    cells: int = 10,
-) -> gx.Equilibrium:
+def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilibrium:
     """A slack square in a square frame, in the light from each of the directions (n, 3)."""
 
     def slack(X: Array) -> Array:
@@ -91,32 +81,23 @@ def build(
 
     mesh = crossed_sheet(comm, cells, cells, SIDE, SIDE)
     # One support for all edges, so that one reaction balances the light.
-    mesh.groups["frame"] = (
-        1,
-        np.concatenate([mesh.groups[edge][1] for edge in EDGES]),
-    )
+    mesh.groups["frame"] = (1, np.concatenate([mesh.groups[edge][1] for edge in EDGES]))
     film = gx.Membrane(mesh, FILM, displacement=slack)
     frame = gx.Fixed(film, "frame", name="frame")
     # The light moves the film by its own width in about a minute.
     search = gx.analysis.Continuation(first_step=20.0)
     # `find(at=k)` takes direction k.
-    light = gx.orbit.Sunlight(
-        film,
-        direction=lambda k: directions[round(k)],
-        optics=JPL_SAIL,
-    )
+    light = gx.orbit.Sunlight(film, direction=lambda k: directions[round(k)], optics=JPL_SAIL)
     return gx.Equilibrium(gx.Scene(film, light, frame), search)
 
 
 def light_on(corners: Array, u: Array) -> Array:
     """Force [N] and torque [N m] about the centre, (6,), of light along u on triangles (n, 3,
     3)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    area = np.cross(edges[:, 0], edges[:, 1]) / 2
     front = JPL_SAIL.coefficients()
     back = JPL_SAIL.coefficients(back=True)
     # All triangles at once: `Rows` has scalar products of rows.
-    force = PRESSURE * light_force(area, u, front, back, Rows)
+    force = PRESSURE * light_force(area_vectors(corners), u, front, back, Rows)
     arm = corners.mean(axis=1) - CENTRE
     return np.append(force.sum(axis=0), np.cross(arm, force).sum(axis=0))
 
@@ -144,7 +125,7 @@ class Table:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(COLUMNS)
+            writer.writerow(COLUMNS.split(","))
             for attitude, load in zip(self.attitudes, self.deformed, strict=True):
                 writer.writerow([*(f"{a:g}" for a in attitude), *(f"{x:.6e}" for x in load)])
 
@@ -205,32 +186,15 @@ def draw(table: Table, path: Path) -> None:
     for number, (label, curves) in enumerate(panels.items(), start=2):
         axes = figure.add_subplot(1, 3, number)
         for column, name, colour in curves:
-            axes.plot(
-                cone,
-                1e3 * table.deformed[in_plane, column],
-                "o-",
-                color=colour,
-                label=name,
-            )
+            deformed = 1e3 * table.deformed[in_plane, column]
+            axes.plot(cone, deformed, "o-", color=colour, label=name)
             flat = 1e3 * table.flat[in_plane, column]
-            axes.plot(
-                cone,
-                flat,
-                "--",
-                color=colour,
-                label=f"{name}, flat sail",
-            )
-        axes.set(xlabel="cone angle [°]", ylabel=label)
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False)
+            axes.plot(cone, flat, "--", color=colour, label=f"{name}, flat sail")
+        finish(axes, "cone angle [°]", label)
     save(figure, path)
 
 
-def main(
-    output: str | Path | None = None,
-    cells: int = 10,
-    step: int = 10,
-) -> dict[str, float]:
+def main(output: str | Path | None = None, cells: int = 10, step: int = 10) -> dict[str, float]:
     """Make the table for cone angles up to 80° in steps of `step` [°]; with `output`, CSV and
     picture there."""
     cones = range(0, 81, step)

@@ -36,14 +36,13 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import BLUE, RED, new_figure, save
+from demos.common.figures import BLUE, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
@@ -54,9 +53,8 @@ DIAMETER = 0.058  # of the round tube [m]
 SECTION = math.pi * DIAMETER**2 / 4
 TEMPERATURE = 293.0  # K
 PRESSURE = 1e4  # in the full tube, about [Pa]
-SOUND = LENGTH / math.sqrt(
-    NITROGEN.gamma * NITROGEN.R * TEMPERATURE
-)  # its time through the tube [s]
+# Time [s] of sound through the tube.
+SOUND = LENGTH / math.sqrt(NITROGEN.gamma * NITROGEN.R * TEMPERATURE)
 # 15 bar: the orifice is choked during all of the filling.
 SUPPLY = gx.gas.Reservoir(1.5e6, TEMPERATURE)
 
@@ -86,20 +84,9 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
         for k in range(parts)
     ]
     passages = [
-        gx.Orifice(
-            a,
-            b,
-            area=SECTION,
-            name=f"passage {a.name}",
-        )
-        for a, b in pairwise(tanks)
+        gx.Orifice(a, b, area=SECTION, name=f"passage {a.name}") for a, b in pairwise(tanks)
     ]
-    inlet = gx.Orifice(
-        SUPPLY,
-        tanks[0],
-        area=inlet_area(T),
-        name="inlet",
-    )
+    inlet = gx.Orifice(SUPPLY, tanks[0], area=inlet_area(T), name="inlet")
     # Two hundred steps resolve the growth of the pressure.
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
     run.run(until=T)
@@ -135,46 +122,24 @@ def build(
             name=f"compartment {k + 1}",
         )
         chambers.append(chamber)
-    openings = [
-        gx.Orifice(
-            SUPPLY,
-            chambers[0],
-            area=inlet_area(T),
-            name="inlet",
-        )
+    openings = [gx.Orifice(SUPPLY, chambers[0], area=inlet_area(T), name="inlet")]
+    openings += [
+        gx.Orifice(chambers[k], chambers[k + 1], area=ring, name=f"passage {k}")
+        for k, ring in enumerate(rings)
     ]
-    for k, ring in enumerate(rings):
-        openings.append(
-            gx.Orifice(
-                chambers[k],
-                chambers[k + 1],
-                area=ring,
-                name=f"passage {k}",
-            )
-        )
     # Damping of the opening film; it does not act on the gas.
     damping = gx.Damping(film, mass_factor=20.0, stiffness_factor=1e-6)
     scene = gx.Scene(film, *chambers, *openings, damping)
-    return chambers, gx.Case(
-        scene,
-        gx.Midpoint(dt=T / 200),
-        until=T,
-        title="A flat tube",
-    )
+    return chambers, gx.Case(scene, gx.Midpoint(dt=T / 200), until=T, title="A flat tube")
 
 
 def history(comm: MPI.Intracomm, T: float, parts: int, cells: int) -> dict[str, Array]:
-    """Time over T, volume over that of the round tube, pressures [Pa] at the inlet and at the
-    tip."""
+    """Time over T, and pressures [Pa] at the inlet and at the tip."""
     chambers, case = build(comm, T, parts, cells)
     names = [chamber.name for chamber in chambers]
 
-    def volume(run: Any) -> float:
-        return sum(run.chamber(name).volume for name in names)
-
     series = gx.Series(
         {
-            "volume": volume,
             "inlet": lambda run: run.chamber(names[0]).pressure,
             "tip": lambda run: run.chamber(names[-1]).pressure,
         }
@@ -183,9 +148,7 @@ def history(comm: MPI.Intracomm, T: float, parts: int, cells: int) -> dict[str, 
     run.run(until=case.until)
     return {
         "time": np.array(series.time) / T,
-        "volume": np.array(series["volume"]) / (SECTION * LENGTH),
-        "inlet": np.array(series["inlet"]),
-        "tip": np.array(series["tip"]),
+        **{name: np.array(series[name]) for name in ("inlet", "tip")},
     }
 
 
@@ -201,34 +164,15 @@ def draw(
     spread, closed_form = 100 * np.array(list(rigid.values())).T
     left.loglog(T, spread, "o", color=BLUE, label="rigid compartments")
     left.loglog(T, closed_form, color=BLUE, label="γ/2 Σ M²")
-    left.set(xlabel="filling time over L/c", ylabel="pressure first - last [%]")
-    left.legend(frameon=False)
-    left.grid(alpha=0.3, which="both")
+    finish(left, "filling time over L/c", "pressure first - last [%]")
     for axes, (ratio, by_parts) in zip(others, films.items(), strict=True):
         one, many = by_parts.values()
-        axes.plot(
-            many["time"],
-            1e-3 * many["inlet"],
-            color=BLUE,
-            label="compartments: inlet",
-        )
-        axes.plot(
-            many["time"],
-            1e-3 * many["tip"],
-            "--",
-            color=BLUE,
-            label="compartments: tip",
-        )
-        axes.plot(
-            one["time"],
-            1e-3 * one["inlet"],
-            color=RED,
-            label="one chamber",
-        )
-        axes.set(title=f"T = {ratio:g} L/c", xlabel="time over T", ylabel="pressure [kPa]")
-        axes.set(ylim=(0, 14))
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False, loc="lower right", fontsize=9)
+        for where, style in (("inlet", "-"), ("tip", "--")):
+            label = f"compartments: {where}"
+            axes.plot(many["time"], 1e-3 * many[where], style, color=BLUE, label=label)
+        axes.plot(one["time"], 1e-3 * one["inlet"], color=RED, label="one chamber")
+        axes.set(title=f"T = {ratio:g} L/c", ylim=(0, 14))
+        finish(axes, "time over T", "pressure [kPa]", loc="lower right")
     save(figure, path)
 
 
