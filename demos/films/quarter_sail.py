@@ -23,7 +23,6 @@ Where the values come from:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.arcs import arc_mesh, arcs, corner_pulls
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.presets.films import KAPTON_HN
@@ -50,80 +50,22 @@ MESHES = (4, 8, 16, 32)  # cells along each edge
 REFERENCE = 48
 
 
-@dataclass(frozen=True)
-class Arc:
-    """An edge from corner `first` to the next one, that bends into the sail.
-
-    Attributes:
-        first, last: numbers of its corners.
-        radius: R [m].
-        centre: of its circle (3,) [m].
-    """
-
-    first: int
-    last: int
-    radius: float
-    centre: Array
-
-    @property
-    def tension(self) -> float:
-        """T = σ t R [N] of the cord."""
-        return STRESS * THICKNESS * self.radius
-
-    def pull(self, corner: int) -> Array:
-        """Force (3,) [N] of the cord on one of its corners."""
-        x, y, _ = (CORNERS[corner] - self.centre) / self.radius
-        tangent = np.array([-y, x, 0.0])
-        other = self.first + self.last - corner
-        along = np.sign(tangent @ (CORNERS[other] - CORNERS[corner]))
-        return self.tension * along * tangent
-
-
-def arcs() -> list[Arc]:
-    """The three edges, counterclockwise."""
-    found = []
-    for first in range(3):
-        last = (first + 1) % 3
-        chord = CORNERS[last] - CORNERS[first]
-        length = float(np.linalg.norm(chord))
-        depth = SAG * length
-        radius = (length**2 / 4 + depth**2) / (2 * depth)
-        # To the left of the chord, which is the inner side.
-        inwards = np.array([-chord[1], chord[0], 0.0]) / length
-        middle = (CORNERS[first] + CORNERS[last]) / 2
-        found.append(Arc(first, last, radius, middle + (depth - radius) * inwards))
-    return found
-
-
-def corner_pull(corner: int) -> Array:
-    """Force (3,) [N] of both cords on a corner, which its cable balances."""
-    pulls = [arc.pull(corner) for arc in arcs() if corner in (arc.first, arc.last)]
-    return np.sum(pulls, axis=0)
+EDGES = arcs(CORNERS, SAG)
+# Of both cords on each corner (3, 3), which its cable balances [N].
+PULLS = corner_pulls(EDGES, STRESS * THICKNESS)
 
 
 def triangle(comm: MPI.Intracomm, cells: int) -> gx.Mesh:
     """The sail of curved triangles, with its corners and edges as groups."""
 
-    def build(model: Any) -> None:
-        points = [model.geo.addPoint(*corner) for corner in CORNERS]
-        curves = []
-        for arc in arcs():
-            centre = model.geo.addPoint(*arc.centre)
-            curves.append(model.geo.addCircleArc(points[arc.first], centre, points[arc.last]))
-        surface = model.geo.addPlaneSurface([model.geo.addCurveLoop(curves)])
-        model.geo.synchronize()
+    def generate(model: Any, curves: list[int], surface: int) -> None:
         for curve in curves:
             model.mesh.setTransfiniteCurve(curve, cells + 1)
         model.mesh.setTransfiniteSurface(surface)
-        model.addPhysicalGroup(2, [surface], name="sail")
-        for number, curve in enumerate(curves):
-            model.addPhysicalGroup(1, [curve], name=f"edge {number}")
-        for name, point in zip(NAMES, points, strict=True):
-            model.addPhysicalGroup(0, [point], name=name)
         model.mesh.generate(2)
         model.mesh.setOrder(2)
 
-    return gx.gmsh_mesh(build, comm)
+    return arc_mesh(comm, EDGES, NAMES, generate)
 
 
 def build(comm: MPI.Intracomm, cells: int) -> gx.Equilibrium:
@@ -132,20 +74,20 @@ def build(comm: MPI.Intracomm, cells: int) -> gx.Equilibrium:
     law = KAPTON_HN.law(THICKNESS, residual_stiffness=1e-4)
     sail = gx.Membrane(triangle(comm, cells), law, order=2, initial_stress=STRESS, name="sail")
     items: list[Any] = [sail]
-    for number, arc in enumerate(arcs()):
+    for number, arc in enumerate(EDGES):
         cord = gx.connectors.Tape.along_edges(
             sail,
             CORD,
             edges=f"edge {number}",
             # Shorter than the edge by the strain of its tension.
-            length_factor=1 - arc.tension / CORD.EA,
+            length_factor=1 - STRESS * THICKNESS * arc.radius / CORD.EA,
             name=f"cord {number}",
         )
         items.append(cord)
     hub = (0.0, 0.0, 0.0)
     items.append(cable(sail, 0, gx.Ground(hub), np.array(hub)))
     for corner, axis in ((1, 0), (2, 1)):
-        pull = corner_pull(corner)
+        pull = PULLS[corner]
         # The tip lies on the axis of its boom, where the line of the cable meets it.
         across = 1 - axis
         tip = CORNERS[corner] - pull * CORNERS[corner][across] / pull[across]
@@ -159,7 +101,7 @@ def build(comm: MPI.Intracomm, cells: int) -> gx.Equilibrium:
 def cable(sail: gx.Membrane, corner: int, end: Any, at: Array) -> gx.connectors.Spring:
     """The cable from a corner to a port at a point, with the tension that balances the cords."""
     length = float(np.linalg.norm(at - CORNERS[corner]))
-    tension = float(np.linalg.norm(corner_pull(corner)))
+    tension = float(np.linalg.norm(PULLS[corner]))
     return gx.connectors.Spring(
         sail.port(NAMES[corner]),
         end,

@@ -31,12 +31,12 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.arcs import Arc, arc_mesh, arcs, corner_pulls
 from demos.common.deployment import print_figures
 from demos.inflatables.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
 from gossamer_fx.core.model.body import Array
@@ -53,9 +53,6 @@ TENSION = 8e-3  # of the film [N/m]
 CORD = 1.0  # stiffness of a cord [N/m]
 CORD_LENGTH = 0.06  # under load [m]
 SAG = 0.08  # of the arcs, over the distance of their ends
-# Edges of the film, from corner to corner: 0 is at the cube, 1 and 2 are at the tips on the right
-# and on the left.
-EDGES = ((0, 1), (1, 2), (2, 0))
 # cos k cosh k = -1 of a cantilever.
 FIRST_EIGENVALUE = 1.875104069
 # Modes below this frequency [Hz] are rigid motions of the free satellite, of which there are six.
@@ -78,11 +75,7 @@ class Satellite:
         """Position (3,) [m] of the middle of a tube's tip: of the two seams there."""
         ends = []
         for out in (0.0, self.figure.width):
-            x, y = self.figure.at(
-                side,
-                self.figure.length,
-                out,
-            )
+            x, y = self.figure.at(side, self.figure.length, out)
             port = self.tubes[side].port_at((x, y, 0.0))
             ends.append(self.statics.system.state.vector(port))
         middle: Array = (ends[0] + ends[1]) / 2
@@ -114,11 +107,7 @@ class Rounding:
 
     def displacement(self, X: Array, up: int) -> Array:
         """Displacement (3, n) [m] of points X (3, n) of the upper (up = 1) or lower sheet (-1)."""
-        x0, y0 = self.figure.at(
-            self.side,
-            0.0,
-            0.0,
-        )
+        x0, y0 = self.figure.at(self.side, 0.0, 0.0)
         axis = np.array([self.side * math.sin(HALF), math.cos(HALF)])
         outward = np.array([self.side * math.cos(HALF), -math.sin(HALF)])
         from_root = X[:2] - np.array([[x0], [y0]])
@@ -128,11 +117,7 @@ class Rounding:
         shift = out * math.tan(HALF)
         nearest_end = np.minimum(along - shift - self.root, self.tip - along + shift)
         # From flat at the ends to round at a distance of one diameter.
-        roundness = np.clip(
-            nearest_end / self.figure.diameter,
-            0.0,
-            1.0,
-        )
+        roundness = np.clip(nearest_end / self.figure.diameter, 0.0, 1.0)
         radius = self.figure.diameter / 2
         angle = np.pi * out / self.figure.width
         round_out = self.figure.width / 2 - radius * np.cos(angle)
@@ -140,11 +125,7 @@ class Rounding:
         lifted = up * roundness * radius * np.sin(angle)
         # Sections stay normal to the bent axis, so that the start is nearly free of stress.
         length = self.figure.length
-        station = np.clip(
-            along / length,
-            0.0,
-            1.0,
-        )
+        station = np.clip(along / length, 0.0, 1.0)
         # Beyond the tip the tube goes on straight.
         beyond = np.maximum(along / length - 1, 0.0)
         inward = self.deflection * ((3 * station**2 - station**3) / 2 + 1.5 * beyond)
@@ -152,13 +133,8 @@ class Rounding:
         from_axis = out + moved - self.figure.width / 2
         across = moved - inward
         forwards = slope * from_axis
-        return np.vstack(
-            [
-                outward[0] * across + axis[0] * forwards,
-                outward[1] * across + axis[1] * forwards,
-                lifted,
-            ]
-        )
+        in_plane = np.outer(outward, across) + np.outer(axis, forwards)
+        return np.vstack([in_plane, lifted])
 
 
 def tube_of(
@@ -180,57 +156,23 @@ def tube_of(
     # A line of edges along the axis, so that the sections have nodes there.
     lines = [figure.axis(side)]
     if not round_ends:
-        flat = creased_tube(
-            comm,
-            figure.tube(side),
-            lines,
-            cell,
-            lambda X: X[:, 1],
-            (),
-        )
-        return gx.Membrane(
-            flat,
-            law,
-            name=name,
-        )
+        flat = creased_tube(comm, figure.tube(side), lines, cell, lambda X: X[:, 1], ())
+        return gx.Membrane(flat, law, name=name)
     stub = stub_length(figure)
-    longer = Figure(
-        figure.length + 2 * stub,
-        figure.diameter,
-        figure.at(0, -stub, 0.0),
-        0.0,
-    )
+    longer = Figure(figure.length + 2 * stub, figure.diameter, figure.at(0, -stub, 0.0), 0.0)
     # The root of the longer tube is nearer to the middle, too.
     shift = -side * stub * math.sin(HALF)
     outline = [(x + shift, y) for x, y in longer.tube(side)]
     for along in (0.0, figure.length):
         lines.append((figure.at(side, along, 0.0), figure.at(side, along, figure.width)))
     walls = (0.0, figure.length * math.cos(HALF))
-    mesh = creased_tube(
-        comm,
-        outline,
-        lines,
-        cell,
-        lambda X: X[:, 1],
-        walls,
-    )
-    rounding = Rounding(
-        figure,
-        side,
-        -stub,
-        figure.length + stub,
-        deflection,
-    )
+    mesh = creased_tube(comm, outline, lines, cell, lambda X: X[:, 1], walls)
+    rounding = Rounding(figure, side, -stub, figure.length + stub, deflection)
     sheets = {
         "top": partial(rounding.displacement, up=1),
         "bottom": partial(rounding.displacement, up=-1),
     }
-    return gx.Membrane(
-        mesh,
-        law,
-        displacement=sheets,
-        name=name,
-    )
+    return gx.Membrane(mesh, law, displacement=sheets, name=name)
 
 
 def stub_length(figure: Figure) -> float:
@@ -248,19 +190,22 @@ class Cut:
     """The film with arcs for edges, in the plane, and the forces in it.
 
     Attributes:
-        corners: of the film (3, 2) [m].
-        supports: where its cords are held (3, 2) [m]: on the cube, and at the tips as they are
-            under load.
-        radii: of the arcs (3,) [m].
-        forces: of film and cables on the cords (3, 2) [N].
+        supports: where its cords are held (3, 3) [m]: on the cube, and at the tips as they are
+            under load, right and left.
+        edges: arcs between the corners of the film.
+        forces: of film and cables on the cords (3, 3) [N].
         deflection: of the tips [m], by the closed form.
     """
 
-    corners: Array
     supports: Array
-    radii: Array
+    edges: list[Arc]
     forces: Array
     deflection: float
+
+    @property
+    def corners(self) -> Array:
+        """Of the film (3, 3) [m]."""
+        return np.array([arc.ends[0] for arc in self.edges])
 
 
 def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cut:
@@ -269,19 +214,20 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
     length = figure.length
     EI = bending_stiffness(figure, thickness)
     buckling_load = math.pi**2 * EI / (4 * length**2)
-    inward = np.array([-math.cos(HALF), math.sin(HALF)])
-    along = np.array([math.sin(HALF), math.cos(HALF)])
+    inward = np.array([-math.cos(HALF), math.sin(HALF), 0.0])
+    along = np.array([math.sin(HALF), math.cos(HALF), 0.0])
     # A closed tube under pressure is longer by (½ - ν) p r/(E t).
     strain = (0.5 - FILM.nu) * pressure * figure.diameter / (2 * FILM.E * thickness)
-    root = np.array(figure.axis(1)[0])
+    root = np.array([*figure.axis(1)[0], 0.0])
     straight_tip = root + (1 + strain) * length * along
-    mirror = np.array([-1.0, 1.0])
-    supports = np.array([[0.0, 0.0], straight_tip, straight_tip * mirror])
+    mirror = np.array([-1.0, 1.0, 1.0])
+    supports = np.array([[0.0, 0.0, 0.0], straight_tip, straight_tip * mirror])
     corners = supports.copy()
     deflection = 0.0
     # Forces turn with the corners, and move them a little: a few turns until both agree.
     for _ in range(50):
-        radii, forces = forces_at(corners, tension)
+        edges = arcs(corners, SAG)
+        forces = corner_pulls(edges, tension)
         # The force pulls the tip towards the middle of the film: a part bends the tube, a part
         # presses on it.
         across_tube = float(forces[1] @ inward)
@@ -295,103 +241,22 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
         # Each cord lies along its force; on the way its length moves the corner of the film.
         directions = forces / np.linalg.norm(forces, axis=1)[:, None]
         corners = supports + CORD_LENGTH * directions
-    return Cut(
-        corners,
-        supports,
-        radii,
-        forces,
-        deflection,
-    )
-
-
-def forces_at(corners: Array, tension: float) -> tuple[Array, Array]:
-    """Radii (3,) [m] of the arcs between corners (3, 2) [m], and the forces (3, 2) [N] of their
-    cables on the cords."""
-    radii = np.zeros(3)
-    forces = np.zeros((3, 2))
-    for k, (i, j) in enumerate(EDGES):
-        chord = corners[j] - corners[i]
-        length = float(np.linalg.norm(chord))
-        radii[k] = length * (0.25 + SAG**2) / (2 * SAG)
-        # The arc is inside of its chord, which is on the left of the way from corner to corner.
-        lean = math.asin(length / (2 * radii[k]))
-        turn = np.array([[math.cos(lean), -math.sin(lean)], [math.sin(lean), math.cos(lean)]])
-        cable = tension * radii[k]
-        forces[i] += cable * turn @ chord / length
-        forces[j] -= cable * turn.T @ chord / length
-    return radii, forces
-
-
-def film_mesh(comm: MPI.Comm, shape: Cut, cell: float) -> gx.Mesh:
-    """The film with cells of a size [m]; groups "edge 0" to "edge 2" and "corner 0" to "corner
-    2"."""
-
-    def arcs(model: Any) -> None:
-        geo = model.geo
-        points = [geo.addPoint(x, y, 0.0, cell) for x, y in shape.corners]
-        lines = []
-        for k, (i, j) in enumerate(EDGES):
-            chord = shape.corners[j] - shape.corners[i]
-            length = np.linalg.norm(chord)
-            outward = np.array([chord[1], -chord[0]]) / length
-            middle = (shape.corners[i] + shape.corners[j]) / 2
-            # The centre is outside, where the arc bulges away from.
-            reach = math.sqrt(shape.radii[k] ** 2 - length**2 / 4)
-            x, y = middle + reach * outward
-            centre = geo.addPoint(
-                x,
-                y,
-                0.0,
-            )
-            lines.append(geo.addCircleArc(points[i], centre, points[j]))
-        face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        geo.synchronize()
-        model.addPhysicalGroup(
-            2,
-            [face],
-            name="film",
-        )
-        for k, line in enumerate(lines):
-            model.addPhysicalGroup(
-                1,
-                [line],
-                name=f"edge {k}",
-            )
-        for k, point in enumerate(points):
-            model.addPhysicalGroup(
-                0,
-                [point],
-                name=f"corner {k}",
-            )
-        model.mesh.generate(2)
-
-    return gx.gmsh_mesh(arcs, comm)
+    return Cut(supports, edges, forces, deflection)
 
 
 def hung_film(
     comm: MPI.Comm, shape: Cut, law: gx.Miyazaki, tension: float, cell: float
 ) -> tuple[gx.Membrane, list[gx.connectors.Tape]]:
-    """The film under its tension [N/m], and the cables in its edges."""
-    film = gx.Membrane(
-        film_mesh(
-            comm,
-            shape,
-            cell,
-        ),
-        law,
-        initial_stress=tension / law.thickness,
-        name="film",
-    )
+    """The film under its tension [N/m], with cells of a size [m], and the cables in its edges."""
+    names = [f"corner {k}" for k in range(3)]
+    mesh = arc_mesh(comm, shape.edges, names, lambda model, *_: model.mesh.generate(2), cell)
+    film = gx.Membrane(mesh, law, initial_stress=tension / law.thickness, name="film")
     cables = []
-    for k, radius in enumerate(shape.radii):
+    for k, arc in enumerate(shape.edges):
         # Made shorter by its strain, so that it bears its force at the length of the arc.
-        strain = tension * float(radius) / CABLE.EA
+        strain = tension * arc.radius / CABLE.EA
         cable = gx.connectors.Tape.along_edges(
-            film,
-            CABLE,
-            edges=f"edge {k}",
-            length_factor=1 / (1 + strain),
-            name=f"cable {k}",
+            film, CABLE, edges=f"edge {k}", length_factor=1 / (1 + strain), name=f"cable {k}"
         )
         cables.append(cable)
     return film, cables
@@ -423,19 +288,9 @@ def build(
         held: whether the cube is fixed in space.
         with_film: whether there is a film; without it the tubes are two cantilevers.
         round_ends: whether the tubes have round plates as ends, by which they are fixed to the
-            cube; else they are pressed flat there, as in the demo `sprout`, and do not bear a film.
-
-    Raises:
-        InputError: a film between tubes with flat ends.
+            cube; else they are pressed flat there, as in the demo `sprout`, and bear no film.
     """
-    if with_film and not round_ends:
-        raise gx.InputError("sprout_deployed: a film needs tubes with round ends; set round_ends.")
-    figure = Figure(
-        length,
-        diameter,
-        (0.0, 0.0),
-        0.0,
-    )
+    figure = Figure(length, diameter, (0.0, 0.0), 0.0)
     law = FILM.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(
         mass,
@@ -451,47 +306,21 @@ def build(
     fixed_group = "ring 1" if round_ends else "side 1"
     tubes: dict[int, gx.Membrane] = {}
     plates: dict[int, gx.RigidRegion] = {}
-    shape = cut(
-        figure,
-        thickness,
-        tension,
-        pressure,
-    )
+    shape = cut(figure, thickness, tension, pressure)
     deflection = shape.deflection if with_film else 0.0
     for name, side in SIDES.items():
-        tube = tube_of(
-            comm,
-            figure,
-            side,
-            law,
-            cell,
-            round_ends,
-            deflection,
-        )
-        items.append(tube)
-        items.append(gx.RigidRegion(tube, fixed_group, rigid_body=cube, name=f"root of {name}"))
-        items.append(gx.Pressure(tube, pressure, name=f"gas of {name}"))
+        tube = tube_of(comm, figure, side, law, cell, round_ends, deflection)
+        root = gx.RigidRegion(tube, fixed_group, rigid_body=cube, name=f"root of {name}")
+        items += [tube, root, gx.Pressure(tube, pressure, name=f"gas of {name}")]
         tubes[side] = tube
         if round_ends:
-            plates[side] = gx.RigidRegion(
-                tube,
-                "ring 2",
-                name=f"tip of {name}",
-            )
+            plates[side] = gx.RigidRegion(tube, "ring 2", name=f"tip of {name}")
             items.append(plates[side])
     film = None
     if with_film:
-        film, cables = hung_film(
-            comm,
-            shape,
-            law,
-            tension,
-            film_cell,
-        )
+        film, cables = hung_film(comm, shape, law, tension, film_cell)
         items += [film, *cables]
-        x, y = shape.supports[0]
-        ends = [cube.port_at((x, y, 0.0))]
-        ends += [plates[1].port(), plates[-1].port()]
+        ends = [cube.port_at(shape.supports[0]), plates[1].port(), plates[-1].port()]
         for k, end in enumerate(ends):
             # At its length under load, `CORD_LENGTH`, the cord has the force of the cut.
             stretch = float(np.linalg.norm(shape.forces[k])) / CORD
@@ -504,20 +333,14 @@ def build(
             )
             items.append(cord)
     scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return Satellite(
-        tubes,
-        film,
-        figure,
-        shape,
-        gx.Equilibrium(scene),
-    )
+    return Satellite(tubes, film, figure, shape, gx.Equilibrium(scene))
 
 
 def bending_moment_at_root(shape: Cut, figure: Figure) -> float:
     """Moment [N m] of the cord's force about the root of a tube, in its plane."""
     x0, y0 = figure.axis(1)[0]
-    arm = shape.supports[1] - np.array([x0, y0])
-    fx, fy = shape.forces[1]
+    arm = shape.supports[1] - np.array([x0, y0, 0.0])
+    fx, fy, _ = shape.forces[1]
     return abs(float(arm[0] * fy - arm[1] * fx))
 
 
@@ -550,8 +373,7 @@ def tip_deflection(loaded: Satellite, unloaded: Satellite) -> float:
 def mean_tensions(satellite: Satellite) -> tuple[float, float]:
     """Mean principal tensions [N/m] of the film, each cell counted once; the larger first."""
     film = satellite.film
-    if film is None:
-        raise gx.InputError("sprout_deployed: there is no film; build the satellite with one.")
+    assert film is not None
     thickness = film.law.thickness
     means = []
     for field in ("stress1", "stress2"):
@@ -581,61 +403,33 @@ def main(
     Returns:
         Frequencies [Hz], tensions [N/m] and deflections [m], with those of the closed forms.
     """
-    alone = build(
-        comm,
-        cell=cell,
-        held=True,
-        with_film=False,
-    )
+    alone = build(comm, cell=cell, held=True, with_film=False)
     alone.statics.find()
     tube_modes = gx.analysis.modes(alone.statics, 4)
-    flat = build(
-        comm,
-        cell=cell,
-        held=True,
-        with_film=False,
-        round_ends=False,
-    )
+    flat = build(comm, cell=cell, held=True, with_film=False, round_ends=False)
     # The tangent of a tube with a flat root is nearly singular: it turns about the root without any
     # resistance.
     flat.statics.find()
     flat_modes = gx.analysis.modes(flat.statics, 2)
 
-    held = build(
-        comm,
-        cell=cell,
-        film_cell=film_cell,
-        held=True,
-    )
+    held = build(comm, cell=cell, film_cell=film_cell, held=True)
     held.statics.find()
     held_modes = gx.analysis.modes(held.statics, count)
     tensions = mean_tensions(held)
-    free = build(
-        comm,
-        cell=cell,
-        film_cell=film_cell,
-    )
+    free = build(comm, cell=cell, film_cell=film_cell)
     free.statics.find()
     all_modes = gx.analysis.modes(free.statics, count + RIGID_MOTIONS)
     # A free satellite has six motions without frequency; they are not vibrations.
     free_modes = [mode for mode in all_modes if mode.frequency > RIGID]
     if output is not None:
         folder = Path(output)
-        recording = gx.Recording(
-            folder / "equilibrium",
-            title=TITLE,
-            overwrite=True,
-        )
+        recording = gx.Recording(folder / "equilibrium", title=TITLE, overwrite=True)
         gx.outputs.record(free.statics, [recording])
         records = gx.outputs.record_modes(
             free.statics, free_modes, folder / "modes", overwrite=True
         )
         if comm.rank == 0:
-            gx.plot.modes(
-                records,
-                folder / "sprout_deployed.png",
-                view=VIEW,
-            )
+            gx.plot.modes(records, folder / "sprout_deployed.png", view=VIEW)
     moment = bending_moment_at_root(held.shape, held.figure)
     moment_ratio = moment / wrinkling_moment(held.figure, PRESSURE)
     mean_tube = sum(mode.frequency for mode in tube_modes) / len(tube_modes)

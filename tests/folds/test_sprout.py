@@ -166,7 +166,7 @@ def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
     figure = sprout.Figure(1.5, 0.03, (0.0, 0.0), 0.0)
     shape = sprout_deployed.cut(figure, 12.5e-6, 8e-3, 1e4)
     assert np.abs(shape.forces.sum(axis=0)).max() < 1e-14
-    x, y = shape.corners.T
+    x, y, _ = shape.corners.T
     moments = x * shape.forces[:, 1] - y * shape.forces[:, 0]
     assert abs(moments.sum()) < 1e-14
 
@@ -180,8 +180,6 @@ def test_a_flat_root_is_a_hinge() -> None:
     flat.statics.find()
     exact = sprout_deployed.beam_frequency(flat.figure, sprout_deployed.FILM_THICKNESS)
     assert gx.analysis.modes(flat.statics, 1)[0].frequency < 0.01 * exact
-    with pytest.raises(gx.InputError, match="needs tubes with round ends"):
-        sprout_deployed.build(MPI.COMM_WORLD, round_ends=False)
 
 
 def test_a_run_ends_when_its_motion_has_settled() -> None:
