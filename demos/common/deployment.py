@@ -122,6 +122,12 @@ def dissipation_by_part(figures: Mapping[str, float]) -> str:
     return f" ({', '.join(parts)})"
 
 
+def smooth(share: float) -> float:
+    """From 0 to 1 with a share from 0 to 1, without a jerk at its ends."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3 - 2 * share)
+
+
 def fold_angles(creases: Sequence[gx.connectors.Crease]) -> dict[str, Probe]:
     """Probes of the mean angle of each crease [rad]."""
     return {f"{crease.name} [rad]": gx.probes.FoldAngle(crease) for crease in creases}

@@ -48,10 +48,21 @@ def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:
 
 
 def triangles(system: Any, film: gx.Membrane) -> Array:
-    """Present positions (n, 3, 3) [m] of the corners of a film's triangles on this rank."""
-    x = system.state[film].local_positions()
-    corners: Array = x[film.space.dofmap.list[:, :3]]
+    """Present positions (n, 3, 3) [m] of the corners of the triangles that this rank owns."""
+    return corners_at(film, system.state[film].local_positions())
+
+
+def corners_at(film: gx.Membrane, positions: Array) -> Array:
+    """Corners (n, 3, 3) [m] of the triangles that this rank owns, for positions of the nodes (owned
+    and ghost)."""
+    owned = film.space.mesh.topology.index_map(2).size_local
+    corners: Array = positions[film.space.dofmap.list[:owned, :3]]
     return corners
+
+
+def flat_triangles(film: gx.Membrane) -> Array:
+    """Corners (n, 3, 3) [m], in the mesh, of the triangles that this rank owns."""
+    return corners_at(film, film.space.tabulate_dof_coordinates())
 
 
 def area_vectors(corners: Array) -> Array:

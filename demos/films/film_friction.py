@@ -32,7 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures
+from demos.common.deployment import print_figures, smooth
 from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import sheet
@@ -48,12 +48,6 @@ SLIDING = 0.018  # time from which all sheets slide [s]
 DURATION = 0.04  # s
 # Sheets and pressures [Pa] of the runs.
 STACKS = ((2, 20.0), (3, 20.0), (5, 20.0), (3, 5.0), (3, 10.0))
-
-
-def smooth(share: float) -> float:
-    """Rise softly from 0 to 1 with a share from 0 to 1."""
-    s = min(max(share, 0.0), 1.0)
-    return s * s * (3 - 2 * s)
 
 
 def pull(t: float) -> float:

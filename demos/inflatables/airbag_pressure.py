@@ -27,7 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures
+from demos.common.deployment import print_figures, smooth
 from demos.common.figures import BLUE, GREEN, RED, draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sphere import sphere
@@ -59,9 +59,7 @@ def build(
     wall = gx.gas.WallHeat(bag, conductance, temperature=TEMPERATURE)
 
     def plate_motion(t: float) -> tuple[float, float, float]:
-        share = min(t / DURATION, 1.0)
-        # It starts and ends softly.
-        return 0.0, 0.0, -STROKE * share**2 * (3 - 2 * share)
+        return 0.0, 0.0, -STROKE * smooth(t / DURATION)
 
     gap = 3e-3
     floor = gx.contact.Plane(point=(0, 0, -RADIUS - gap), normal=(0, 0, 1), name="floor")

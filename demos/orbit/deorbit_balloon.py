@@ -130,7 +130,7 @@ def main(
     ]
     statics = gx.Equilibrium(gx.Scene(film, gas), gas="held pressure")
     statics.find()
-    corners = np.concatenate(comm.allgather(owned_triangles(statics, film)))
+    corners = np.concatenate(comm.allgather(triangles(statics.system, film)))
 
     # At the start: within half an hour the density changes by some per cent.
     air = AIR(ALTITUDE)
@@ -160,14 +160,6 @@ def main(
         "fall by the formula [m]": float(RADIUS - formula[1][-1]),
         **effort(run),
     }
-
-
-def owned_triangles(statics: gx.Equilibrium, film: gx.Membrane) -> Array:
-    """Positions (n, 3, 3) [m] of the corners of the triangles that this rank owns, anticlockwise
-    from outside."""
-    corners = triangles(statics.system, film)
-    owned = film.space.mesh.topology.index_map(2).size_local
-    return corners[:owned]
 
 
 if __name__ == "__main__":

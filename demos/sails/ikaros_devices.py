@@ -45,7 +45,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
-from demos.common.figures import area_vectors
+from demos.common.figures import area_vectors, flat_triangles, triangles
 from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
@@ -57,7 +57,7 @@ PITCH = 0.64  # between folds, and side of the squares that are devices [m]
 INNER = 2  # rows of the hole
 OUTER = 11  # rows of the sail
 RPM = ikaros.RPM
-FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
+FILM = ikaros.FILM
 FILM_DENSITY = 1420.0  # of polyimide [kg/m³]
 # Row and columns of the cells of a trapezoid; with these they are 5 % of the sail.
 CELL_ROW = 6
@@ -139,6 +139,14 @@ def device_squares() -> int:
     return 4 * 2 * (CELL_COLUMNS + steering_on_a_side)
 
 
+def device_weight() -> float:
+    """Mass [kg/m²] of a device, with the film on which it is."""
+    area = 4 * (OUTER**2 - INNER**2) * PITCH**2
+    film_weight = FILM_DENSITY * FILM["thickness"]
+    devices = device_squares() * PITCH**2
+    return (ikaros.PETALS - film_weight * area) / devices + film_weight
+
+
 def curvature_at(build: Build) -> Any:
     """Natural curvature (3, 3, n) [1/m] as a function of points X (3, n)."""
     random = np.random.default_rng(build.seed)
@@ -164,12 +172,7 @@ def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
 
     Those have all of the mass of the trapezoids that the film has not.
     """
-    area = 4 * (OUTER**2 - INNER**2) * PITCH**2
-    devices = device_squares() * PITCH**2
-    film_mass = FILM_DENSITY * FILM["thickness"] * area
-    # What a device weighs per area, with the film on which it is.
-    device_weight = (ikaros.PETALS - film_mass) / devices + FILM_DENSITY * FILM["thickness"]
-    device_density = device_weight / build.device
+    device_density = device_weight() / build.device
     properties = {
         "thickness": lambda X: np.where(device_numbers(X) > 0, build.device, FILM["thickness"]),
         "density": lambda X: np.where(device_numbers(X) > 0, device_density, FILM_DENSITY),
@@ -303,7 +306,7 @@ def change_over_a_day(
     torques = []
     for angle in sun_angles:
         search.find(at=angle)
-        corners = triangles(film, search.system.state[film].local_positions())
+        corners = triangles(search.system, film)
         heights.append(corners[:, :, 2].mean(axis=1))
         torques.append(windmill(comm, corners))
     areas = np.linalg.norm(area_vectors(corners), axis=1)
@@ -324,25 +327,12 @@ def change_over_a_day(
     }
 
 
-def triangles(film: gx.Membrane, positions: Array) -> Array:
-    """Corners (n, 3, 3) [m] of the triangles of this rank, for the positions of its nodes (owned
-    and ghost)."""
-    owned = film.space.mesh.topology.index_map(2).size_local
-    nodes = film.space.dofmap.list[:owned, :3]
-    corners: Array = positions[nodes]
-    return corners
-
-
 def masses(film: gx.Membrane) -> Array:
     """Masses (n,) [kg] of the triangles of this rank, with their devices."""
-    flat = triangles(film, film.space.tabulate_dof_coordinates())
+    flat = flat_triangles(film)
     area = np.linalg.norm(area_vectors(flat), axis=1)
-    area_of_film = 4 * (OUTER**2 - INNER**2) * PITCH**2
-    area_of_devices = device_squares() * PITCH**2
-    film_weight = FILM_DENSITY * FILM["thickness"]
-    device_weight = (ikaros.PETALS - film_weight * area_of_film) / area_of_devices
     is_device = device_numbers(flat.mean(axis=1).T) > 0
-    return np.where(is_device, film_weight + device_weight, film_weight) * area
+    return np.where(is_device, device_weight(), FILM_DENSITY * FILM["thickness"]) * area
 
 
 def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
@@ -405,9 +395,8 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
     system = search.system
     film = sail_of(search)
     comm = film.comm
-    x = system.state[film].local_positions()
-    corners = triangles(film, x)
-    flat = triangles(film, film.space.tabulate_dof_coordinates())
+    corners = triangles(system, film)
+    flat = flat_triangles(film)
     areas = area_vectors(corners)
     size = np.linalg.norm(areas, axis=1)
     # Squared sines of the angles between the normals and the axis.
@@ -487,7 +476,7 @@ def fly_plate(
         gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series]
     )
     run.run(until=turns * period)
-    corners = triangles(film, run.system.state[film].local_positions())
+    corners = triangles(run.system, film)
     return {
         # The first value is of no step.
         "torque": float(series["torque"][1:].mean()),
@@ -503,7 +492,7 @@ def moments(search: gx.Equilibrium) -> tuple[float, float]:
     """Moments of inertia [kg m²] of hub and sail about a line in the plane of the sail, and about
     the axis."""
     film = sail_of(search)
-    own = triangles(film, search.system.state[film].local_positions())
+    own = triangles(search.system, film)
     J = inertia(film.comm, own, masses(film))
     # A flat body has half of the moment about its axis about a line in its plane.
     return ikaros.HUB_INERTIA[0] + J / 2, ikaros.HUB_INERTIA[2] + J
@@ -516,7 +505,7 @@ def frozen(search: gx.Equilibrium, rpm: float) -> tuple[gx.RigidBody, list[Any]]
     """
     film = sail_of(search)
     comm = film.comm
-    own = triangles(film, search.system.state[film].local_positions())
+    own = triangles(search.system, film)
     corners = np.concatenate(comm.allgather(own))
     about_diameter, about_axis = moments(search)
     surfaces = [

@@ -38,7 +38,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures, run_case
+from demos.common.deployment import print_figures, run_case, smooth
 from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import (
     RPM,
@@ -148,12 +148,6 @@ def build(
     return deployment(items, TITLE, probes, until, dt, largest, growth, iterations, frames=120)
 
 
-def _smooth(part: float) -> float:
-    """From 0 to 1 as its argument does, without a jerk."""
-    part = min(max(part, 0.0), 1.0)
-    return part * part * (3 - 2 * part)
-
-
 def _tethers(
     film: gx.Membrane,
     hub: gx.RigidBody,
@@ -174,7 +168,7 @@ def _tethers(
         short = float(np.linalg.norm(wound - rim.initial()))
 
         def length(t: float, short: float = short, whole: float = whole) -> float:
-            return short + max(whole - short, 0.0) * _smooth((t - release) / IN)
+            return short + max(whole - short, 0.0) * smooth((t - release) / IN)
 
         found.append(
             gx.connectors.Tether(edge, rim, length=length, stiffness=TETHER, name=f"tether {k}")
@@ -206,7 +200,7 @@ def _guides(
         mass=RING,
         brake_damping=brake,
         first_angle=first,
-        drawn=lambda t: DRAWN * _smooth((t - release) / IN),
+        drawn=lambda t: DRAWN * smooth((t - release) / IN),
         reel_depth=1.2 * DRAWN,
     )
 
