@@ -130,8 +130,9 @@ def main(
         "temperature": state.temperature,
         "volume": state.volume,
         "mass": state.mass,
-        "mass_error": abs(run.mass_error),
         **effort(run),
+        "energy_error": abs(run.energy_error),
+        "mass_error": abs(run.mass_error),
     }
 
 
