@@ -15,10 +15,6 @@ import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import Output, Probe
 
-# Prefix of the figures that `dissipation` returns for the single parts of a scene.
-DISSIPATED_BY = "dissipated by "
-
-
 # Units of figures whose names, which are keys, do not state them; the longest beginning counts.
 UNITS = {
     **dict.fromkeys(("energy", "dissipated", "to_be_lost", "fold_energy", "crease"), "J"),
@@ -105,21 +101,8 @@ def effort(run: gx.Simulation) -> dict[str, float]:
 def dissipation(run: gx.Simulation) -> dict[str, float]:
     """Energy that a run has dissipated [J]: in all, and by each part of the scene that
     dissipates."""
-    by_part = {f"{DISSIPATED_BY}{name}": loss for name, loss in run.totals.losses.items()}
+    by_part = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **by_part}
-
-
-def dissipation_by_part(figures: Mapping[str, float]) -> str:
-    """The figures of `dissipation` of each part as text in parentheses, e.g. " (3 J by
-    friction)"."""
-    parts = [
-        f"{loss:.3g} J by {name.removeprefix(DISSIPATED_BY)}"
-        for name, loss in figures.items()
-        if name.startswith(DISSIPATED_BY)
-    ]
-    if not parts:
-        return ""
-    return f" ({', '.join(parts)})"
 
 
 def smooth(share: float) -> float:

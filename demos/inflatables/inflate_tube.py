@@ -76,8 +76,16 @@ class Table:
             share = gx.probes.AreaFraction(film, state)
             self._columns[state] = lambda run, share=share: f"{share(run):.1%}"
         self._columns["ledger"] = lambda run: f"{run.energy_error:+.0e}"
-        self._columns["iterations"] = lambda run: f"{run.iterations / max(run.step, 1):.1f}"
+        self._columns["iterations"] = lambda run: f"{self._iterations_a_step(run):.1f}"
         self.rows = [tuple(self._columns)]
+        # Steps and iterations until the last row.
+        self._seen = (0, 0)
+
+    def _iterations_a_step(self, run: gx.Simulation) -> float:
+        """Since the last row."""
+        steps, iterations = self._seen
+        self._seen = (run.step, run.iterations)
+        return (run.iterations - iterations) / max(run.step - steps, 1)
 
     def open(self, run: gx.Simulation) -> None:
         """Nothing to prepare."""

@@ -82,11 +82,6 @@ class Satellite:
         return middle
 
 
-def retreat(diameter: float) -> float:
-    """By how much [m] the seams of a flat tube draw back when it becomes round."""
-    return (math.pi / 4 - 0.5) * diameter
-
-
 @dataclass(frozen=True)
 class Rounding:
     """Map of a flat tube to a round one that may be bent, which keeps lengths but near its flat

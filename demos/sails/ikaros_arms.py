@@ -193,8 +193,8 @@ def main(
     """Let the arms out; `given` are arguments of `build`.  With `output`, a folder: a recording and
     a picture.
 
-    Returns the figures of `spin_figures`, the spin of the hub at the end and that of the closed
-    form [rpm], and their largest relative difference in the run.
+    Returns the figures of `spin_figures`, the spin of the hub at the end by the closed form [rpm],
+    and the largest relative difference of both in the run.
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -215,7 +215,6 @@ def main(
     spin = series["spin of the hub [rpm]"]
     return {
         **spin_figures(run, series),
-        "spin": float(spin[-1]),
         "budget": float(budget[-1]),
         "difference": float(np.abs(spin / budget - 1).max()),
     }
