@@ -6,6 +6,7 @@ resultant of its two cables.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +25,8 @@ class Arc:
     Attributes:
         first, last: numbers of its corners.
         radius: R [m].
-        centre: of its circle (3,) [m].
-        ends: its corners (2, 3) [m].
+        centre: of its circle (2,) [m].
+        ends: its corners (2, 2) [m].
     """
 
     first: int
@@ -35,35 +36,43 @@ class Arc:
     ends: Array
 
     def pull(self, corner: int, tension: float) -> Array:
-        """Force (3,) [N] of the cable on one of its corners, for the tension of the film [N/m]."""
-        here, other = self.ends if corner == self.first else self.ends[::-1]
-        x, y, _ = (here - self.centre) / self.radius
-        tangent = np.array([-y, x, 0.0])
-        pull: Array = tension * self.radius * np.sign(tangent @ (other - here)) * tangent
-        return pull
+        """Force (2,) [N] of the cable on one of its corners, for the tension of the film [N/m]."""
+        chord = self.ends[1] - self.ends[0]
+        length = float(np.linalg.norm(chord))
+        # The arc leaves its chord by this angle, to the inner side, which is on the left.
+        lean = math.asin(length / (2 * self.radius))
+        turn = np.array([[math.cos(lean), -math.sin(lean)], [math.sin(lean), math.cos(lean)]])
+        cable = tension * self.radius
+        if corner == self.first:
+            return np.asarray(cable * turn @ chord / length)
+        return np.asarray(-cable * turn.T @ chord / length)
 
 
-def arcs(corners: Array, sag: float) -> list[Arc]:
-    """The three edges of a triangle, with corners (3, 3) [m] counterclockwise in the plane z = 0,
-    and a depth of the arcs over their chords."""
+def radii_of(corners: Array, sag: float) -> list[float]:
+    """Radii [m] of the edges of a triangle with corners (3, 2) [m], for a depth of the arcs over
+    their chords."""
+    chords = np.roll(corners, -1, axis=0) - corners
+    return [float(np.linalg.norm(chord)) * (0.25 + sag**2) / (2 * sag) for chord in chords]
+
+
+def arcs(corners: Array, radii: Sequence[float]) -> list[Arc]:
+    """The three edges of a triangle with corners (3, 2) [m], counterclockwise."""
     found = []
-    for first in range(3):
+    for first, radius in enumerate(radii):
         last = (first + 1) % 3
         chord = corners[last] - corners[first]
         length = float(np.linalg.norm(chord))
-        depth = sag * length
-        radius = (length**2 / 4 + depth**2) / (2 * depth)
-        # To the left of the chord, which is the inner side.
-        inwards = np.array([-chord[1], chord[0], 0.0]) / length
+        # To the right of the chord, where the arc bulges away from.
+        outward = np.array([chord[1], -chord[0]]) / length
         middle = (corners[first] + corners[last]) / 2
-        centre = middle + (depth - radius) * inwards
+        centre = middle + math.sqrt(radius**2 - length**2 / 4) * outward
         found.append(Arc(first, last, radius, centre, corners[[first, last]]))
     return found
 
 
 def corner_pulls(edges: Sequence[Arc], tension: float) -> Array:
-    """Forces (3, 3) [N] of both cables on each corner, for the tension of the film [N/m]."""
-    pulls = np.zeros((3, 3))
+    """Forces (3, 2) [N] of both cables on each corner, for the tension of the film [N/m]."""
+    pulls = np.zeros((3, 2))
     for arc in edges:
         for corner in (arc.first, arc.last):
             pulls[corner] += arc.pull(corner, tension)
@@ -77,7 +86,8 @@ def arc_mesh(
     generate: Callable[[Any, list[int], int], None],
     size: float = 0.0,
 ) -> gx.Mesh:
-    """A mesh of the triangle with the groups "film", "edge 0" to "edge 2" and the corners' names.
+    """A mesh of the triangle in the plane z = 0, with the groups "film", "edge 0" to "edge 2" and
+    the corners' names.
 
     Args:
         comm: communicator of the mesh.
@@ -88,10 +98,10 @@ def arc_mesh(
     """
 
     def build(model: Any) -> None:
-        points = [model.geo.addPoint(*arc.ends[0], size) for arc in edges]
+        points = [model.geo.addPoint(*arc.ends[0], 0.0, size) for arc in edges]
         curves = []
         for arc in edges:
-            centre = model.geo.addPoint(*arc.centre)
+            centre = model.geo.addPoint(*arc.centre, 0.0)
             curves.append(model.geo.addCircleArc(points[arc.first], centre, points[arc.last]))
         surface = model.geo.addPlaneSurface([model.geo.addCurveLoop(curves)])
         model.geo.synchronize()

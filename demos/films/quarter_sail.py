@@ -30,7 +30,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.arcs import arc_mesh, arcs, corner_pulls
+from demos.common.arcs import arc_mesh, arcs, corner_pulls, radii_of
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.presets.films import KAPTON_HN
@@ -50,9 +50,9 @@ MESHES = (4, 8, 16, 32)  # cells along each edge
 REFERENCE = 48
 
 
-EDGES = arcs(CORNERS, SAG)
+EDGES = arcs(CORNERS[:, :2], radii_of(CORNERS[:, :2], SAG))
 # Of both cords on each corner (3, 3), which its cable balances [N].
-PULLS = corner_pulls(EDGES, STRESS * THICKNESS)
+PULLS = np.pad(corner_pulls(EDGES, STRESS * THICKNESS), ((0, 0), (0, 1)))
 
 
 def triangle(comm: MPI.Intracomm, cells: int) -> gx.Mesh:

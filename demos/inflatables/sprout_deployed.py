@@ -36,7 +36,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.arcs import Arc, arc_mesh, arcs, corner_pulls
+from demos.common.arcs import Arc, arc_mesh, arcs, corner_pulls, radii_of
 from demos.common.deployment import print_figures
 from demos.inflatables.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
 from gossamer_fx.core.model.body import Array
@@ -185,10 +185,10 @@ class Cut:
     """The film with arcs for edges, in the plane, and the forces in it.
 
     Attributes:
-        supports: where its cords are held (3, 3) [m]: on the cube, and at the tips as they are
+        supports: where its cords are held (3, 2) [m]: on the cube, and at the tips as they are
             under load, right and left.
         edges: arcs between the corners of the film.
-        forces: of film and cables on the cords (3, 3) [N].
+        forces: of film and cables on the cords (3, 2) [N].
         deflection: of the tips [m], by the closed form.
     """
 
@@ -199,7 +199,7 @@ class Cut:
 
     @property
     def corners(self) -> Array:
-        """Of the film (3, 3) [m]."""
+        """Of the film (3, 2) [m]."""
         return np.array([arc.ends[0] for arc in self.edges])
 
 
@@ -209,20 +209,20 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
     length = figure.length
     EI = bending_stiffness(figure, thickness)
     buckling_load = math.pi**2 * EI / (4 * length**2)
-    inward = np.array([-math.cos(HALF), math.sin(HALF), 0.0])
-    along = np.array([math.sin(HALF), math.cos(HALF), 0.0])
+    inward = np.array([-math.cos(HALF), math.sin(HALF)])
+    along = np.array([math.sin(HALF), math.cos(HALF)])
     # A closed tube under pressure is longer by (½ - ν) p r/(E t).
     strain = (0.5 - FILM.nu) * pressure * figure.diameter / (2 * FILM.E * thickness)
-    root = np.array([*figure.axis(1)[0], 0.0])
+    root = np.array(figure.axis(1)[0])
     straight_tip = root + (1 + strain) * length * along
-    mirror = np.array([-1.0, 1.0, 1.0])
-    supports = np.array([[0.0, 0.0, 0.0], straight_tip, straight_tip * mirror])
+    mirror = np.array([-1.0, 1.0])
+    supports = np.array([[0.0, 0.0], straight_tip, straight_tip * mirror])
     corners = supports.copy()
     deflection = 0.0
     # Forces turn with the corners, and move them a little: a few turns until both agree.
     for _ in range(50):
-        edges = arcs(corners, SAG)
-        forces = corner_pulls(edges, tension)
+        radii = radii_of(corners, SAG)
+        forces = corner_pulls(arcs(corners, radii), tension)
         # The force pulls the tip towards the middle of the film: a part bends the tube, a part
         # presses on it.
         across_tube = float(forces[1] @ inward)
@@ -236,7 +236,7 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
         # Each cord lies along its force; on the way its length moves the corner of the film.
         directions = forces / np.linalg.norm(forces, axis=1)[:, None]
         corners = supports + CORD_LENGTH * directions
-    return Cut(supports, edges, forces, deflection)
+    return Cut(supports, arcs(corners, radii), forces, deflection)
 
 
 def hung_film(
@@ -315,7 +315,7 @@ def build(
     if with_film:
         film, cables = hung_film(comm, shape, law, tension, film_cell)
         items += [film, *cables]
-        ends = [cube.port_at(shape.supports[0]), plates[1].port(), plates[-1].port()]
+        ends = [cube.port_at((*shape.supports[0], 0.0)), plates[1].port(), plates[-1].port()]
         for k, end in enumerate(ends):
             # At its length under load, `CORD_LENGTH`, the cord has the force of the cut.
             stretch = float(np.linalg.norm(shape.forces[k])) / CORD
@@ -334,8 +334,8 @@ def build(
 def bending_moment_at_root(shape: Cut, figure: Figure) -> float:
     """Moment [N m] of the cord's force about the root of a tube, in its plane."""
     x0, y0 = figure.axis(1)[0]
-    arm = shape.supports[1] - np.array([x0, y0, 0.0])
-    fx, fy, _ = shape.forces[1]
+    arm = shape.supports[1] - np.array([x0, y0])
+    fx, fy = shape.forces[1]
     return abs(float(arm[0] * fy - arm[1] * fx))
 
 

@@ -166,7 +166,7 @@ def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
     figure = sprout.Figure(1.5, 0.03, (0.0, 0.0), 0.0)
     shape = sprout_deployed.cut(figure, 12.5e-6, 8e-3, 1e4)
     assert np.abs(shape.forces.sum(axis=0)).max() < 1e-14
-    x, y, _ = shape.corners.T
+    x, y = shape.corners.T
     moments = x * shape.forces[:, 1] - y * shape.forces[:, 0]
     assert abs(moments.sum()) < 1e-14
 
