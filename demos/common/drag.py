@@ -55,5 +55,7 @@ def fall_by_formula(
     axes = np.empty(len(times))
     axes[0] = radius
     for k, a in enumerate(axes[:-1]):
-        axes[k + 1] = a - step * 2 * force(a, math.sqrt(mu / a)) / mass / math.sqrt(mu / a**3)
+        speed = math.sqrt(mu / a)
+        orbital_rate = math.sqrt(mu / a**3)
+        axes[k + 1] = a - step * 2 * force(a, speed) / mass / orbital_rate
     return times, axes

@@ -67,8 +67,9 @@ def flat_triangles(film: gx.Membrane) -> Array:
 
 def area_vectors(corners: Array) -> Array:
     """Area vectors (n, 3) [m²] of triangles (n, 3, 3) [m]."""
-    area: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    return area
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    return np.asarray(np.cross(first, second) / 2)
 
 
 def petals_of(

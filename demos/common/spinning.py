@@ -179,8 +179,9 @@ def drum(hub: gx.RigidBody, radius: float, low: float, high: float) -> gx.contac
 
 def turned(points: Array, angle: float) -> Array:
     """Points (n, 2) turned about the origin by an angle [rad]."""
-    rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    return points @ rotation.T
+    c = math.cos(angle)
+    s = math.sin(angle)
+    return points @ np.array([[c, -s], [s, c]]).T
 
 
 def laid_along(corners: Array, stations: Array) -> Callable[[Array], Array]:

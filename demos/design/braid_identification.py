@@ -228,7 +228,8 @@ def _residual(curve: Curve, w: float, P: float, of_load: Gradient, of_height: Gr
     derivatives."""
     largest = float(curve.P.max())
     k = int(np.clip(np.searchsorted(curve.w, w), 1, len(curve.w) - 1))
-    steepness = (curve.P[k] - curve.P[k - 1]) / (curve.w[k] - curve.w[k - 1])
+    rise = curve.P[k] - curve.P[k - 1]
+    steepness = rise / (curve.w[k] - curve.w[k - 1])
     y = curve.P[k - 1] + steepness * (w - curve.w[k - 1])
     slopes = []
     for name in NAMES:

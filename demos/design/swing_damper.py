@@ -99,9 +99,11 @@ def swing(
 ) -> Run:
     """Let the hub swing, and take the gradient of the energy that is left."""
     scene, film, hub, names = build(steady, comm, pitch, damping)
-    spins = gx.Series(
-        {"hub": gx.probes.AngularVelocity(hub.frame(), "z"), "sail": gx.probes.MeanSpin(film, "z")}
-    )
+    probes = {
+        "hub": gx.probes.AngularVelocity(hub.frame(), "z"),
+        "sail": gx.probes.MeanSpin(film, "z"),
+    }
+    spins = gx.Series(probes)
     run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[spins])
     tape = gx.analysis.RunTape(run)
     # The inertia of the sail as meshed and strained, from its share of the angular momentum.

@@ -78,8 +78,8 @@ def radius_of_arc(x: Array) -> float:
     b = x[len(x) // 2]
     c = x[-1]
     area = np.linalg.norm(np.cross(b - a, c - a)) / 2
-    product_of_sides = np.linalg.norm(b - a) * np.linalg.norm(c - b) * np.linalg.norm(a - c)
-    return float(product_of_sides / (4 * area))
+    sides = np.linalg.norm([b - a, c - b, a - c], axis=1)
+    return float(sides.prod() / (4 * area))
 
 
 def draw(x: Array, cells: Array, path: Path) -> None:

@@ -83,7 +83,9 @@ def build(
 
 def exponent(volume: Array, pressure: Array) -> float:
     """n of p V^n = constant, between the first and the last state."""
-    return -float(np.log(pressure[-1] / pressure[0]) / np.log(volume[-1] / volume[0]))
+    rise = np.log(pressure[-1] / pressure[0])
+    growth = np.log(volume[-1] / volume[0])
+    return -float(rise / growth)
 
 
 def draw(histories: dict[str, gx.Series], shapes: list[Array], path: Path) -> None:

@@ -68,7 +68,9 @@ class Balloon:
         """Positions [m] of the corners of all triangles (n, 3, 3) of this rank about their
         middle."""
         corners = triangles(self.statics.system, self.film)
-        return corners - (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2
+        high = corners.max(axis=(0, 1))
+        low = corners.min(axis=(0, 1))
+        return corners - (high + low) / 2
 
     def tendon_line(self) -> Array:
         """Positions (n, 3) [m] along the first seam."""

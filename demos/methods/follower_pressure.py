@@ -111,7 +111,9 @@ def draw(found: dict[str, Array], path: Path) -> None:
     def shape(θ: Array) -> Array:
         w = 0.3 * np.cos(2 * θ)
         v = -0.15 * np.sin(2 * θ)
-        return np.stack([(1 + w) * np.cos(θ) - v * np.sin(θ), (1 + w) * np.sin(θ) + v * np.cos(θ)])
+        x = (1 + w) * np.cos(θ) - v * np.sin(θ)
+        y = (1 + w) * np.sin(θ) + v * np.cos(θ)
+        return np.stack([x, y])
 
     ring.plot(np.cos(angle), np.sin(angle), color="lightgrey")
     ring.plot(*shape(angle), color="black")

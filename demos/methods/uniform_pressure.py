@@ -66,7 +66,8 @@ def inlet_area(T: float) -> float:
     # γ R T₀ dm/dt = V dp/dt: the gas brings its enthalpy.
     mass_flow = PRESSURE * SECTION * LENGTH / (γ * NITROGEN.R * TEMPERATURE * T)
     # Mass flow of a choked orifice over C A p/√(R T).
-    choked = math.sqrt(γ) * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
+    power = (γ + 1) / (2 * (γ - 1))
+    choked = math.sqrt(γ) * (2 / (γ + 1)) ** power
     return mass_flow * math.sqrt(NITROGEN.R * TEMPERATURE) / (SUPPLY.pressure * choked)
 
 

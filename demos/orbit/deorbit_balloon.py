@@ -135,8 +135,8 @@ def main(
     # At the start: within half an hour the density changes by some per cent.
     air = AIR(ALTITUDE)
     area = area_in_flow(corners, air, speed)
-    x, y = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]).T * EDGE / 2
-    square = np.stack([x, y, 0 * x], axis=1)
+    square = EDGE / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    # Two triangles of each side.
     flat = square[[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]]
     # Air that turns with the Earth would have another speed than that of the formula.
     drag = gx.orbit.Drag(film, orbit, atmosphere=AIR, accommodation=HOW, closed=True, rotation=0.0)

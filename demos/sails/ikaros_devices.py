@@ -340,7 +340,9 @@ def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
     at the tips."""
     xy = corners[:, :, :2]
     # ∫ x² of a triangle is its mass times (Σ x_k² + (Σ x_k)²)/12.
-    squares = (xy**2).sum(axis=(1, 2)) + (xy.sum(axis=1) ** 2).sum(axis=1)
+    of_corners = (xy**2).sum(axis=(1, 2))
+    of_sums = (xy.sum(axis=1) ** 2).sum(axis=1)
+    squares = of_corners + of_sums
     of_film = comm.allreduce(float(mass @ squares) / 12)
     radius = np.linalg.norm(xy, axis=2).max(initial=0.0)
     of_tips = 4 * ikaros.TIP * comm.allreduce(float(radius), op=MPI.MAX) ** 2
@@ -409,7 +411,8 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         for sx in (-1, 1)
         for sy in (-1, 1)
     ]
-    warp = system.state.vectors(ends)[:, 2].mean() - system.state.vectors(inner)[:, 2].mean()
+    height_of_tips = system.state.vectors(ends)[:, 2].mean()
+    height_of_inner_edge = system.state.vectors(inner)[:, 2].mean()
     mass = masses(film)
     J = inertia(comm, corners, mass)
     flat_J = inertia(comm, flat, mass)
@@ -417,7 +420,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
     assert search.result is not None
     return {
         "rms height": 1e3 * rms_height(comm, corners),
-        "warp": 1e3 * float(warp),
+        "warp": 1e3 * float(height_of_tips - height_of_inner_edge),
         "rms tilt": 1e3 * math.sqrt(tilted / area),
         "taut": gx.probes.AreaFraction(film, "taut")(search),
         "slack tethers": slack_tethers(search),
@@ -571,7 +574,8 @@ def fly_frozen(
     size_before = float(np.linalg.norm(before))
     size_after = float(np.linalg.norm(after))
     torque = (size_after - size_before) / run.time
-    turned = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
+    sine = float(np.linalg.norm(np.cross(before, after)))
+    turned = math.atan2(sine, float(before @ after))
     return {
         "torque": torque,
         "mean torque of the probe": float(series["torque about the axis [N m]"][1:].mean()),

@@ -102,7 +102,8 @@ def build(
         end = math.pi * k - cells * step
         place = (R * math.cos(end), R * math.sin(end), 0.0)
         tip = gx.PointMass(MASS, place, name=f"mass {k + 1}", comm=comm)
-        root = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
+        start = math.pi * k
+        root = hub.port((R * math.cos(start), R * math.sin(start), 0.0))
         items += [
             cord,
             tip,
