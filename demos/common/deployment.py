@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import Output, Probe
 
-# Units of figures whose names, which are keys, do not state them; the longest beginning counts.
+# Units of the figures of deployments by the beginnings of their names; the longest one counts.
 UNITS = {
     **dict.fromkeys(("energy", "dissipated", "to_be_lost", "fold_energy", "crease"), "J"),
     **dict.fromkeys(("time", "when", "opened", "halfway", "arrived"), "s"),
@@ -163,12 +164,15 @@ def first_time(time: Array, values: Array, limit: float) -> float:
     return float(time[reached[0]])
 
 
-def print_figures(figures: Mapping[str, Any], units: Mapping[str, str] | None = None) -> None:
-    """Print figures with their units, one a line, on the first rank; arrays are left out.
+def print_figures(
+    figures: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Print figures, one a line, on the first rank; arrays are left out.
 
     Args:
         figures: by their names.
-        units: in addition to `UNITS`, or instead of some of them.
+        units: of figures whose names do not state them, by the beginnings of their names, e.g.
+            `UNITS`.
     """
     if MPI.COMM_WORLD.rank:
         return
@@ -176,7 +180,7 @@ def print_figures(figures: Mapping[str, Any], units: Mapping[str, str] | None = 
         if isinstance(value, str):
             print(f"{name:48} {value}")
         elif np.isscalar(value):
-            print(f"{_with_unit(name, UNITS | dict(units or {})):48} {value:.6g}")
+            print(f"{_with_unit(name, units):48} {value:.6g}")
 
 
 def _with_unit(name: str, units: Mapping[str, str]) -> str:

@@ -42,6 +42,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import (
+    UNITS,
     crease_figures,
     dissipation,
     first_time,
@@ -296,4 +297,4 @@ def main(
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/folded_tube"))
+    print_figures(main(output="out/folded_tube"), UNITS)

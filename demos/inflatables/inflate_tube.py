@@ -145,4 +145,5 @@ def main(
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/inflate_tube"))
+    units = {"time": "s", "pressure": "Pa", "temperature": "K", "volume": "m³", "mass": "kg"}
+    print_figures(main(output="out/inflate_tube"), units)

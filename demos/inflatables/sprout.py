@@ -60,6 +60,7 @@ from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from demos.common.deployment import (
+    UNITS,
     dissipation,
     print_figures,
     run_case,
@@ -550,4 +551,4 @@ def main(
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/sprout"))
+    print_figures(main(output="out/sprout"), UNITS)

@@ -41,6 +41,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import UNITS as deployment_units
 from demos.common.deployment import first_time, print_figures, run_case
 from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import (
@@ -440,8 +441,8 @@ def plot_radii(axes: Any, series: gx.Series) -> None:
     finish(axes, "t [s]", "radius [m]")
 
 
-# Units of figures of the stages, in addition to the common ones.
-UNITS = {"spin": "rpm", "released_spin": "rpm", "released_as_one": "rpm"}
+# Units of the figures of the stages.
+UNITS = deployment_units | {"spin": "rpm", "released_spin": "rpm", "released_as_one": "rpm"}
 
 if __name__ == "__main__":
     print_figures(main(output="out/ikaros"), UNITS)

@@ -133,7 +133,7 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
 
 
 # Units of the figures.
-UNITS = {"frequency": "Hz", "closed_form": "Hz", "decay": "1/s", "swing": "J"}
+UNITS = {"frequency": "Hz", "closed_form": "Hz", "decay": "1/s", "swing": "J", "dissipated": "J"}
 
 if __name__ == "__main__":
     # Runs with dampers in the tethers are printed only.

@@ -33,6 +33,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import (
+    UNITS,
     crease_figures,
     first_time,
     fold_angles,
@@ -259,4 +260,4 @@ def draw(series: gx.Series, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/spin_deployment"))
+    print_figures(main(output="out/spin_deployment"), UNITS)
