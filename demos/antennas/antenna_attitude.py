@@ -243,7 +243,8 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
         for ax, (label, values, names) in zip(axes[:, k], rows, strict=True):
             for component, name in zip(values.T, names, strict=True):
                 ax.plot(result["time"], component, label=name)
-            finish(ax, "time [s]", label)
+            finish(ax, "", label)
+        axes[-1, k].set_xlabel("time [s]")
     save(figure, path)
 
 
