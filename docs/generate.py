@@ -303,6 +303,7 @@ def reference() -> dict[str, str]:
 # ---- gallery, options, presets -------------------------------------------------------------------
 
 
+# the program of each demo by its name
 PROGRAMS = demos_of(ROOT / "demos")
 
 
