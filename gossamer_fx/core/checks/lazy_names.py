@@ -120,8 +120,6 @@ class NamespaceFinder(MetaPathFinder):
             for name, home in homes.items()
             if home.count(".") == 1 and name.islower()
         }
-        # no namespace of the stub: its modules are imported one by one
-        self._houses[f"{package}.meshes"] = f"{package}.build.meshes"
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
