@@ -68,7 +68,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
@@ -309,7 +309,7 @@ class Equilibrium:
         self.scene = scene
         self.search = search
         self.comm = scene.comm
-        self.system: System = scene.compile(EndPoint())
+        self.system: System = scene.compile(AtRest())
         for scalars in self.system.scalar_unknowns:
             scalars.set_static_process(gas)
         self.newton = Newton(self.system, Tolerances(), direct=True)

@@ -305,7 +305,7 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
-            system.rule.alpha == 0.5,
+            system.rule.conserves,
             f"'{terms[0].name}' flies by the midpoint rule only; "
             "run its scene with Midpoint, and give an equilibrium its light by gx.orbit.Sunlight.",
         )

@@ -231,6 +231,10 @@ class Multipliers(ABC):
         """Blocks of multipliers for all terms of the kind, numbered behind the bodies."""
 
     @abstractmethod
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rows and columns of the multipliers, see `CompiledTerms.add_tangents`."""
+
+    @abstractmethod
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
         """The ports that each of this rank's multipliers ties, for each block of them."""
 

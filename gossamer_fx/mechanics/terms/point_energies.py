@@ -1,9 +1,9 @@
 """Energies and dissipation of measures between points, as arrays.
 
 All terms of one kind are evaluated at once.  The rule is that of `discrete_gradient`: the force is
-S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.  With α = 1 the
-forces are those of the end of the step, S_mean = ψ'(e1).  Measures are evaluated on the rank of
-their first port.
+S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step; a rule that does
+not conserve takes the stress of one strain instead.  Measures are evaluated on the rank of their
+first port.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     Differentiable,
 )
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 # Size of complex steps.  They do not cancel, so that the step may be so small that its square is
 # below the round-off of any number.
@@ -76,17 +77,19 @@ class Stencil:
     In the methods q1 (n, D) are the unknowns of n tuples of ports at the end of the step, positions
     [m] and directors [-].  A result is reused for the same array object: it must not be changed in
     place.  With pairs that change from step to step, a new stencil is made for each list of them.
+    Damping takes the strains at both ends with every stress rule.
     """
 
-    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
+    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, rule: StressRule) -> None:
         """The start of a step is set by `keep`, its length [s] by the attribute `h`; until then
         they are zero, and 1 s."""
         self.at = at
         self.density = density
         self._dissipates = dissipates
-        self._α = alpha
+        self._rule = rule
+        self._takes_mid_strain = rule.takes_mid_strain and not dissipates
         self.h = 1.0
-        # Unknowns q1 (n, D), vectors (n, 3k), strains e1 (n, m) and stresses (n, m) with their
+        # Unknowns q1 (n, D), vectors (n, 3k), strains (n, m) and stresses (n, m) with their
         # derivatives (n, m, m) of the last evaluation: forces and tangent of one
         # iterate use the same ones.
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
@@ -144,26 +147,31 @@ class Stencil:
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
-        slope_end = self.at.slope(Y[on], on)
-        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric
-        # where the two slopes differ.
-        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
-        geometric = self._α * self.at.geometric(S[on], on)
+        # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
+        # that the tangent is not symmetric, unless the rule takes the strain in the middle.
+        slope: Array = self._rule.alpha * slope_mid
+        if not self._takes_mid_strain:
+            slope = self.at.slope(Y[on], on)
+        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
+        geometric = self._rule.alpha * self.at.geometric(S[on], on)
         return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
         """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`, from those Y
         (n, 3k) at the end of the step."""
-        return (1 - self._α) * self._Y0[on] + self._α * Y[on]
+        α = self._rule.alpha
+        return (1 - α) * self._Y0[on] + α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """The k vectors (n, 3k) of which the strains are made at q1, strains e1 (n, m), and the
-        mean stress (n, m) of the step with its derivatives (n, m, m) by e1."""
+        """The k vectors (n, 3k) of which the strains are made at q1, the strains (n, m) that the
+        rule takes, and the mean stress (n, m) of the step with its derivatives (n, m, m) by them.
+        """
         # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
-            e1 = self.at.measure(Y)
+            of_strain = self._middle(Y, slice(None)) if self._takes_mid_strain else Y
+            e1 = self.at.measure(of_strain)
             self._known = q1, Y, e1, self._average(e1)
         return self._known[1:]
 
@@ -171,11 +179,7 @@ class Stencil:
         """Stress S_mean (n, m) of a step to the strain e1 (n, m), and dS_mean/de1 (n, m, m)."""
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
-        if self._α == 0.5:
-            return self.density.average(self.e0, e1)
-        # At equal strains the derivative of the average is half of ψ''.
-        S, half = self.density.average(e1, e1)
-        return S, 2 * half
+        return self._rule.point_stress(self.density, self.e0, e1)
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
@@ -204,7 +208,7 @@ class Stencil:
         """∂ψ/∂number (n,) at the end of the step."""
         if self._dissipates:
             return np.zeros(self.at.n)
-        _, e1, _ = self._end(q1)
+        e1 = self.at.measure(self.at.vectors(q1))
         return self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
 
     def set_number(self, key: str, value: float, at: Array) -> None:
@@ -255,7 +259,7 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
             at = PointMeasures(system.numbering, system.bodies, [term.measure for term in alike])
             density = _stacked([term.density for term in alike], at.owner)
             dissipates = isinstance(alike[0], PointDissipation)
-            stencil = Stencil(at, density, dissipates=dissipates, alpha=system.rule.alpha)
+            stencil = Stencil(at, density, dissipates=dissipates, rule=system.rule)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
         # Names of the dampers in the order of the groups, in which `dissipated` returns their
