@@ -223,7 +223,7 @@ class FilmSurface:
     def _gradient(self, x: Array) -> Array:
         """Return the gradient (rows, 3) [m²] of enclosed volumes from this rank's triangles, one
         row for each node of each chamber, at the positions x [m] of this rank's nodes, ghosts
-        included, flattened; sums over ranks are not taken."""
+        included and flattened; sums over ranks are not taken."""
         self._x.x.array[:] = x
         self._parts[:] = 0
         fem.assemble_vector(self._parts, self._form)

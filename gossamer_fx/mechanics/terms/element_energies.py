@@ -629,8 +629,8 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
-    """The strain (3) of the module, which is linear in the last update δ of q1, of the strain e
-    (m,), quadratic in q1."""
+    """The strain (3) of the module, which is linear in the last update δ of q1, of a strain e (m,)
+    that is quadratic in q1."""
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2
 

@@ -164,8 +164,8 @@ class Stencil:
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         """The k vectors (n, 3k) of which the strains are made at q1, the strains (n, m) that the
-        rule takes, and the mean stress (n, m) of the step with its derivatives (n, m, m) by them.
-        """
+        rule takes, and the mean stress (n, m) of the step with its derivatives (n, m, m) by
+        them."""
         # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
