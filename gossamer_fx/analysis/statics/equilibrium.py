@@ -78,7 +78,7 @@ from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 
-# What stays constant in the chambers, see `gas.network`.
+# What stays constant in the chambers, see `gas.static_processes`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
