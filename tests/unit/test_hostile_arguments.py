@@ -25,7 +25,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
-from tests.unit.bad_scenes import LAW, MESHES
+from gossamer_fx.meshes.sheet import sheet
+from tests.sentences import is_sentence
 from tests.unit.public_calls import make_inputs, valid_calls
 
 pytestmark = pytest.mark.skipif(
@@ -36,6 +37,12 @@ REFUSED = (gx.InputError, gx.StepFailure, gx.NoEquilibrium, gx.OutputFailure)
 
 # Longest sentence [characters] that refuses a value.
 LONGEST_SENTENCE = 600
+
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+
+# Arguments that name a group of the mesh, and names of none.
+GROUPS = ("group", "edges", "edge_a", "edge_b", "group_a", "group_b")
+NO_GROUPS = {word: word for word in ("nowhere", "left ", "Left")}
 
 # Words are good names, and values that are compared with others have separate tests.
 NOT_REPLACED = ("name", "title", "comm", "path", "folder")
@@ -76,6 +83,8 @@ NOT_REAL_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "returns infinity": lambda *given: (math.inf,) * 3,
     "returns nan at points": lambda at, *more: np.nan * np.asarray(at, dtype=float),
     "returns complex at points": lambda at, *more: 1j * np.asarray(at, dtype=float),
+    "returns seven numbers": lambda *given: np.ones(7),
+    "returns two components at points": lambda at, *more: np.asarray(at, dtype=float)[:2],
 }
 
 # Values that may make sense somewhere.
@@ -110,7 +119,7 @@ UNUSUAL_FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def sheet_film(name: str = "film") -> gx.Membrane:
-    return gx.Membrane(MESHES["sheet"], gx.Miyazaki(**LAW), name=name)
+    return gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), LAW, name=name)
 
 
 def calls_of_classes(folder: Path) -> dict[str, dict[str, Any]]:
@@ -177,6 +186,8 @@ def hostile_calls(folder: Path) -> Iterator[tuple[str, bool, Callable[[], None]]
             )
             values = [(what, value, True) for what, value in NOT_REAL.items()]
             values += [(what, value, False) for what, value in UNUSUAL.items()]
+            if argument in GROUPS:
+                values += [(what, value, True) for what, value in NO_GROUPS.items()]
             if takes_functions:
                 values += [(what, value, True) for what, value in NOT_REAL_FUNCTIONS.items()]
                 values += [(what, value, False) for what, value in UNUSUAL_FUNCTIONS.items()]
@@ -197,8 +208,7 @@ def outcome(act: Callable[[], None], is_not_real: bool) -> tuple[str, str]:
         act()
     except REFUSED as error:
         words = str(error)
-        is_sentence = words.endswith(".") and "\n" not in words and len(words) < LONGEST_SENTENCE
-        return "sentence" if is_sentence else "no sentence", words
+        return "sentence" if is_sentence(words, LONGEST_SENTENCE) else "no sentence", words
     except Exception as error:
         return "traceback", f"{type(error).__name__}: {error}"
     return "taken in silence" if is_not_real else "taken", ""
