@@ -315,8 +315,7 @@ def test_another_motion_of_an_obstacle_is_refused(folder: Path) -> None:
     words = "the function obstacles 1 motion of 'contact' is another one"
     with pytest.raises(gx.InputError, match=words):
         run(2, touching({"motion": sinks}), restart=folder)
-    measured = run(2, touching({"motion": rises}), restart=folder).step
-    assert measured == 2
+    assert run(2, touching({"motion": rises}), restart=folder).step == 2
 
 
 def flying(**changed: Any) -> gx.Scene:
@@ -373,8 +372,7 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
     if "epoch" in usual:
         pytest.importorskip("erfa")
     run(1, flying(**usual), checkpoints=gx.Checkpoints(folder))
-    measured = run(2, flying(**usual), restart=folder).step
-    assert measured == 2
+    assert run(2, flying(**usual), restart=folder).step == 2
     with pytest.raises(gx.InputError, match=rf"of another scene: .*{words}.*name it in changes"):
         run(2, flying(**changed), restart=folder)
 
@@ -396,8 +394,7 @@ def test_small_numbers_are_compared_relatively(
     folder: Path, what: str, small: Any, other: Any, words: str
 ) -> None:
     run(1, scene(**{what: small}), checkpoints=gx.Checkpoints(folder))
-    measured = run(2, scene(**{what: small}), restart=folder).step
-    assert measured == 2
+    assert run(2, scene(**{what: small}), restart=folder).step == 2
     with pytest.raises(gx.InputError, match=words):
         run(2, scene(**{what: other}), restart=folder)
 

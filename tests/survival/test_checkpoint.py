@@ -53,8 +53,7 @@ def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> No
         checkpoints=gx.Checkpoints(folder),
     )
     rest = run_to(9, SCENES[kind](COMM), restart=folder)
-    measured = (rest.step, rest.time)
-    assert measured == (9, whole.time)
+    assert (rest.step, rest.time) == (9, whole.time)
     assert rest.iterations == whole.iterations
     assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
     np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, rtol=0, atol=1e-10)
@@ -129,9 +128,7 @@ def test_step_control_goes_on_where_it_was(folder: Path) -> None:
     whole = go(0.01, events=[gx.At(0.004)])
     go(0.004, checkpoints=gx.Checkpoints(folder))
     rest = go(0.01, restart=folder)
-    measured = (rest.step, rest.iterations)
-    expected = (whole.step, whole.iterations)
-    assert measured == expected
+    assert (rest.step, rest.iterations) == (whole.step, whole.iterations)
     assert rest.stepping.wanted == pytest.approx(whole.stepping.wanted, rel=1e-6)
     assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
 
@@ -149,8 +146,7 @@ def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
 
     whole = go(6)
     go(3, checkpoints=gx.Checkpoints(folder))
-    measured = numbers(go(6, restart=folder))
-    assert measured == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
+    assert numbers(go(6, restart=folder)) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
 
 
 # ---- outputs -------------------------------------------------------------------------------------
@@ -228,12 +224,9 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
     run.run(until=4 * DT)
     COMM.barrier()
     if COMM.rank == 0:
-        measured = table(folder / "ledger.csv")[:, 1].tolist()
-        expected = [0, 1, 2, 3, 4]
-        assert measured == expected
+        assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2, 3, 4]
         with adios2.FileReader(str(folder / "film_0001.bp")) as file:
-            measured = file.read("step", step_selection=[0, 1])
-            assert measured == pytest.approx(4 * DT)
+            assert file.read("step", step_selection=[0, 1]) == pytest.approx(4 * DT)
 
 
 @pytest.mark.mpi
@@ -245,8 +238,7 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
     )
     assert run.checkpoints.latest == folder / "step-00000013" == gx.run.latest_checkpoint(folder)
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000012", "step-00000013"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
     with pytest.raises(
         gx.InputError,
         match="holds checkpoints of a run up to step 13; go on from them with restart",
@@ -257,16 +249,14 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
             checkpoints=gx.Checkpoints(folder),
         )
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000012", "step-00000013"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
     run_to(
         1,
         fluttering_sheet(COMM),
         checkpoints=gx.Checkpoints(folder, overwrite=True),
     )
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000000", "step-00000001"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
 
 
 @pytest.mark.mpi
@@ -300,8 +290,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     )
     run.run(until=5 * DT)
     COMM.barrier()
-    measured = sorted(int(path.name[5:]) for path in folder.iterdir())
-    assert measured == steps
+    assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -396,8 +385,7 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
     refused("is damaged")
     put(page, text.encode())
     COMM.barrier()
-    measured = run_to(5, fluttering_sheet(COMM), restart=folder).step
-    assert measured == 5
+    assert run_to(5, fluttering_sheet(COMM), restart=folder).step == 5
 
 
 @pytest.mark.mpi
@@ -458,8 +446,7 @@ def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
         restart=folder / "c" / "step-00000000",
     )
     COMM.barrier()
-    measured = table(folder / "ledger.csv")[:, 1].tolist()
-    assert measured == [0, 1, 2]
+    assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("end", ["ended", "stopped"])
@@ -501,5 +488,4 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
     assert (rest.system.q0.array_r == whole.system.q0.array_r).all()
-    measured = rest.chamber("tube").pressure
-    assert measured == whole.chamber("tube").pressure
+    assert rest.chamber("tube").pressure == whole.chamber("tube").pressure

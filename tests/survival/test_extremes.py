@@ -22,10 +22,8 @@ def test_cells_of_the_map_keep_their_books(case: str) -> None:
 
 def test_the_map_covers_its_ranges() -> None:
     known = [values_of(case) for case in cases()]
-    expected = len({tuple(v.values()) for v in known})
-    assert len(known) == expected
-    measured = set(STUDY.quick["case"])
-    assert measured <= set(cases())
+    assert len(known) == len({tuple(v.values()) for v in known})
+    assert set(STUDY.quick["case"]) <= set(cases())
     for axis, (least, most) in {
         "u": (1e-12, 1.0),
         "thickness": (1e-6, 1e-3),
@@ -36,8 +34,7 @@ def test_the_map_covers_its_ranges() -> None:
         "dead": (1e-9, 1e-3),
     }.items():
         values = [v[axis] for v in known]
-        measured = (min(values), max(values))
-        assert measured == (least, most)
+        assert (min(values), max(values)) == (least, most)
 
 
 @pytest.mark.mpi

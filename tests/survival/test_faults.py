@@ -86,8 +86,7 @@ def test_a_restart_where_nothing_can_be_written_is_refused(tmp_path: Path, ranks
     said = meet(tmp_path, "nothing", "vtx", "restart", "no room", ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert said.stdout.count("Cannot write") == 1 and "Traceback" not in said.stderr
-    measured = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    assert measured == before
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
     assert meet(tmp_path, "nothing", "vtx", "restart", ranks=ranks).returncode == 0
     assert rows(tmp_path / "ledger.csv") == list(range(61))
 
@@ -132,9 +131,7 @@ def test_a_file_that_is_gone_is_named(tmp_path: Path, what: str, words: str, ran
     said = meet(tmp_path, what, ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert words in said.stdout
-    measured = rows(tmp_path / "probes.csv")[:6]
-    expected = [0, 1, 2, 3, 4, 5]
-    assert measured == expected
+    assert rows(tmp_path / "probes.csv")[:6] == [0, 1, 2, 3, 4, 5]
 
 
 def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
@@ -142,8 +139,7 @@ def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
     assert said.returncode == 1
     assert "ZeroDivisionError: of this rank alone" in said.stderr
     assert "rank 1 failed alone" in said.stderr
-    expected = [0, 1, 2, 3, 4, 5, 6]
-    assert rows(tmp_path / "ledger.csv") == expected
+    assert rows(tmp_path / "ledger.csv") == [0, 1, 2, 3, 4, 5, 6]
     assert whole_checkpoints(tmp_path / "checkpoints") == ["step-00000002", "step-00000004"]
 
 

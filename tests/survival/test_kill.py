@@ -113,8 +113,7 @@ def rows(table: Path) -> int:
 
 def wait_until_ready(run: subprocess.Popen[str]) -> None:
     assert run.stdout is not None
-    measured = run.stdout.readline().strip()
-    assert measured == "ready", run.communicate()[1]
+    assert run.stdout.readline().strip() == "ready", run.communicate()[1]
 
 
 @pytest.mark.slow
@@ -175,9 +174,7 @@ def test_a_signal_ends_the_run_after_its_step(
     assert last["step"] == told[1] and Path(told[2]) == gx.run.latest_checkpoint(
         out / "checkpoints"
     )
-    measured = Path(told[2]).name
-    expected = f"step-{int(told[1]):08d}"
-    assert measured == expected
+    assert Path(told[2]).name == f"step-{int(told[1]):08d}"
 
 
 ALONE = [sys.executable]
@@ -216,8 +213,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     assert told, said
     newest = gx.run.latest_checkpoint(tmp_path / "saves")
     assert newest is not None and newest.name == f"step-{int(told[1]):08d}" and int(told[1]) >= 3
-    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
-    assert measured == "stopped"
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "stopped"
 
 
 def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> None:

@@ -99,8 +99,7 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     assert said == "done\n" and first.returncode == 0
     left = {p.name for p in tmp_path.rglob(".*")}
     assert not left
-    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
-    assert measured == "finished"
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "finished"
     ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(
         until=5e-3
     )
@@ -204,8 +203,7 @@ def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
     ball(checkpoints=gx.Checkpoints(folder), restart=folder / "step-00000004").run(until=6 * DT)
     ball(checkpoints=gx.Checkpoints(folder, overwrite=True)).run(until=DT)
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000000", "step-00000001"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
 
 
 # ---- damage --------------------------------------------------------------------------------------

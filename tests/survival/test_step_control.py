@@ -80,8 +80,7 @@ def test_steps_of_a_given_error(error: float) -> None:
     off = abs(run.system.q0.array_r[0] - math.cos(OMEGA))
     assert off <= error * run.step
     assert off >= error * run.step / 20  # and they are not much shorter than they must be
-    limit = (12 * error / OMEGA**3) ** (1 / 3) * 3
-    assert max(noted.lengths) <= limit
+    assert max(noted.lengths) <= (12 * error / OMEGA**3) ** (1 / 3) * 3
     assert abs(run.energy_error) <= 1e-12
 
 
@@ -99,8 +98,7 @@ def test_iterations_are_near_their_target() -> None:
     assert many.iterations / many.step == pytest.approx(5, abs=0.7)
     assert many.iterations / many.step > few.iterations / few.step
     assert many.step < few.step
-    error = max(abs(few.energy_error), abs(many.energy_error))
-    assert error <= 1e-10
+    assert max(abs(few.energy_error), abs(many.energy_error)) <= 1e-10
 
 
 @settings(max_examples=4)

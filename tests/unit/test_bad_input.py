@@ -68,8 +68,7 @@ def taken_or_words(name: str, call: Call) -> str:
 
 
 def test_every_public_name_has_a_valid_call(calls: dict[str, Call]) -> None:
-    measured = set(calls) | UNCALLED
-    assert measured == set(public_names())
+    assert set(calls) | UNCALLED == set(public_names())
 
 
 @pytest.mark.mpi
@@ -248,8 +247,7 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
     ]
     with pytest.raises(gx.InputError, match="stres"):
         simulation(outputs=outputs)
-    measured = [(folder / name).read_text() for name in names]
-    assert measured == ["precious"] * 2
+    assert [(folder / name).read_text() for name in names] == ["precious"] * 2
 
 
 def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
@@ -355,8 +353,7 @@ def test_looking_at_what_is_not_there_is_one_sentence(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("scene.py").write_text(GOOD)
-    measured = main(["run", "scene.py", "-o", "run", "--quiet"])
-    assert measured == 0
+    assert main(["run", "scene.py", "-o", "run", "--quiet"]) == 0
     capsys.readouterr()
     code = exit_code(words)
     _, err = capsys.readouterr()
@@ -410,10 +407,8 @@ def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> Non
     assert main(["run", "scene.py", "--quiet"]) == 2
     assert "holds a run already" in capsys.readouterr().err
     assert Path("out/scene/ledger.csv").read_text() == ledger
-    measured = main(["run", "scene.py", "--quiet", "--restart", "until=4e-3"])
-    assert measured == 0
+    assert main(["run", "scene.py", "--quiet", "--restart", "until=4e-3"]) == 0
     assert Path("out/scene/ledger.csv").read_text().startswith(ledger)
     assert main(["run", "scene.py", "--quiet", "--overwrite"]) == 0
     assert Path("out/scene/ledger.csv").read_text() == ledger
-    measured = gx.plot.RunReader("out/scene").times
-    assert measured == pytest.approx([0.0, 1e-3, 2e-3])
+    assert gx.plot.RunReader("out/scene").times == pytest.approx([0.0, 1e-3, 2e-3])

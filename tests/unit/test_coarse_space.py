@@ -61,8 +61,7 @@ def test_it_holds_every_affine_motion(comm, order):
     patch = patches_of(system.bodies[0])
     affine = np.column_stack([np.ones(len(X)), X[:, :2]])
     ranks = [np.linalg.matrix_rank(affine[patch == k]) for k in range(patch.max() + 1)]
-    measured = P.getLocalSize()[1]
-    assert measured == 3 * sum(ranks)
+    assert P.getLocalSize()[1] == 3 * sum(ranks)
     assert np.mean(ranks) > 2.8
 
 
@@ -88,8 +87,7 @@ def test_patches_have_the_same_size(comm, order):
     sizes = np.bincount(patch)
     assert sizes.max() <= NODES_PER_PATCH
     assert np.median(sizes) > NODES_PER_PATCH / 2
-    limit = 2.5 * len(patch) / NODES_PER_PATCH
-    assert len(sizes) < limit
+    assert len(sizes) < 2.5 * len(patch) / NODES_PER_PATCH
 
 
 def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
@@ -101,8 +99,7 @@ def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
     edges = np.concatenate([cells[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     inside = edges[patch[edges[:, 0]] == patch[edges[:, 1]]]
     graph = csr_matrix((np.ones(len(inside)), inside.T), shape=(len(patch), len(patch)))
-    measured = connected_components(graph, directed=False)[0]
-    assert measured == patch.max() + 1
+    assert connected_components(graph, directed=False)[0] == patch.max() + 1
 
 
 def test_a_cable_has_two_functions_a_direction(comm):
@@ -110,9 +107,7 @@ def test_a_cable_has_two_functions_a_direction(comm):
     system = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3)).system
     body = system.bodies[0]
     patch = patches_of(body)
-    measured = prolongation(system).getLocalSize()[1]
-    expected = 2 * 3 * (patch.max() + 1)
-    assert measured == expected
+    assert prolongation(system).getLocalSize()[1] == 2 * 3 * (patch.max() + 1)
 
 
 @pytest.mark.mpi

@@ -40,8 +40,7 @@ def test_a_sheet_has_the_edges_that_it_should_have() -> None:
     boundary."""
     mesh = sheet(WORLD, 5, 5)
     table = mesh.edges
-    measured = owned(table, np.ones(len(table.count)))
-    assert measured == 2 * 5 * 6 + 25
+    assert owned(table, np.ones(len(table.count))) == 2 * 5 * 6 + 25
     assert owned(table, table.is_boundary) == 20 and owned(table, table.is_inside) == 65
     assert table.is_known[: table.owned].all()
 
@@ -65,10 +64,8 @@ def test_every_rank_tells_the_same_of_an_edge() -> None:
         for ends, count, pair, known in part:
             assert ends[0] < ends[1]
             if known:
-                measured = seen.setdefault(tuple(ends), (count, pair))
-                assert measured == (count, pair)
-    exact = owned(table, np.ones(len(table.count)))
-    assert len(seen) == exact
+                assert seen.setdefault(tuple(ends), (count, pair)) == (count, pair)
+    assert len(seen) == owned(table, np.ones(len(table.count)))
 
 
 @pytest.mark.mpi
@@ -100,8 +97,7 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
     expected = (
         [ends[:, 0], ends[:, 1]] if order == 1 else [ends[:, 0], ends.mean(axis=1), ends[:, 1]]
     )
-    measured = nodes.transpose(1, 0, 2)
-    assert measured == pytest.approx(np.array(expected), abs=1e-14)
+    assert nodes.transpose(1, 0, 2) == pytest.approx(np.array(expected), abs=1e-14)
 
 
 @pytest.mark.mpi
@@ -111,8 +107,7 @@ def test_groups_of_edges() -> None:
     mesh = airbag(WORLD, 1.0, 6)
     table = mesh.edges
     seam = mesh.curve("seam", "test")
-    measured = owned(table, np.isin(np.arange(len(table.count)), seam))
-    assert measured == 24
+    assert owned(table, np.isin(np.arange(len(table.count)), seam)) == 24
     assert table.is_inside.all()
     count, directions = table.tally(mesh.group("top")[1])
     border = np.flatnonzero(count == 1)
@@ -140,8 +135,7 @@ def test_three_sheets_at_one_edge_and_normals_that_differ() -> None:
 
     domain = gx.gmsh_mesh(build, MPI.COMM_SELF).domain
     table = edges_of(domain)
-    exact = [1] * 6 + [3]
-    assert sorted(table.count) == exact
+    assert sorted(table.count) == [1] * 6 + [3]
     assert not table.is_known[table.count == 3] and table.is_known[table.count == 1].all()
     assert (
         table.cells[table.count == 3] >= 0

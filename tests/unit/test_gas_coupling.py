@@ -54,10 +54,8 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     own = [side[side < n] for side in sides]
     sums = WORLD.allreduce(np.array([np.r_[x[side].sum(axis=0), len(side)] for side in own]))
     means = sums[:, :3] / sums[:, 3:]
-    measured = (means[0] - means[1]) @ R[:, 2]
-    assert measured > 1e-5
-    measured = run.chamber("chamber").volume
-    assert measured > 1e-3 + 1e-5
+    assert (means[0] - means[1]) @ R[:, 2] > 1e-5
+    assert run.chamber("chamber").volume > 1e-3 + 1e-5
 
 
 # ---- derivatives ---------------------------------------------------------------------------------
@@ -134,8 +132,7 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
     gas(0.0)
     _, rows, C = system.coupling()
     Hδ = np.array([0.0 if row is None else row @ δ for row in rows])
-    measured = np.linalg.solve(C, -Hδ)
-    assert measured == pytest.approx(difference, rel=1e-6)
+    assert np.linalg.solve(C, -Hδ) == pytest.approx(difference, rel=1e-6)
 
 
 # ---- rings ---------------------------------------------------------------------------------------
@@ -200,9 +197,7 @@ def test_a_ring_couples_few_nodes() -> None:
 def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: int) -> None:
     """That of the prism, and the same wherever and however the warped cylinder stands in space."""
     exact = n / 2 * 0.1**2 * np.sin(2 * np.pi / n) * 2 * (2 * np.pi * 0.1 / n)
-    measured = pytest.approx(exact, rel=1e-12)
-    expected = open_cylinder(n, order).chamber("chamber").volume
-    assert measured == expected
+    assert pytest.approx(exact, rel=1e-12) == open_cylinder(n, order).chamber("chamber").volume
 
     def warp(X: np.ndarray) -> np.ndarray:
         return 0.02 * np.sin(np.array([40 * X[1] * X[2], 30 * X[0], 50 * X[0] * X[1]]) + 0.5)
@@ -252,5 +247,4 @@ def test_an_iterate_that_is_no_number_is_forgotten() -> None:
     assert np.isnan(system.residual(first, r)).any()
     assert system.begin_step(1e-6) == pytest.approx(first, rel=1e-14)
     system.set_end(system.q0)
-    error = abs(system.residual(first, r)).max()
-    assert error < 1e-12
+    assert abs(system.residual(first, r)).max() < 1e-12

@@ -65,8 +65,7 @@ def test_miyazaki_has_the_stress_energy_and_state_of_the_table(row):
     e = np.array([[ε11, ε22, 2 * ε12]])
     measured = at_strains(MIYAZAKI, "stress")(e)[0]
     assert measured == pytest.approx(stress, rel=1e-6, abs=1e-6 * max(map(abs, stress)))
-    measured = at_strains(MIYAZAKI, "energy")(e)[0]
-    assert measured == pytest.approx([energy], rel=1e-6)
+    assert at_strains(MIYAZAKI, "energy")(e)[0] == pytest.approx([energy], rel=1e-6)
     assert int(at_strains(MIYAZAKI, "state")(e)[0, 0]) in states
 
 
@@ -137,8 +136,7 @@ def test_tangent_is_symmetric_and_positive_semidefinite(law):
     error = abs(D - transposed).max()
     # E = 1: round-off of some operations.
     assert error <= 1e-12
-    measured = np.linalg.eigvalsh((D + transposed) / 2).min()
-    assert measured >= -1e-12
+    assert np.linalg.eigvalsh((D + transposed) / 2).min() >= -1e-12
 
 
 @pytest.mark.parametrize("law", LAWS, ids=NAMES)
@@ -183,13 +181,10 @@ def test_tension_field_bears_no_compression():
     state = at_strains(law, "state")(e)[:, 0]
     mean = (S[:, 0] + S[:, 1]) / 2
     radius = np.hypot((S[:, 0] - S[:, 1]) / 2, S[:, 2])
-    measured = (mean - radius).min()
-    assert measured >= -1e-15
-    measured = abs(S[state == SLACK]).max()
-    assert measured == 0
+    assert (mean - radius).min() >= -1e-15
+    assert abs(S[state == SLACK]).max() == 0
     wrinkled = state == WRINKLED
-    measured = (mean - radius)[wrinkled]
-    assert measured == pytest.approx(0, abs=1e-15)
+    assert (mean - radius)[wrinkled] == pytest.approx(0, abs=1e-15)
     mean_strain = (e[:, 0] + e[:, 1]) / 2
     strain_radius = np.hypot((e[:, 0] - e[:, 1]) / 2, e[:, 2] / 2)
     γ1 = mean_strain + strain_radius

@@ -151,8 +151,7 @@ def test_a_seam_that_is_not_glued_is_told():
 @pytest.mark.mpi
 def test_a_slit_whose_sides_are_named_is_meant():
     film = gx.Membrane(slit_ring(WORLD, 2, 16, 6.0, 10.0), LAW)
-    measured = list(warnings([film]))
-    assert measured == []
+    assert list(warnings([film])) == []
     del film.mesh.groups["start"]
     assert "4 boundary edges of 'film' coincide" in "".join(warnings([film]))
 
@@ -166,8 +165,7 @@ def test_a_film_that_penetrates_itself_is_reported():
     assert "penetrates itself" in words
     apart = [(x + 2, y, z) for x, y, z in steep]
     mesh = triangles(flat + apart, cells + [tuple(i + 25 for i in cell) for cell in cells])
-    measured = list(self_intersections([gx.Membrane(mesh, LAW)]))
-    assert measured == []
+    assert list(self_intersections([gx.Membrane(mesh, LAW)])) == []
 
 
 @pytest.mark.mpi

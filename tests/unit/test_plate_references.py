@@ -167,8 +167,7 @@ def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> No
                 edge == "free",
             )
             assert measured == pytest.approx(value, rel=1e-5)
-    measured = jn_zeros(0, 1)[0]
-    assert measured == pytest.approx(2.404826, rel=1e-6)
+    assert jn_zeros(0, 1)[0] == pytest.approx(2.404826, rel=1e-6)
 
 
 def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas() -> None:

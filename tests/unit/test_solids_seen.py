@@ -52,8 +52,7 @@ def test_surfaces_are_closed_and_enclose_the_volume(obstacle, volume) -> None:
     a, b, c = (solid.X[corners] for corners in solid.triangles.T)
     enclosed = np.einsum("ni,ni->n", np.cross(a, b), c).sum() / 6
     assert SHARE * volume < enclosed < volume * (1 + 1e-12)
-    error = np.abs(np.cross(b - a, c - a).sum(axis=0)).max()
-    assert error < 1e-12  # closed
+    assert np.abs(np.cross(b - a, c - a).sum(axis=0)).max() < 1e-12  # closed
 
 
 @pytest.mark.parametrize("inside", [gx.contact.Sphere, gx.contact.Cylinder, gx.contact.Box])
@@ -67,8 +66,7 @@ def test_rooms_and_planes_are_lines(inside) -> None:
     assert not len(room.triangles) and len(room.lines)
     plane = solid_of(gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)), NEAR)
     assert np.allclose(plane.X[:, 2], -1) and not len(plane.triangles)
-    measured = np.ptp(plane.X[:, 0])
-    assert measured == pytest.approx(2.4)  # a little larger than what is before it
+    assert np.ptp(plane.X[:, 0]) == pytest.approx(2.4)  # a little larger than what is before it
 
 
 @pytest.mark.mpi
@@ -115,20 +113,17 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
         shape = read.shape(
             read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
         )
-        measured = (shape.kinds != SOLID).sum()
-        assert measured == 8  # of the film
+        assert (shape.kinds != SOLID).sum() == 8  # of the film
         corners = shape.corners[shape.kinds == SOLID]
         of_box = corners[:12].reshape(36, 3)
         c = math.cos(0.15)
         s = math.sin(0.15)
         turned = (of_box[:, :2]) @ np.array([[c, -s], [s, c]])  # back by the angle of five steps
         assert np.allclose(np.ptp(turned, axis=0), (0.04, 0.02), atol=1e-6)
-        measured = corners[12:, :, 0].mean()
-        assert measured == pytest.approx(5e-3, abs=1e-3)
+        assert corners[12:, :, 0].mean() == pytest.approx(5e-3, abs=1e-3)
         assert len(shape.lines) == 14  # of the floor
         assert view_data(read)["parts"][0]["lines"]
-        measured = (folder / "seen.png").read_bytes()[1:4]
-        assert measured == b"PNG"
+        assert (folder / "seen.png").read_bytes()[1:4] == b"PNG"
 
 
 def test_a_scene_without_solids_records_none(tmp_path) -> None:

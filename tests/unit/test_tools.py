@@ -65,11 +65,9 @@ def test_tests_on_two_ranks_follow_those_on_one(
     run_tests = tool("run_tests")
     monkeypatch.setattr(run_tests, "run_child", children)
     monkeypatch.chdir(ROOT)
-    measured = run_tests.main(["tests/unit"])
-    assert measured == codes[-1]
+    assert run_tests.main(["tests/unit"]) == codes[-1]
     assert len(children.commands) == runs
-    measured = children.commands[0][-1]
-    assert measured == "tests/unit"
+    assert children.commands[0][-1] == "tests/unit"
     assert runs == 1 or children.commands[1][:3] == ["mpirun", "-n", "2"]
 
 
@@ -151,8 +149,7 @@ def test_where_the_site_is_is_told(
     monkeypatch.setattr(build_docs, "folder_with", lambda packages: Path("/tools"))
     monkeypatch.chdir(ROOT)
     assert build_docs.main(options) == code
-    measured = str(ROOT / "out" / "docs" / "index.html") in capsys.readouterr().out
-    assert (measured) == told
+    assert (str(ROOT / "out" / "docs" / "index.html") in capsys.readouterr().out) == told
 
 
 def test_packages_are_those_of_the_project(tool) -> None:
