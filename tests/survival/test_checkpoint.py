@@ -47,11 +47,7 @@ def run_to(steps: int, scene: gx.Scene, **options: object) -> gx.Simulation:
 @pytest.mark.parametrize("kind", SCENES)
 def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> None:
     whole = run_to(9, SCENES[kind](COMM))
-    run_to(
-        4,
-        SCENES[kind](COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder))
     rest = run_to(9, SCENES[kind](COMM), restart=folder)
     assert (rest.step, rest.time) == (9, whole.time)
     assert rest.iterations == whole.iterations
@@ -66,24 +62,14 @@ def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> No
 def test_other_number_of_ranks(folder: Path, kind: str) -> None:
     """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under
     mpirun -n 2."""
-    run_to(
-        4,
-        SCENES[kind](COMM),
-        checkpoints=gx.Checkpoints(folder / "all"),
-    )
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder / "all"))
     alone = run_to(
-        4,
-        SCENES[kind](MPI.COMM_SELF),
-        checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"),
+        4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}")
     )
     alone.run(until=6 * DT)
     COMM.barrier()
     apart = run_to(6, SCENES[kind](MPI.COMM_SELF), restart=folder / "all")
-    joined = run_to(
-        6,
-        SCENES[kind](COMM),
-        restart=folder / "own 0" / "step-00000004",
-    )
+    joined = run_to(6, SCENES[kind](COMM), restart=folder / "own 0" / "step-00000004")
     for run in (apart, joined):
         assert numbers(run) == pytest.approx(numbers(alone), rel=1e-8, abs=1e-10)
 
@@ -92,11 +78,7 @@ def test_other_number_of_ranks(folder: Path, kind: str) -> None:
 def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
     """Every node of the state that is read has the position and velocity that its point of the mesh
     has."""
-    run_to(
-        3,
-        fluttering_sheet(COMM, 5, order=2),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(3, fluttering_sheet(COMM, 5, order=2), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     for comm in (COMM, MPI.COMM_SELF):
         run = run_to(3, fluttering_sheet(comm, 5, order=2), restart=folder)
@@ -136,11 +118,7 @@ def test_step_control_goes_on_where_it_was(folder: Path) -> None:
 @pytest.mark.mpi
 def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
     def go(steps: int, **options: object) -> gx.Simulation:
-        run = gx.Simulation(
-            fluttering_sheet(COMM),
-            gx.GeneralizedAlpha(dt=1e-4),
-            **options,
-        )
+        run = gx.Simulation(fluttering_sheet(COMM), gx.GeneralizedAlpha(dt=1e-4), **options)
         run.run(until=steps * 1e-4)
         return run
 
@@ -156,9 +134,7 @@ def outputs(folder: Path) -> list:
     return [
         gx.Ledger(folder / "ledger.csv"),
         gx.outputs.Probes(
-            folder / "probes.csv",
-            {"kinetic": lambda run: run.totals.kinetic},
-            every=3,
+            folder / "probes.csv", {"kinetic": lambda run: run.totals.kinetic}, every=3
         ),
         gx.outputs.VTX(folder / "film.bp", every=2),
     ]
@@ -173,11 +149,7 @@ def table(path: Path) -> np.ndarray:
 def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
     """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written
     again."""
-    run_to(
-        15,
-        fluttering_sheet(COMM),
-        outputs=outputs(folder / "whole"),
-    )
+    run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
     broken = folder / "broken"
     saves = {"every": 5, "keep": 9}
     run_to(
@@ -215,11 +187,7 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
 
 @pytest.mark.mpi
 def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
-    run = gx.Simulation(
-        fluttering_sheet(COMM),
-        gx.Midpoint(dt=DT),
-        outputs=outputs(folder),
-    )
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs=outputs(folder))
     run.run(until=2 * DT)
     run.run(until=4 * DT)
     COMM.barrier()
@@ -231,11 +199,7 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
 
 @pytest.mark.mpi
 def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
-    run = run_to(
-        13,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder, every=3),
-    )
+    run = run_to(13, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, every=3))
     assert run.checkpoints.latest == folder / "step-00000013" == gx.run.latest_checkpoint(folder)
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
@@ -243,18 +207,10 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
         gx.InputError,
         match="holds checkpoints of a run up to step 13; go on from them with restart",
     ):
-        run_to(
-            1,
-            fluttering_sheet(COMM),
-            checkpoints=gx.Checkpoints(folder),
-        )
+        run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
-    run_to(
-        1,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder, overwrite=True),
-    )
+    run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, overwrite=True))
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
 
@@ -284,9 +240,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
 ) -> None:
     ball = gx.PointMass(1.0, comm=COMM)
     run = gx.Simulation(
-        gx.Scene(ball),
-        gx.Midpoint(dt=DT),
-        checkpoints=gx.Checkpoints(folder, every=1, keep=keep),
+        gx.Scene(ball), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=1, keep=keep)
     )
     run.run(until=5 * DT)
     COMM.barrier()
@@ -330,11 +284,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     ],
 )
 def test_another_scene_is_refused(folder: Path, other: Callable[[], gx.Scene], words: str) -> None:
-    run_to(
-        4,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     with pytest.raises(gx.InputError, match=rf"checkpoint '.*' is of another scene: .*{words}"):
         run_to(5, other(), restart=folder)
 
@@ -343,11 +293,7 @@ def test_another_scene_is_refused(folder: Path, other: Callable[[], gx.Scene], w
 def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
     with pytest.raises(gx.InputError, match="There is no checkpoint in"):
         run_to(5, fluttering_sheet(COMM), restart=folder / "none")
-    run_to(
-        4,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     last = folder / "step-00000004"
     part = last / "rank-0000.npz"
@@ -398,11 +344,7 @@ def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
             **options,
         )
 
-    go(
-        4,
-        {"one": lambda run: 1.0},
-        checkpoints=gx.Checkpoints(folder / "c"),
-    )
+    go(4, {"one": lambda run: 1.0}, checkpoints=gx.Checkpoints(folder / "c"))
     with pytest.raises(gx.InputError, match="has other columns"):
         go(5, {"two": lambda run: 1.0}, restart=folder / "c")
     COMM.barrier()
@@ -457,11 +399,7 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
     steps = 2
 
     def run(until: int, **options: object) -> gx.Simulation:
-        run = gx.Simulation(
-            filled_tube(COMM, 2),
-            gx.Midpoint(dt=dt),
-            **options,
-        )
+        run = gx.Simulation(filled_tube(COMM, 2), gx.Midpoint(dt=dt), **options)
         run.run(until=until * dt)
         return run
 
@@ -480,11 +418,7 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
         assert first.substeps > 0
     else:
         with pytest.raises(gx.run.Interrupted):
-            run(
-                steps,
-                outputs=[Stop()],
-                checkpoints=gx.Checkpoints(folder),
-            )
+            run(steps, outputs=[Stop()], checkpoints=gx.Checkpoints(folder))
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
     assert (rest.system.q0.array_r == whole.system.q0.array_r).all()

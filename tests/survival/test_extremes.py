@@ -55,20 +55,12 @@ def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
         dead_volume=1e-2,
         name="room",
     )
-    run = gx.Simulation(
-        gx.Scene(mass, room),
-        gx.Midpoint(dt=0.05),
-        halvings=0,
-    )
+    run = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=0)
     with pytest.raises(gx.StepFailure, match="failed"):
         run.run(until=0.05)
     assert pytest.approx(1e-2) == run.chamber("room").volume
     with pytest.raises(NotConverged):
         run.solver.step(0.05)
-    patient = gx.Simulation(
-        gx.Scene(mass, room),
-        gx.Midpoint(dt=0.05),
-        halvings=20,
-    )
+    patient = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=20)
     patient.run(until=0.05)
     assert patient.chamber("room").volume > 0 and abs(patient.energy_error) <= 1e-9

@@ -119,11 +119,7 @@ CASES: list[tuple[Any, Sequence[Any], Sequence[Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("hint", "good", "bad"),
-    CASES,
-    ids=[str(case[0]) for case in CASES],
-)
+@pytest.mark.parametrize(("hint", "good", "bad"), CASES, ids=[str(case[0]) for case in CASES])
 def test_types_are_read_as_users_of_numpy_read_them(
     hint: Any, good: Sequence[Any], bad: Sequence[Any]
 ) -> None:
@@ -187,8 +183,4 @@ def test_the_name_of_a_part_is_in_the_message() -> None:
 def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
     module = importlib.import_module("gossamer_fx.mechanics.contact.obstacles")
     with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):
-        module.Plane(
-            point=(0, 0, 0),
-            normal=(0, 0, 1),
-            friction="rough",
-        )
+        module.Plane(point=(0, 0, 0), normal=(0, 0, 1), friction="rough")

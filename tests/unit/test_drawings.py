@@ -90,11 +90,7 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
 
     def halves(model: Any) -> None:
         for shift in (0, 300):
-            model.add_line(
-                (shift - 100, 0),
-                (shift + 100, 0),
-                dxfattribs={"layer": "middle"},
-            )
+            model.add_line((shift - 100, 0), (shift + 100, 0), dxfattribs={"layer": "middle"})
             model.add_arc(
                 (shift, 0),
                 100,
@@ -103,11 +99,7 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
                 dxfattribs={"layer": "rim"},
             )
 
-    mesh = gx.patterns.read_dxf(
-        drawing(tmp_path / "halves.dxf", halves),
-        COMM,
-        size=0.02,
-    )
+    mesh = gx.patterns.read_dxf(drawing(tmp_path / "halves.dxf", halves), COMM, size=0.02)
     film = gx.Membrane(mesh, LAW)
     seam = gx.Seam(film, "panel 1/rim", film, "panel 2/rim")
     assert abs(seam.ease) < 1e-9
@@ -121,11 +113,7 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
         model.add_line((1, 0), (0, 1), dxfattribs={"layer": "cut"})
 
     def branch(model: Any) -> None:
-        model.add_lwpolyline(
-            [(0, 0), (1, 0), (0, 1)],
-            close=True,
-            dxfattribs={"layer": "cut"},
-        )
+        model.add_lwpolyline([(0, 0), (1, 0), (0, 1)], close=True, dxfattribs={"layer": "cut"})
         model.add_line((0, 0), (1, 1), dxfattribs={"layer": "aid"})
 
     def same_names(model: Any) -> None:
@@ -142,11 +130,7 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
 
     def refused(path: Path, words: str, **options: Any) -> None:
         with pytest.raises(gx.InputError, match=words):
-            gx.patterns.read_dxf(
-                path,
-                COMM,
-                **{"size": 0.1, "scale": 1.0, **options},
-            )
+            gx.patterns.read_dxf(path, COMM, **{"size": 0.1, "scale": 1.0, **options})
 
     refused(
         drawing(tmp_path / "gap.dxf", gap), r"open, or branches, at \(0, 0\) m on the layer 'cut'"

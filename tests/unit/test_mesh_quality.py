@@ -76,11 +76,7 @@ def test_good_meshes_are_not_suspected(mesh):
 
 @pytest.mark.mpi
 def test_curved_triangles_are_not_suspected():
-    film = gx.Membrane(
-        sphere(WORLD, 1.0, 12, order=2),
-        LAW,
-        order=2,
-    )
+    film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), LAW, order=2)
     assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
@@ -105,11 +101,7 @@ def test_a_curved_triangle_that_turns_inside_is_refused():
             (0.5 - shift, 0.5 - shift, 0),
             (shift, 0.5, 0),
         ]
-        mesh = triangles(
-            [*corners, *middles],
-            [(0, 1, 2, 3, 4, 5)],
-            order=2,
-        )
+        mesh = triangles([*corners, *middles], [(0, 1, 2, 3, 4, 5)], order=2)
         film = gx.Membrane(mesh, LAW, order=2)
         if turned:
             with pytest.raises(gx.InputError, match="1 curved triangles that turn inside out"):

@@ -34,11 +34,7 @@ def hung_film(comm, *more):
 
 
 def revolute(hub):
-    return gx.constraints.RevoluteJoint(
-        hub.frame(),
-        gx.ground_frame(),
-        axis=(0, 0, 1),
-    )
+    return gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))
 
 
 @pytest.mark.mpi

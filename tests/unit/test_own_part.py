@@ -18,11 +18,7 @@ PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    [code] = re.findall(
-        r"```python\n(.*?)```",
-        PAGE.read_text(encoding="utf-8"),
-        re.DOTALL,
-    )
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 60
     file = tmp_path_factory.mktemp("own") / "bending_spring.py"
     file.write_text(code, encoding="utf-8")
@@ -32,11 +28,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 
 def test_the_page_imports_the_public_interface_only() -> None:
-    [code] = re.findall(
-        r"```python\n(.*?)```",
-        PAGE.read_text(encoding="utf-8"),
-        re.DOTALL,
-    )
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     modules = {
         node.module
         for node in ast.walk(ast.parse(code))

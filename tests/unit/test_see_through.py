@@ -36,11 +36,7 @@ def middle(folder, films, opacity):
     comm = films[0].comm
     fields = {one.name: ("displacement", "group") for one in films}
     recording = gx.Recording(folder, fields=fields)
-    gx.Simulation(
-        gx.Scene(*films),
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=0.0)
+    gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=0.0)
     if comm.rank > 0:
         return None
     run = gx.plot.RunReader(folder)

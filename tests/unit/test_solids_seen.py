@@ -30,18 +30,12 @@ SHARE = 0.97  # of the volume of something round that its facets enclose, at lea
     [
         (gx.contact.Sphere(centre=(1, 2, 3), radius=0.5), math.pi / 6),
         (
-            gx.contact.Cylinder(
-                start=(0, 0, 0),
-                end=(0, 2, 0),
-                radius=0.5,
-            ),
+            gx.contact.Cylinder(start=(0, 0, 0), end=(0, 2, 0), radius=0.5),
             math.pi / 6 + math.pi / 2,
         ),
         (
             gx.contact.Box(
-                centre=(1, 0, 0),
-                sizes=(1, 2, 3),
-                axes=((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+                centre=(1, 0, 0), sizes=(1, 2, 3), axes=((0, 1, 0), (0, 0, 1), (1, 0, 0))
             ),
             6.0,
         ),
@@ -85,11 +79,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
         body=block,
         name="box",
     )
-    ball = gx.contact.Sphere(
-        centre=(0, 0, 0.1),
-        radius=0.02,
-        motion=lambda t: (t, 0.0, 0.0),
-    )
+    ball = gx.contact.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
     floor = gx.contact.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
     recording = gx.Recording(folder / "run", every=1)
     picture = gx.plot.Picture(folder / "seen.png")
@@ -102,11 +92,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
             distance=1e-3,
         )
     )
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording, picture],
-    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording, picture])
     run.run(until=5e-3)
     if comm.rank == 0:
         read = RunReader(folder / "run")
@@ -138,9 +124,5 @@ def test_a_scene_without_solids_records_none(tmp_path) -> None:
         LAW,
     )
     recording = gx.Recording(tmp_path)
-    gx.Simulation(
-        gx.Scene(film),
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=2e-3)
+    gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     assert not (tmp_path / "solids.csv").exists() and RunReader(tmp_path).solids == []

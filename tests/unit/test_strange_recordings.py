@@ -42,11 +42,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
     """A short run in which everything that has a name has this one."""
     mesh = flat_tube(ALONE, 0.3, 0.03, 2, compartments=2)
     groups = {f"{k} {name}": group for k, group in enumerate(mesh.groups.values())}
-    film = gx.Membrane(
-        gx.Mesh(mesh.domain, groups),
-        LAW,
-        name=f"film {name}",
-    )
+    film = gx.Membrane(gx.Mesh(mesh.domain, groups), LAW, name=f"film {name}")
     ball = gx.PointMass(
         1.0,
         position=(0.0, 0.0, 1.0),
@@ -69,11 +65,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
         title=name,
     )
     scene = gx.Scene(film, ball, tank)
-    gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=2e-3)
+    gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     return gx.plot.RunReader(folder)
 
 

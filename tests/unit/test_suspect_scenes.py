@@ -44,11 +44,7 @@ def compiled(*items: Any) -> gx.Simulation:
 def test_the_same_contact_twice_is_refused(comm) -> None:
     sail = film(comm)
     floors = [
-        gx.contact.Plane(
-            point=(0.0, 0.0, -0.1),
-            normal=(0.0, 0.0, 1.0),
-            name=name,
-        )
+        gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name=name)
         for name in ("floor", "ground")
     ]
     contacts = [
@@ -69,16 +65,8 @@ def test_the_same_contact_twice_is_refused(comm) -> None:
 
 def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     sail = film(MPI.COMM_SELF)
-    below = gx.contact.Plane(
-        point=(0.0, 0.0, -0.1),
-        normal=(0.0, 0.0, 1.0),
-        name="below",
-    )
-    above = gx.contact.Plane(
-        point=(0.0, 0.0, 0.1),
-        normal=(0.0, 0.0, -1.0),
-        name="above",
-    )
+    below = gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name="below")
+    above = gx.contact.Plane(point=(0.0, 0.0, 0.1), normal=(0.0, 0.0, -1.0), name="above")
     with caplog.at_level(logging.WARNING):
         compiled(
             gx.Contact(
@@ -101,18 +89,10 @@ def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture
 def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
     sail = film(comm)
     centre = (0.5, 0.5, 0.0)
-    around = gx.contact.Box(
-        centre=centre,
-        sizes=(3.0, 3.0, 3.0),
-        name="bus",
-    )
+    around = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), name="bus")
     with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the box 'bus'"):
         compiled(gx.Contact(sail, around, distance=DISTANCE))
-    room = gx.contact.Box(
-        centre=centre,
-        sizes=(3.0, 3.0, 3.0),
-        inside=True,
-    )
+    room = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), inside=True)
     beside = gx.contact.Box(centre=(0.5, 0.5, 0.5), sizes=(3.0, 3.0, 0.5))
     compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
 
@@ -159,18 +139,10 @@ def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
         density=1000.0,
         thickness=thickness,
     )
-    plate = gx.Plate(
-        sheet(MPI.COMM_SELF, 8, 1, 1.0, width),
-        law,
-        name=f"{aspect} {thickness}",
-    )
+    plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
     deflection = 1e-3
     line_force = 3 * 1e9 * thickness**3 / 12 * deflection
-    load = gx.loads.EdgeLoad(
-        plate,
-        "right",
-        force=(0.0, 0.0, line_force),
-    )
+    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
     equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
     equilibrium.find()
     tip = plate.nodes("right")
@@ -212,11 +184,7 @@ COMPLEX = {
 @pytest.mark.parametrize("given", list(COMPLEX))
 def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
     with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
-        gx.Plate(
-            sheet(comm, 4, 4),
-            LAW,
-            rest_curvature=COMPLEX[given],
-        )
+        gx.Plate(sheet(comm, 4, 4), LAW, rest_curvature=COMPLEX[given])
 
 
 def test_a_complex_motion_is_refused() -> None:
