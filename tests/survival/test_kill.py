@@ -19,26 +19,18 @@ import pytest
 
 import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
+from tests.survival import on_ranks
 from tests.survival.on_ranks import python
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
 
 STEPS = 24
-ROOT = Path(gx.__file__).parent.parent
 
 
 def start(ranks: int, folder: Path, *options: str, steps: int = STEPS) -> subprocess.Popen[str]:
     """The tube on some ranks; each rank in a separate session."""
     command = [*python(ranks), "-m", "tests.survival.tube_run", str(folder), str(steps), *options]
-    return subprocess.Popen(
-        command,
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    return on_ranks.start(command, start_new_session=True)
 
 
 def whole(folder: Path) -> Path:
@@ -196,14 +188,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     tmp_path: Path, number: signal.Signals, launch: list[str]
 ) -> None:
     """Of two seconds, ten times what mpirun leaves its ranks."""
-    run = subprocess.Popen(
-        [*launch, "-m", "tests.survival.long_steps", str(tmp_path)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    run = on_ranks.start([*launch, "-m", "tests.survival.long_steps", str(tmp_path)])
     assert run.stdout is not None and "step" in run.stdout.readline()
     time.sleep(0.3)
     run.send_signal(number)

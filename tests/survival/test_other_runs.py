@@ -16,11 +16,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
+from tests.survival import on_ranks
 from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
-ROOT = Path(gx.__file__).parent.parent
 
 
 def ball(**options: object) -> gx.Simulation:
@@ -71,14 +71,8 @@ except gx.InputError as error:
 
 
 def start(program: str, folder: Path, ranks: int = 1) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*python(ranks), "-c", program, str(folder)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [*python(ranks), "-c", program, str(folder)]
+    return on_ranks.start(command, stdin=subprocess.PIPE, stderr=None)
 
 
 @pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
