@@ -22,14 +22,14 @@ from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
+from tests.small_scenes import LINEAR
 from tests.unit.public_calls import UNCALLED, Call, make_inputs, spoiled, valid_calls
 
 WORLD = MPI.COMM_WORLD
-LAW = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
 
 def film(comm: MPI.Intracomm = WORLD, **options) -> gx.Membrane:
-    return gx.Membrane(sheet(comm, 2, 2), LAW, **options)
+    return gx.Membrane(sheet(comm, 2, 2), LINEAR, **options)
 
 
 def simulation(**options) -> gx.Simulation:

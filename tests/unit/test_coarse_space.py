@@ -15,19 +15,13 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
-
-FILM = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+from tests.small_scenes import WRINKLING
 
 
 def simulation(comm, cells: int, *supports: str, order: int = 1) -> gx.Simulation:
     film = gx.Membrane(
         sheet(comm, cells, cells),
-        FILM,
+        WRINKLING,
         order=order,
         velocity=None if supports else throw,
     )
@@ -91,7 +85,7 @@ def test_patches_have_the_same_size(comm, order):
 
 
 def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
-    film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), FILM)
+    film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), WRINKLING)
     system = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3)).system
     body = system.bodies[0]
     patch = patches_of(body)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import ufl
 
-from gossamer_fx import Elastica, InputError, Linear
+from gossamer_fx import Elastica, Linear
 from gossamer_fx.mechanics.materials.elastica import buckled_strip, cubic, onset
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
@@ -165,14 +165,3 @@ def test_energy_is_symmetric_in_compression_and_isotropic():
 def test_states():
     e = np.array([[1e-2, 1e-2, 0], [1e-2, -1e-2, 0], [-1e-2, -1e-2, 0], [0, 0, 0]])
     assert at_strains("state")(e).ravel().tolist() == [TAUT, WRINKLED, SLACK, TAUT]
-
-
-def test_a_wavelength_shorter_than_the_strip_is_thick_is_refused():
-    with pytest.raises(InputError, match="half_wavelength"):
-        Elastica(
-            E=1.0,
-            nu=0.3,
-            density=1.0,
-            thickness=1e-3,
-            half_wavelength=1e-3,
-        )

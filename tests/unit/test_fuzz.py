@@ -25,12 +25,12 @@ import gossamer_fx as gx
 from gossamer_fx.core.mesh import gmsh_reader as raw_mesh
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.solve.scene.validation import warnings
+from tests.small_scenes import LINEAR, MATERIAL
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are read by one rank")
 
 ALONE = MPI.COMM_SELF
 FREE = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck)}
-LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 WORDS = b"-1 0 nan inf 1e308 99999999 2 3 4 9 15 16 x -2147483649 18446744073709551615 $EndNodes $Elements".split()
 
 
@@ -98,7 +98,7 @@ def damaged(draw: st.DrawFn, originals: list[bytes]) -> bytes:
 def read(path: Path) -> str:
     """What is said about a file: nothing if it makes a film."""
     try:
-        film = gx.Membrane(gx.read_mesh(path, ALONE), gx.Linear(**LAW))
+        film = gx.Membrane(gx.read_mesh(path, ALONE), LINEAR)
         list(warnings([film]))
     except gx.InputError as error:
         return str(error)
@@ -202,7 +202,7 @@ def numbers(draw: st.DrawFn, usual: dict[str, Any]) -> dict[str, Any]:
 
 
 USUAL = {
-    **LAW,
+    **MATERIAL,
     "residual": 1e-6,
     "pressure": 100.0,
     "temperature": 300.0,

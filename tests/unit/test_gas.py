@@ -10,8 +10,8 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.mechanics.gas.orifice import isentropic_flow
 from tests.rates import observed_order
+from tests.small_scenes import AIR
 
-AIR = gx.IdealGas(gamma=1.4, R=287.0)
 LAMINAR = 1e-5
 
 

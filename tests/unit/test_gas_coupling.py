@@ -11,9 +11,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.records.run.simulation import Simulation
+from tests.small_scenes import AIR
 
 WORLD = MPI.COMM_WORLD
-AIR = gx.IdealGas(gamma=1.4, R=287.0)
 FILM = gx.Linear(
     E=1e6,
     nu=0.3,

@@ -27,6 +27,7 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.sheet import sheet
 from tests.sentences import is_sentence
+from tests.small_scenes import WRINKLING
 from tests.unit.public_calls import make_inputs, valid_calls
 
 pytestmark = pytest.mark.skipif(
@@ -38,7 +39,6 @@ REFUSED = (gx.InputError, gx.StepFailure, gx.NoEquilibrium, gx.OutputFailure)
 # Longest sentence [characters] that refuses a value.
 LONGEST_SENTENCE = 600
 
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
 # Arguments that name a group of the mesh, and names of none.
 GROUPS = ("group", "edges", "edge_a", "edge_b", "group_a", "group_b")
@@ -119,7 +119,7 @@ UNUSUAL_FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def sheet_film(name: str = "film") -> gx.Membrane:
-    return gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), LAW, name=name)
+    return gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), WRINKLING, name=name)
 
 
 def calls_of_classes(folder: Path) -> dict[str, dict[str, Any]]:

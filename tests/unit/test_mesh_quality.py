@@ -16,14 +16,9 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solve.scene.validation import self_intersections, validate, warnings
+from tests.small_scenes import WRINKLING
 
 WORLD = MPI.COMM_WORLD
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
 
 
 def triangles(
@@ -55,7 +50,7 @@ def rows_of_squares(
     return points, lower + [(at(i, j), at(i + 1, j + 1), at(i, j + 1)) for i, j in corner]
 
 
-def words_of(mesh: gx.Mesh, law: gx.Miyazaki = LAW, **options) -> list[str]:
+def words_of(mesh: gx.Mesh, law: gx.Miyazaki = WRINKLING, **options) -> list[str]:
     return list(warnings([gx.Membrane(mesh, law, **options)]))
 
 
@@ -70,13 +65,13 @@ def words_of(mesh: gx.Mesh, law: gx.Miyazaki = LAW, **options) -> list[str]:
     ],
 )
 def test_good_meshes_are_not_suspected(mesh):
-    film = gx.Membrane(mesh(), LAW)
+    film = gx.Membrane(mesh(), WRINKLING)
     assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
 @pytest.mark.mpi
 def test_curved_triangles_are_not_suspected():
-    film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), LAW, order=2)
+    film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), WRINKLING, order=2)
     assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
@@ -85,7 +80,7 @@ def test_a_triangle_of_no_size_is_refused():
     points, cells = rows_of_squares(3)
     points[5] = points[6]
     with pytest.raises(gx.InputError, match=r"'film' has 2 triangles of no size.*duplicate nodes"):
-        gx.Scene(gx.Membrane(triangles(points, cells), LAW)).compile()
+        gx.Scene(gx.Membrane(triangles(points, cells), WRINKLING)).compile()
 
 
 @pytest.mark.mpi
@@ -102,7 +97,7 @@ def test_a_curved_triangle_that_turns_inside_is_refused():
             (shift, 0.5, 0),
         ]
         mesh = triangles([*corners, *middles], [(0, 1, 2, 3, 4, 5)], order=2)
-        film = gx.Membrane(mesh, LAW, order=2)
+        film = gx.Membrane(mesh, WRINKLING, order=2)
         if turned:
             with pytest.raises(gx.InputError, match="1 curved triangles that turn inside out"):
                 list(warnings([film]))
@@ -142,7 +137,7 @@ def test_a_seam_that_is_not_glued_is_told():
 
 @pytest.mark.mpi
 def test_a_slit_whose_sides_are_named_is_meant():
-    film = gx.Membrane(slit_ring(WORLD, 2, 16, 6.0, 10.0), LAW)
+    film = gx.Membrane(slit_ring(WORLD, 2, 16, 6.0, 10.0), WRINKLING)
     assert list(warnings([film])) == []
     del film.mesh.groups["start"]
     assert "4 boundary edges of 'film' coincide" in "".join(warnings([film]))
@@ -153,11 +148,11 @@ def test_a_film_that_penetrates_itself_is_reported():
     flat, cells = rows_of_squares(4)
     steep = [(0.49, y, x - 0.53) for x, y, _ in flat]
     mesh = triangles(flat + steep, cells + [tuple(i + 25 for i in cell) for cell in cells])
-    [words] = self_intersections([gx.Membrane(mesh, LAW)])
+    [words] = self_intersections([gx.Membrane(mesh, WRINKLING)])
     assert "penetrates itself" in words
     apart = [(x + 2, y, z) for x, y, z in steep]
     mesh = triangles(flat + apart, cells + [tuple(i + 25 for i in cell) for cell in cells])
-    assert list(self_intersections([gx.Membrane(mesh, LAW)])) == []
+    assert list(self_intersections([gx.Membrane(mesh, WRINKLING)])) == []
 
 
 @pytest.mark.mpi

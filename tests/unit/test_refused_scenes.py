@@ -23,11 +23,9 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
 from tests.sentences import assert_sentence
+from tests.small_scenes import AIR, LINEAR, MATERIAL
 
 WORLD = MPI.COMM_WORLD
-MATERIAL = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
-LAW = gx.Linear(**MATERIAL)
-AIR = gx.IdealGas(gamma=1.4, R=287.0)
 OUTSIDE = gx.gas.Ambient(1.0)
 ORIGIN = (0.0, 0.0, 0.0)
 Z = (0.0, 0.0, 1.0)
@@ -37,19 +35,19 @@ Case = tuple[Callable[[], object], str]
 
 
 def film(**options: Any) -> gx.Membrane:
-    return gx.Membrane(sheet(WORLD, 2, 2), LAW, **options)
+    return gx.Membrane(sheet(WORLD, 2, 2), LINEAR, **options)
 
 
 def tube(**options: Any) -> gx.Membrane:
-    return gx.Membrane(flat_tube(WORLD, 0.2, 0.06, 2), LAW, **options)
+    return gx.Membrane(flat_tube(WORLD, 0.2, 0.06, 2), LINEAR, **options)
 
 
 def creased() -> gx.Membrane:
-    return gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), LAW)
+    return gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), LINEAR)
 
 
 def plate(**options: Any) -> gx.Plate:
-    return gx.Plate(sheet(WORLD, 2, 2), LAW, **options)
+    return gx.Plate(sheet(WORLD, 2, 2), LINEAR, **options)
 
 
 def cable(**options: Any) -> gx.Cable:
@@ -129,7 +127,7 @@ def flipped_pillow(reverse: bool) -> gx.Membrane:
         if reverse:
             model.mesh.reverse([(2, sheets[1])])
 
-    return gx.Membrane(gx.gmsh_mesh(build, WORLD), LAW)
+    return gx.Membrane(gx.gmsh_mesh(build, WORLD), LINEAR)
 
 
 def quadrilaterals(model: Any) -> None:
@@ -153,14 +151,14 @@ def three_sheets() -> gx.Membrane:
         model.addPhysicalGroup(1, [seam], name="seam")
         model.addPhysicalGroup(2, [surface], name="film")
 
-    return gx.Membrane(gx.gmsh_mesh(build, MPI.COMM_SELF), LAW)
+    return gx.Membrane(gx.gmsh_mesh(build, MPI.COMM_SELF), LINEAR)
 
 
 MESHES: list[Case] = [
     (lambda: gx.read_mesh("nowhere/pillow.msh", WORLD), "nowhere/pillow.msh"),
     (lambda: gx.gmsh_mesh(quadrilaterals, WORLD), "Quadrilateral"),
     (lambda: gx.gmsh_mesh(lambda model: None, WORLD), "no triangles"),
-    (lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LAW), "order"),
+    (lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LINEAR), "order"),
     (lambda: film(order=3), "order"),
     (lambda: gx.Fixed(film(), "rim"), "rim"),
     (lambda: gx.Fixed(film(), "left\nright"), "left\\nright"),
@@ -173,10 +171,17 @@ MESHES: list[Case] = [
     (lambda: gx.Port(gx.PointMass(1.0), (-1,)), "its nodes are 0 to 0"),
 ]
 
+PICTURES: list[Case] = [
+    (lambda: gx.plot.View(opacity=1.5), "opacity"),
+    (lambda: gx.plot.Picture("a.png", colour="thickness"), "give 'state' or 'group'"),
+    (lambda: gx.plot.Picture("a.png", section=(ORIGIN, ORIGIN)), "give a point"),
+]
+
 LAWS: list[Case] = [
     (lambda: gx.Miyazaki(**MATERIAL | {"nu": 0.51}), "nu"),
     (lambda: gx.Miyazaki(**MATERIAL, residual_stiffness=2.0), "residual"),
     (lambda: gx.TensionField(**MATERIAL, residual_stiffness=1e-3), "TensionField"),
+    (lambda: gx.Elastica(**MATERIAL, half_wavelength=1e-4), "half_wavelength"),
     (lambda: gx.IdealGas(gamma=1.0, R=287.0), "gamma"),
     (lambda: gx.PointMass(1e300), "a size between 1e-100 and"),
     (lambda: gx.PointMass(10**400), "a size between 1e-100 and"),
@@ -201,7 +206,7 @@ STATES: list[Case] = [
 
 SCENES: list[Case] = [
     (lambda: gx.Scene(), "empty"),
-    (lambda: gx.Scene(LAW), "Linear"),
+    (lambda: gx.Scene(LINEAR), "Linear"),
     (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "is not a scene item"),
     (lambda: gx.Scene(film(), film()), "'film'"),
     (lambda: run(film(), until=np.nan), "until"),
@@ -294,7 +299,7 @@ PLATES_AND_CONTACT: list[Case] = [
     (lambda: loaded(lambda sail: gx.connectors.Crease(sail, "left", stiffness=1e-3)), "left"),
     (lambda: compiled(gx.connectors.Crease(creased(), "fold", stiffness=1e-3)), "fold"),
     (lambda: gx.Contact(distance=1e-3), "Contact"),
-    (lambda: gx.Contact(LAW, distance=1e-3), "Contact"),
+    (lambda: gx.Contact(LINEAR, distance=1e-3), "Contact"),
     (lambda: gx.Contact(film(), distance=1e-3, law="glue"), "glue"),
     (
         lambda: gx.Contact(film(), distance=1e-3, friction=0.1, slip_velocity=1e90),
@@ -363,7 +368,7 @@ ORBITS: list[Case] = [
 ]
 
 CASES = [*MESHES, *LAWS, *STATES, *SCENES, *SUPPORTS_AND_LOADS, *STATICS, *GAS]
-CASES += [*PLATES_AND_CONTACT, *JOINTS, *ORBITS]
+CASES += [*PLATES_AND_CONTACT, *JOINTS, *ORBITS, *PICTURES]
 REFUSALS = (gx.InputError, gx.StepFailure, gx.NoEquilibrium)
 
 

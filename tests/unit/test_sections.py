@@ -8,8 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.plane_cut import PlaneCut, layers
-
-LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+from tests.small_scenes import LINEAR
 
 
 def polyline(points) -> np.ndarray:
@@ -45,12 +44,12 @@ def test_a_closed_line_has_two_layers() -> None:
 def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     low = gx.Membrane(
         sheet(comm, 5, 4),
-        gx.Linear(**LAW),
+        LINEAR,
         name="low",
     )
     high = gx.Membrane(
         sheet(comm, 3, 4),
-        gx.Linear(**LAW),
+        LINEAR,
         displacement=lambda X: [[0], [0], [0.1]] + 0 * X,
         name="high",
     )
@@ -78,9 +77,3 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
             measured = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
             assert measured == pytest.approx(1.0, rel=1e-9)
         assert list(section.key([cut])) == ["low", "high"]
-
-
-def test_what_is_no_section_is_refused(tmp_path) -> None:
-    for wrong in (((0, 0, 0), (0, 0, 0)), ((0, 0), (0, 0, 1)), ((0, 0, 0),)):
-        with pytest.raises(gx.InputError, match=r"give a (point|tuple of three numbers)"):
-            gx.plot.Picture(tmp_path / "a.png", section=wrong)

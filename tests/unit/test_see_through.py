@@ -93,14 +93,3 @@ def test_groups_are_those_that_are_seen(comm):
     assert counts.min() == counts.max() > 0
     names, parts = groups_of([film(comm, name="a"), film(comm, name="b")])
     assert names == ["a", "b"] and all((part == k).all() for k, part in enumerate(parts))
-
-
-@pytest.mark.parametrize("opacity", [0.0, 1.5, "half"])
-def test_an_opacity_that_is_none_is_refused(opacity):
-    with pytest.raises(gx.InputError, match="opacity"):
-        gx.plot.View(opacity=opacity)
-
-
-def test_a_colour_that_is_none_is_refused(tmp_path):
-    with pytest.raises(gx.InputError, match=r"give .state. or .group."):
-        gx.plot.Picture(tmp_path / "a.png", colour="thickness")

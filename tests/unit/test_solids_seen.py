@@ -14,14 +14,9 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import SOLID
 from gossamer_fx.records.plot.viewer import view_data
+from tests.small_scenes import WRINKLING
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
 SHARE = 0.97  # of the volume of something round that its facets enclose, at least
 
 
@@ -65,7 +60,7 @@ def test_rooms_and_planes_are_lines(inside) -> None:
 
 @pytest.mark.mpi
 def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
-    film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), LAW)
+    film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), WRINKLING)
     block = gx.RigidBody(
         0.1,
         (1e-4, 1e-4, 1e-4),
@@ -121,7 +116,7 @@ def test_a_scene_without_solids_records_none(tmp_path) -> None:
             0.1,
             0.1,
         ),
-        LAW,
+        WRINKLING,
     )
     recording = gx.Recording(tmp_path)
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
