@@ -203,16 +203,6 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
     assert run.checkpoints.latest == folder / "step-00000013" == gx.run.latest_checkpoint(folder)
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
-    with pytest.raises(
-        gx.InputError,
-        match="holds checkpoints of a run up to step 13; go on from them with restart",
-    ):
-        run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
-    COMM.barrier()
-    assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
-    run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, overwrite=True))
-    COMM.barrier()
-    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
 
 
 @pytest.mark.mpi

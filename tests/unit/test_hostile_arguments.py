@@ -1,8 +1,8 @@
 """Every argument of every public class is replaced by hostile values, and what is made is run.
 
 A call or a run may take a value, or refuse it in one sentence; it never ends in a traceback, and it
-never accepts a value that is not a real number.  The default test takes some of the values; all of
-them, about four minutes:
+never accepts a value that is not a real number.  Then two arguments at a time have random values.
+The default tests take some of the values; all of them, about four minutes:
 
     ./gossamer python -m pytest -m slow -s tests/unit/test_hostile_arguments.py
 """
@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -172,6 +174,7 @@ def run(made: Any) -> None:
         halvings=1,
     )
     simulation.run(until=2e-4)
+    assert math.isfinite(simulation.totals.energy)
 
 
 def hostile_calls(folder: Path) -> Iterator[tuple[str, bool, Callable[[], None]]]:
@@ -227,3 +230,33 @@ def test_hostile_values_are_taken_or_refused_in_a_sentence(tmp_path: Path, every
     print(f"{counts.total()} hostile values: {dict(counts)}")
     assert not wrong, "\n".join(wrong)
     assert counts.total() >= (10_000 if every == 1 else 150)
+
+
+ANY = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.sampled_from([0.0, -1.0, 1e-300, 1e300, 1e-12, 1e12]),
+    st.none(),
+    st.text(max_size=3),
+    st.tuples(st.floats(), st.floats(), st.floats()),
+)
+
+
+@pytest.mark.parametrize("examples", [40, pytest.param(1000, marks=pytest.mark.slow)])
+def test_random_values_of_two_arguments_are_taken_or_refused_in_a_sentence(
+    tmp_path: Path, examples: int
+) -> None:
+    calls = calls_of_classes(tmp_path)
+
+    @settings(max_examples=examples, derandomize=True, suppress_health_check=list(HealthCheck))
+    @given(st.data())
+    def check(data: st.DataObject) -> None:
+        name = data.draw(st.sampled_from(sorted(calls)))
+        call = calls[name]
+        numbers = [one for one, value in call.items() if isinstance(value, int | float | tuple)]
+        pairs = st.dictionaries(
+            st.sampled_from(numbers or sorted(call)), ANY, min_size=1, max_size=2
+        )
+        kind, words = outcome(lambda: run(make(name, call | data.draw(pairs))), False)
+        assert kind in ("taken", "sentence"), f"{name}: {words}"
+
+    check()
