@@ -34,16 +34,7 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
 
     PETSc then returns an infinite solution, at which no force is computed.
     """
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
-    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
-    for k in range(masses):
-        e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
-        mass = gx.PointMass(0.1, tuple(0.5 * e), name=f"mass {k}")
-        rope = gx.connectors.Rope(
-            hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
-        )
-        items.append(rope)
-    scene = gx.Scene(*items, gx.RigidMotion(spin=(0, 0, 1.0)))
+    scene = ropes(comm, masses, 0.0, gx.RigidMotion(spin=(0, 0, 1.0)))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), halvings=0)
     attempts = []
     enlarge = factorisation.enlarge
@@ -98,7 +89,7 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
     assert factorisation.reason(pc) == ""
 
 
-def ropes(comm, masses, spin):
+def ropes(comm, masses, spin, *more):
     """A pinned hub with masses on ropes, turning."""
     hub = gx.RigidBody(
         1.0,
@@ -121,7 +112,7 @@ def ropes(comm, masses, spin):
             )
         ]
         items += [gx.loads.Centrifugal(mass, (0, 0, spin))] if spin else []
-    return gx.Scene(*items)
+    return gx.Scene(*items, *more)
 
 
 def test_the_first_acceleration_has_the_workspace_that_it_needs(comm):
