@@ -38,11 +38,7 @@ FOLDERS = (
 FILES = sorted(path for folder in FOLDERS for path in folder.rglob("*.py"))
 
 
-@pytest.mark.parametrize(
-    "path",
-    FILES,
-    ids=lambda p: str(p.relative_to(PACKAGE.parent)),
-)
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE.parent)))
 def test_only_the_seam_knows_the_version(path: Path) -> None:
     if path in {SEAM, Path(__file__)}:
         return

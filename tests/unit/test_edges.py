@@ -22,11 +22,7 @@ def vertex_points(domain: dmesh.Mesh) -> np.ndarray:
     topology = domain.topology
     topology.create_connectivity(0, 2)
     n = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
-    nodes = dmesh.entities_to_geometry(
-        domain,
-        0,
-        np.arange(n, dtype=np.int32),
-    )
+    nodes = dmesh.entities_to_geometry(domain, 0, np.arange(n, dtype=np.int32))
     return domain.geometry.x[nodes[:, 0]]
 
 

@@ -12,11 +12,7 @@ from gossamer_fx.solve.solvers import factorisation
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
     """PETSc's own factorisation of dense matrices raises an error, which would end the program."""
-    A = PETSc.Mat().createDense(
-        (2, 2),
-        array=np.ones((2, 2)),
-        comm=PETSc.COMM_SELF,
-    )
+    A = PETSc.Mat().createDense((2, 2), array=np.ones((2, 2)), comm=PETSc.COMM_SELF)
     x, b = A.createVecs()
     b.array[:] = [1.0, 3.0]
     assert "LAPACK: the matrix is singular" in factorisation.solve(A, b, x)
@@ -55,11 +51,7 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
 
 
 def matrix(diagonal: list[float]) -> PETSc.Mat:
-    A = PETSc.Mat().createAIJ(
-        (len(diagonal), len(diagonal)),
-        nnz=1,
-        comm=PETSc.COMM_SELF,
-    )
+    A = PETSc.Mat().createAIJ((len(diagonal), len(diagonal)), nnz=1, comm=PETSc.COMM_SELF)
     for i, value in enumerate(diagonal):
         A.setValue(i, i, value)
     A.assemble()
@@ -116,11 +108,7 @@ def ropes(comm, masses, spin, *more):
 
 
 def test_the_first_acceleration_has_the_workspace_that_it_needs(comm):
-    run = gx.Simulation(
-        ropes(comm, 64, 0.0),
-        gx.GeneralizedAlpha(dt=1e-3),
-        halvings=0,
-    )
+    run = gx.Simulation(ropes(comm, 64, 0.0), gx.GeneralizedAlpha(dt=1e-3), halvings=0)
     run.run(until=2e-3)
     assert run.totals.energy == pytest.approx(64 * 0.5 * 1e3 * 0.01**2, rel=1e-4)
 

@@ -52,11 +52,7 @@ def test_choked_flow_has_the_exact_value_whatever_is_downstream():
     assert flows[0] == flows[1] == flows[2]
 
 
-@pytest.mark.parametrize(
-    "border",
-    [(2 / 2.4) ** 3.5, 1 - LAMINAR],
-    ids=["choked", "laminar"],
-)
+@pytest.mark.parametrize("border", [(2 / 2.4) ** 3.5, 1 - LAMINAR], ids=["choked", "laminar"])
 def test_flow_and_its_slope_are_continuous_between_the_branches(border):
     def flow(x):
         return isentropic_flow(AIR, 1.0, 1.0 / 287.0, x, LAMINAR).real
@@ -76,11 +72,7 @@ def test_flow_grows_with_the_pressure_difference():
 
 
 def test_vacuum_gives_no_flow():
-    orifice = gx.Orifice(
-        gx.gas.Ambient(),
-        gx.gas.Reservoir(1e5, 300.0),
-        area=1.0,
-    )
+    orifice = gx.Orifice(gx.gas.Ambient(), gx.gas.Reservoir(1e5, 300.0), area=1.0)
     assert orifice.flow(AIR, 1.0, (0.0, 0.0), (300.0, 300.0)) == 0
     assert orifice.flow(AIR, 1.0, (0.0, 1e5), (300.0, 300.0)).real < 0
 

@@ -63,9 +63,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
 
 def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
     piston = gx.gas.Piston(
-        gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(),
-        0.01,
-        direction=(1, 0, 0),
+        gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, direction=(1, 0, 0)
     )
     state = {"pressure": pressure, "temperature": temperature}
     return gx.Chamber(
@@ -79,10 +77,7 @@ def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
 
 def vented_piston() -> gx.Scene:
     bag = cylinder(3e5, 400.0)
-    return gx.Scene(
-        bag,
-        gx.Orifice(bag, gx.gas.Ambient(1e5, 300.0), area=1e-4),
-    )
+    return gx.Scene(bag, gx.Orifice(bag, gx.gas.Ambient(1e5, 300.0), area=1e-4))
 
 
 def heated_piston() -> gx.Scene:
@@ -100,11 +95,7 @@ def two_pistons() -> gx.Scene:
         area=1e-4,
         name="inlet",
     )
-    return gx.Scene(
-        between,
-        inlet,
-        gx.gas.WallHeat(bags[1], 5.0, temperature=700.0),
-    )
+    return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, temperature=700.0))
 
 
 @pytest.mark.parametrize("scene", [vented_piston, heated_piston, two_pistons])

@@ -116,11 +116,7 @@ def test_strain_is_quadratic_in_the_positions(comm, surface, order):
 @pytest.mark.mpi
 def test_area_vector_of_a_sphere(comm):
     """∮n dA = 0; ⅓∮x·n dA = V and ∮|n| dA = A follow a homogeneous expansion."""
-    film = Membrane(
-        sphere(comm, 1.0, 24, order=2),
-        LAW,
-        order=2,
-    )
+    film = Membrane(sphere(comm, 1.0, 24, order=2), LAW, order=2)
     x = moved(film, lambda X: 1.5 * X + 0.7)
     n = area_vector(film.deformation(x))
     for component in range(3):

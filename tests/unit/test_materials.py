@@ -85,11 +85,7 @@ def test_stress_is_the_derivative_of_the_energy(law):
     assert error <= 1e-7
 
 
-@pytest.mark.parametrize(
-    "law",
-    LAWS[1:],
-    ids=NAMES[1:],
-)
+@pytest.mark.parametrize("law", LAWS[1:], ids=NAMES[1:])
 @pytest.mark.parametrize("boundary", ["taut to wrinkled", "wrinkled to slack"])
 def test_stress_and_energy_are_continuous_where_the_state_switches(law, boundary):
     rng = np.random.default_rng(2)

@@ -50,11 +50,7 @@ def test_sheet_has_its_cells_edges_and_corners(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_nodes_of_a_group_are_where_the_group_is(comm, order):
-    film = Membrane(
-        sheet(comm, 6, 4, 3.0, 2.0),
-        LAW,
-        order=order,
-    )
+    film = Membrane(sheet(comm, 6, 4, 3.0, 2.0), LAW, order=order)
     X = film.space.tabulate_dof_coordinates()
     assert abs(X[film.nodes("right"), 0] - 3.0).max(initial=0) <= 1e-12
     assert abs(X[film.nodes("top"), 1] - 2.0).max(initial=0) <= 1e-12

@@ -146,9 +146,7 @@ def test_turning_film_and_strain_turns_the_stress(law) -> None:
 
 @every_law
 @pytest.mark.parametrize(
-    "pairs",
-    [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)],
-    ids=str,
+    "pairs", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)], ids=str
 )
 def test_the_energy_is_convex(law, pairs: int) -> None:
     """(S(a) - S(b))·(a - b) ≥ 0, and the chord lies above the curve."""

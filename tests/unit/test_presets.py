@@ -11,11 +11,7 @@ KGF_PER_MM2 = 9.80665e6  # Pa
 MATERIALS = [thing for thing in vars(films).values() if isinstance(thing, films.FilmMaterial)]
 
 
-@pytest.mark.parametrize(
-    "material",
-    MATERIALS,
-    ids=lambda m: m.name,
-)
+@pytest.mark.parametrize("material", MATERIALS, ids=lambda m: m.name)
 @pytest.mark.parametrize("kind", [gx.Miyazaki, gx.TensionField, gx.Linear])
 def test_each_film_makes_each_law(material: films.FilmMaterial, kind: type) -> None:
     law = material.law(7.5e-6, kind)

@@ -32,11 +32,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
     """A film that falls on a tape, a rope and a spring."""
     film = gx.Membrane(sheet(COMM, 4, 4), WRINKLING, name="film")
     hook = gx.Ground((1.5, 1.5, 0.0))
-    tape = gx.connectors.Tape.along_edges(
-        film,
-        gx.CableLaw(1e3, 0.01),
-        edges="left",
-    )
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="left")
     rope = gx.connectors.Rope(
         film.port("top right"),
         hook,
@@ -63,11 +59,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
 def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
     """Four bars of the tape, the rope and the spring, at their positions in each state."""
     for frame in range(len(recorded.times)):
-        shape = recorded.shape(
-            frame,
-            "state",
-            lambda values: np.zeros(len(values), dtype=int),
-        )
+        shape = recorded.shape(frame, "state", lambda values: np.zeros(len(values), dtype=int))
         assert shape.lines.shape == (6, 2, 3)
         tape = shape.lines[:4]
         assert tape[:, :, 0] == pytest.approx(0.0, abs=1e-3)

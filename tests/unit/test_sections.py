@@ -42,11 +42,7 @@ def test_a_closed_line_has_two_layers() -> None:
 
 @pytest.mark.mpi
 def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
-    low = gx.Membrane(
-        sheet(comm, 5, 4),
-        LINEAR,
-        name="low",
-    )
+    low = gx.Membrane(sheet(comm, 5, 4), LINEAR, name="low")
     high = gx.Membrane(
         sheet(comm, 3, 4),
         LINEAR,
@@ -56,19 +52,11 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     picture = gx.plot.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     fields = dict.fromkeys(("low", "high"), ("displacement", "group"))
     recording = gx.Recording(folder / "run", fields=fields)
-    run = gx.Simulation(
-        gx.Scene(low, high),
-        gx.Midpoint(dt=1e-3),
-        outputs=[picture, recording],
-    )
+    run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), outputs=[picture, recording])
     run.run(until=2e-3)
     if comm.rank == 0:
         read = gx.plot.RunReader(folder / "run")
-        section = PlaneCut(
-            read,
-            (0.0, 0.45, 0.0),
-            (0.0, -1.0, 0.0),
-        )
+        section = PlaneCut(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
         cut = section.cut(len(read.times) - 1)
         assert (folder / "section.png").stat().st_size > 5000
         for k, height in enumerate((0.0, 0.1)):

@@ -85,8 +85,4 @@ def test_average_through_the_apex_is_finite():
     e0 = np.array([[1.0, -1.0, 0.0], [1e-3, -1e-3, 2e-3], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     found = Samples(mean_gradient, arguments=2)(e0, -e0)
     assert np.isfinite(found).all()
-    np.testing.assert_allclose(
-        found[0],
-        [0.25, 0.25, 0.0],
-        atol=1e-9,
-    )  # h = 0, mean r = 1/2
+    np.testing.assert_allclose(found[0], [0.25, 0.25, 0.0], atol=1e-9)  # h = 0, mean r = 1/2

@@ -24,11 +24,7 @@ LAWS = [
 ]
 SIZES = (1e-5, 1e-3, 0.1, 0.35)
 BATCHES = math.ceil(1e5 / CELLS / len(SIZES))
-every_law = pytest.mark.parametrize(
-    "law",
-    LAWS,
-    ids=lambda law: type(law).__name__,
-)
+every_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 
 
 @cache
