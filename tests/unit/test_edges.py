@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import three_sheets
 
 WORLD = MPI.COMM_WORLD
 
@@ -114,22 +115,7 @@ def test_groups_of_edges() -> None:
 
 @pytest.mark.mpi
 def test_three_sheets_at_one_edge_and_normals_that_differ() -> None:
-    points = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-        (0, -1, 0),
-        (0, 0, 1),
-    ]
-
-    def build(model) -> None:
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, [], np.ravel(points))
-        model.mesh.addElementsByType(
-            surface, 2, [], np.ravel([(0, 1, 2), (0, 1, 3), (0, 1, 4)]) + 1
-        )
-
-    domain = gx.gmsh_mesh(build, MPI.COMM_SELF).domain
+    domain = three_sheets().domain
     table = edges_of(domain)
     assert sorted(table.count) == [1] * 6 + [3]
     assert not table.is_known[table.count == 3] and table.is_known[table.count == 1].all()

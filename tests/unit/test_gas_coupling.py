@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.records.run.simulation import Simulation
 from tests.small_scenes import AIR
 
@@ -130,7 +131,7 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
 
 
 def hoop(n: int) -> gx.Mesh:
-    """A cylinder of n × 2 squares with open ends, the groups "wall", "first rim" and "last rim"."""
+    """A cylinder of n × 2 squares with open ends, the groups "first rim" and "last rim"."""
     angle = 2 * np.pi * np.arange(n) / n
     side = 2 * np.pi * 0.1 / n
     points = [(0.1 * np.cos(a), 0.1 * np.sin(a), k * side) for k in range(3) for a in angle]
@@ -140,38 +141,16 @@ def hoop(n: int) -> gx.Mesh:
     ]
     triangles = [t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))]
 
-    def build(model) -> None:
-        wall, *rims = (
-            model.addDiscreteEntity(2),
-            model.addDiscreteEntity(1),
-            model.addDiscreteEntity(1),
-        )
-        model.mesh.addNodes(2, wall, [], np.ravel(points))
-        model.mesh.addElementsByType(wall, 2, [], np.ravel(triangles) + 1)
-        model.addPhysicalGroup(2, [wall], name="wall")
-        for rim, k, name in zip(rims, (0, 2), ("first rim", "last rim"), strict=True):
-            line = [(k * n + i, k * n + (i + 1) % n) for i in range(n)]
-            model.mesh.addElementsByType(rim, 1, [], np.ravel(line) + 1)
-            model.addPhysicalGroup(1, [rim], name=name)
-
-    return gx.gmsh_mesh(build, WORLD)
+    rims = {}
+    for k, name in ((0, "first rim"), (2, "last rim")):
+        rims[name] = np.array([(at(k, i), at(k, i + 1)) for i in range(n)])
+    return mesh_of_arrays(WORLD, lambda: (np.array(points), np.array(triangles), rims))
 
 
 def open_cylinder(n: int, order: int = 1, **options) -> Simulation:
-    film = gx.Membrane(
-        hoop(n),
-        FILM,
-        order=order,
-        **options,
-    )
+    film = gx.Membrane(hoop(n), FILM, order=order, **options)
     rims = tuple(gx.gas.Ring(film, name) for name in ("first rim", "last rim"))
-    bag = gx.Chamber(
-        film,
-        gas=AIR,
-        pressure=1e3,
-        temperature=300.0,
-        rings=rims,
-    )
+    bag = gx.Chamber(film, gas=AIR, pressure=1e3, temperature=300.0, rings=rims)
     return gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-6))
 
 

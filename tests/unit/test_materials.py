@@ -2,43 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-import ufl
 
 from gossamer_fx import Linear, Miyazaki, TensionField
-from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, FilmLaw, constants
-from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
+from tests.strain_samples import CELLS, at_strains, random_strains, strain
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}
 MIYAZAKI = Miyazaki(**UNIT, residual_stiffness=1e-4)
 LAWS = [Linear(**UNIT), MIYAZAKI, TensionField(**UNIT)]
 NAMES = [type(law).__name__ for law in LAWS]
-
-
-@cache
-def at_strains(law: FilmLaw, what: str) -> Samples:
-    """Energy, stress (S11, S22, S12), tangent (row by row) or state of a law."""
-    c = constants(law, SQUARE)
-
-    def expression(e):
-        e = ufl.variable(e)
-        W = law.energy(e, c)
-        S = ufl.diff(W, e)
-        match what:
-            case "energy":
-                return W
-            case "stress":
-                return S
-            case "tangent":
-                tangent = ufl.diff(S, e)
-                rows = [tangent[i, j] for i in range(3) for j in range(3)]
-                return ufl.as_vector(rows)
-        return law.state(e, c) * 1.0
-
-    return Samples(expression)
 
 
 # Exact values of Miyazaki's law with (k1, k2) = (1, u) wrinkled, (u, u) slack; E = 1, ν = 0.3, u =

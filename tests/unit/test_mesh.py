@@ -13,6 +13,7 @@ from mpi4py import MPI
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
 from gossamer_fx.meshes import antenna, disc, plates, sails, tube_section
 from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
@@ -152,21 +153,12 @@ def test_orientation_of_the_cells_survives(comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    "cells, culprit", [([0, 1, 1], "one node twice"), ([0, 1, 2] * 2, "same nodes")]
+    "cells, culprit", [([[0, 1, 1]], "one node twice"), ([[0, 1, 2]] * 2, "same nodes")]
 )
 def test_cells_that_cannot_be_are_told(comm, cells, culprit):
-    def build(model):
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(
-            2,
-            surface,
-            [],
-            [0, 0, 0, 1, 0, 0, 0, 1, 0],
-        )
-        model.mesh.addElementsByType(surface, 2, [], np.array(cells) + 1)
-
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)])
     with pytest.raises(InputError, match=culprit):
-        gmsh_mesh(build, comm)
+        mesh_of_arrays(comm, lambda: (points, np.array(cells), {}))
 
 
 @pytest.mark.mpi

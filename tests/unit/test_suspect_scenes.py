@@ -40,48 +40,28 @@ def compiled(*items: Any) -> gx.Simulation:
 # ---- contact -------------------------------------------------------------------------------------
 
 
+def contact_with_plane(sail: gx.Membrane, height: float, name: str) -> gx.Contact:
+    """Contact of a sail with a plane below or above it."""
+    normal = (0.0, 0.0, -np.sign(height))
+    plane = gx.contact.Plane(point=(0.0, 0.0, height), normal=normal, name=f"plane of {name}")
+    return gx.Contact(sail, plane, distance=DISTANCE, name=name)
+
+
 @pytest.mark.mpi
 def test_the_same_contact_twice_is_refused(comm) -> None:
     sail = film(comm)
-    floors = [
-        gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name=name)
-        for name in ("floor", "ground")
-    ]
-    contacts = [
-        gx.Contact(
-            sail,
-            floor,
-            distance=DISTANCE,
-            name=f"contact with {floor.name}",
-        )
-        for floor in floors
-    ]
-    with pytest.raises(gx.InputError, match="'contact with floor' and 'contact with ground' are"):
-        compiled(*contacts)
+    first, second = (contact_with_plane(sail, -0.1, name) for name in ("first", "second"))
+    with pytest.raises(gx.InputError, match="'first' and 'second' are"):
+        compiled(first, second)
     # a contact of which all is in another one
     with pytest.raises(gx.InputError, match="leave one of them out"):
-        compiled(contacts[0], gx.Contact(sail, distance=DISTANCE, name="of the sail"))
+        compiled(first, gx.Contact(sail, distance=DISTANCE, name="of the sail"))
 
 
 def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     sail = film(MPI.COMM_SELF)
-    below = gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name="below")
-    above = gx.contact.Plane(point=(0.0, 0.0, 0.1), normal=(0.0, 0.0, -1.0), name="above")
     with caplog.at_level(logging.WARNING):
-        compiled(
-            gx.Contact(
-                sail,
-                below,
-                distance=DISTANCE,
-                name="first",
-            ),
-            gx.Contact(
-                sail,
-                above,
-                distance=DISTANCE,
-                name="second",
-            ),
-        )
+        compiled(contact_with_plane(sail, -0.1, "first"), contact_with_plane(sail, 0.1, "second"))
     assert "'first' and 'second' both keep 'film' apart from itself" in caplog.text
 
 
