@@ -13,13 +13,7 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-    residual_stiffness=1e-6,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
 GAS = gx.IdealGas(gamma=1.4, R=296.8)
 DT = 1e-3
 
@@ -45,13 +39,7 @@ def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW)
 
 def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
     """A tube pressed flat, with a tank and a valve: film, gas, and scalar unknowns."""
-    law = gx.Miyazaki(
-        E=2.5e9,
-        nu=0.34,
-        density=1420.0,
-        thickness=25e-6,
-        residual_stiffness=1e-6,
-    )
+    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
     film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
     tube = gx.Chamber(
         film,

@@ -43,13 +43,7 @@ def scene(**changed: Any) -> gx.Scene:
         comm=COMM,
         name="hub",
     )
-    bottle = gx.Tank(
-        1e-3,
-        gas=GAS,
-        pressure=2e5,
-        temperature=300.0,
-        name="bottle",
-    )
+    bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
     valve = gx.Orifice(
         bottle,
         gx.gas.Ambient(p["outside"], 300.0),
@@ -271,11 +265,7 @@ OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
     "E in free flight": (
         {
             "law": gx.Miyazaki(
-                E=2e9,
-                nu=0.3,
-                density=1400.0,
-                thickness=1e-4,
-                residual_stiffness=1e-6,
+                E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6
             )
         },
         "law E of 'film' is 1e.09 there and 2e.09 here",

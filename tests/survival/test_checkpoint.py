@@ -250,24 +250,14 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
         (
             lambda: fluttering_sheet(
                 COMM,
-                law=gx.Miyazaki(
-                    E=2e9,
-                    nu=0.3,
-                    density=1400.0,
-                    thickness=1e-4,
-                ),
+                law=gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4),
             ),
             "law E of 'film' is 1e.09 there and 2e.09 here",
         ),
         (
             lambda: fluttering_sheet(
                 COMM,
-                law=gx.Miyazaki(
-                    E=1e9,
-                    nu=0.3,
-                    density=700.0,
-                    thickness=1e-4,
-                ),
+                law=gx.Miyazaki(E=1e9, nu=0.3, density=700.0, thickness=1e-4),
             ),
             "law density of 'film' is 1400 there and 700 here",
         ),

@@ -80,28 +80,11 @@ def test_pressure_opens_a_valve() -> None:
     """A tank fills a bottle; at 1.2 bar a second orifice is opened.  Mass and energy are kept
     through the event."""
     opened = []
-    tank = gx.Tank(
-        1e-3,
-        gas=GAS,
-        pressure=5e5,
-        temperature=300.0,
-        name="tank",
-    )
-    bottle = gx.Tank(
-        2e-3,
-        gas=GAS,
-        pressure=1e5,
-        temperature=300.0,
-        name="bottle",
-    )
+    tank = gx.Tank(1e-3, gas=GAS, pressure=5e5, temperature=300.0, name="tank")
+    bottle = gx.Tank(2e-3, gas=GAS, pressure=1e5, temperature=300.0, name="bottle")
     outside = gx.gas.Ambient(0.0, 300.0)
     filling = gx.Orifice(tank, bottle, area=3e-6, name="filling")
-    relief = gx.Orifice(
-        bottle,
-        outside,
-        area=lambda t: 1e-6 if opened else 0.0,
-        name="relief",
-    )
+    relief = gx.Orifice(bottle, outside, area=lambda t: 1e-6 if opened else 0.0, name="relief")
     event = gx.When(
         gx.probes.GasState(bottle, "pressure"),
         1.2e5,

@@ -213,12 +213,7 @@ def test_bad_requests(bad: dict) -> None:
 
 
 def test_error_of_a_scene_without_mass_is_refused() -> None:
-    tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(gamma=1.4, R=287.0),
-        pressure=1e5,
-        temperature=300.0,
-    )
+    tank = gx.Tank(1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0)
     with pytest.raises(gx.InputError, match="nothing in the scene has mass"):
         gx.Simulation(gx.Scene(tank), gx.Midpoint(dt=1e-3), control=gx.StepControl(error=1e-3))
 

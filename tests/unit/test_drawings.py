@@ -17,12 +17,7 @@ from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 
 ezdxf = pytest.importorskip("ezdxf")
 COMM = MPI.COMM_WORLD
-LAW = gx.Linear(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-4,
-)
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 
 
 def drawing(path: Path, draw: Callable[[Any], None], unit: int = 4) -> Path:

@@ -193,13 +193,7 @@ def test_graph_of_five_chambers_keeps_mass_and_energy():
     ]
     edges = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (1, 3), (4, 2)]
     openings = [
-        gx.Orifice(
-            tanks[i],
-            tanks[j],
-            area=2e-6 * (1 + i),
-            name=f"{i}-{j}",
-        )
-        for i, j in edges
+        gx.Orifice(tanks[i], tanks[j], area=2e-6 * (1 + i), name=f"{i}-{j}") for i, j in edges
     ]
     run, states = start(*openings, dt=0.1)
     mass = run.first.mass

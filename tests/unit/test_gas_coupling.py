@@ -15,12 +15,7 @@ from gossamer_fx.records.run.simulation import Simulation
 from tests.small_scenes import AIR
 
 WORLD = MPI.COMM_WORLD
-FILM = gx.Linear(
-    E=1e6,
-    nu=0.3,
-    density=1420.0,
-    thickness=25e-6,
-)
+FILM = gx.Linear(E=1e6, nu=0.3, density=1420.0, thickness=25e-6)
 
 
 # ---- which side is out ---------------------------------------------------------------------------
@@ -90,12 +85,7 @@ def two_pistons() -> gx.Scene:
     """Connected to each other, to a reservoir and a warm wall."""
     bags = [cylinder(p, 350.0, x) for p, x in ((2e5, 0.2), (1.5e5, 0.4))]
     between = gx.Orifice(*bags, area=2e-4, name="between")
-    inlet = gx.Orifice(
-        gx.gas.Reservoir(4e5, 500.0),
-        bags[0],
-        area=1e-4,
-        name="inlet",
-    )
+    inlet = gx.Orifice(gx.gas.Reservoir(4e5, 500.0), bags[0], area=1e-4, name="inlet")
     return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, temperature=700.0))
 
 

@@ -18,12 +18,7 @@ from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 
-LAW = Linear(
-    E=1.0,
-    nu=0.3,
-    density=1.0,
-    thickness=1.0,
-)
+LAW = Linear(E=1.0, nu=0.3, density=1.0, thickness=1.0)
 SURFACES = {
     "flat": lambda comm: sheet(comm, 3, 4, 2.0, 1.0),
     "airbag": lambda comm: airbag(comm, 1.0, 4),
@@ -134,12 +129,7 @@ def test_area_vector_of_a_sphere(comm):
 def test_mass_and_initial_state(comm, order):
     """Initial functions are met, and the kinetic energy is that of the exact mass for a rigid
     velocity."""
-    law = Linear(
-        E=1.0,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-3,
-    )
+    law = Linear(E=1.0, nu=0.3, density=1400.0, thickness=1e-3)
 
     def lift(X):
         return np.vstack([0 * X[0], 0 * X[0], 0.5 + X[0]])

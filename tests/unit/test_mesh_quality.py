@@ -167,12 +167,7 @@ def test_numbers_in_other_units_are_told(numbers, culprit):
 def test_what_is_suspected_is_told_once(caplog):
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, 2, 2),
-        gx.Linear(
-            E=1e9,
-            nu=0.3,
-            density=1e-6,
-            thickness=1e-4,
-        ),
+        gx.Linear(E=1e9, nu=0.3, density=1e-6, thickness=1e-4),
         name="air",
     )
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):

@@ -16,12 +16,7 @@ ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 
 
 def film(comm, height=0.0, name="film", **given):
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-    )
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     lift = lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + height])  # noqa: E731
     return gx.Membrane(
         sheet(comm, 3, 3, **given),
@@ -70,12 +65,7 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
 
 @pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-    )
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     tube = gx.Membrane(
         flat_tube(
             comm,

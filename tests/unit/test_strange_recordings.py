@@ -45,11 +45,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
         name=f"ball {name}",
     )
     tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(gamma=1.4, R=287.0),
-        pressure=1e5,
-        temperature=300.0,
-        name=name,
+        1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0, name=name
     )
     chosen = ("displacement", "state", "group", *fields)
     recording = gx.Recording(

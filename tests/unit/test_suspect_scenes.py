@@ -20,12 +20,7 @@ from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Linear(
-    2.5e9,
-    0.34,
-    density=1420.0,
-    thickness=25e-6,
-)
+LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
 DISTANCE = 1e-3
 
 
@@ -113,12 +108,7 @@ def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
     """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of
     cells."""
     width = 1 / 8 / aspect
-    law = gx.Linear(
-        1e9,
-        0.0,
-        density=1000.0,
-        thickness=thickness,
-    )
+    law = gx.Linear(1e9, 0.0, density=1000.0, thickness=thickness)
     plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
     deflection = 1e-3
     line_force = 3 * 1e9 * thickness**3 / 12 * deflection
