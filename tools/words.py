@@ -156,6 +156,29 @@ def dead_links(page: Path) -> list[str]:
     return found
 
 
+def templates() -> Iterator[str]:
+    """Strings of the package; a formatted value in them is "{}"."""
+    for path in files(("gossamer_fx",), ".py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+            elif isinstance(node, ast.JoinedStr):
+                parts = [p.value if isinstance(p, ast.Constant) else "{}" for p in node.values]
+                yield "".join(map(str, parts))
+
+
+def unknown_messages() -> list[str]:
+    """Messages that their page quotes, "..." being any words, and that no module has."""
+    page = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
+    known = "\n".join(templates())
+    found = []
+    for quoted in re.findall(r'"([^"]+)"', page):
+        words = ".*".join(re.escape(part) for part in quoted.split("..."))
+        if not re.search(words, known):
+            found.append(f" no message is '{quoted}'")
+    return found
+
+
 def unlisted_pages() -> list[str]:
     """Pages of the site that its table of contents leaves out."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
@@ -180,6 +203,7 @@ def remarks() -> Iterator[str]:
     glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
     yield from (f"docs/glossary.md:{words}" for words in missing_modules(glossary))
     yield from (f"docs/index.md:{words}" for words in unlisted_pages())
+    yield from (f"docs/messages.md:{words}" for words in unknown_messages())
 
 
 def main() -> int:

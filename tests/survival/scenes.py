@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,20 @@ GAS = gx.IdealGas(gamma=1.4, R=296.8)
 DT = 1e-3
 
 
+class Watch:
+    """An output that looks at each step of a run."""
+
+    times = ()
+
+    def __init__(self, look: Callable[[gx.Simulation], object]) -> None:
+        self.look = look
+
+    def open(self, run: gx.Simulation) -> None: ...
+    def close(self, run: gx.Simulation) -> None: ...
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        self.look(run)
+
+
 def flutter(x: np.ndarray) -> np.ndarray:
     """Velocity [m/s] of a spin with an out-of-plane bump."""
     spin = 10.0  # rad/s, about the middle of the sheet
@@ -27,14 +42,7 @@ def flutter(x: np.ndarray) -> np.ndarray:
 
 def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW) -> gx.Scene:
     """A free film that wrinkles and goes slack."""
-    return gx.Scene(
-        gx.Membrane(
-            sheet(comm, n, n),
-            law,
-            order=order,
-            velocity=flutter,
-        )
-    )
+    return gx.Scene(gx.Membrane(sheet(comm, n, n), law, order=order, velocity=flutter))
 
 
 def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
@@ -64,13 +72,7 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
         normal=(0, 0, 1),
         name="boom",
     )
-    hub = gx.RigidBody(
-        1.0,
-        (0.02, 0.03, 0.04),
-        spin=(0.0, 0.0, 0.0),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
     control = gx.control.AttitudeControl(
         hub.frame(),
         (0.0, 0.0, 0.1),

@@ -37,12 +37,7 @@ def scene(**changed: Any) -> gx.Scene:
     ramp = p["ramp"]
     table = [0.0, 1.0]
     film = gx.Membrane(sheet(COMM, 2, 2), LAW)
-    hub = gx.RigidBody(
-        1.0,
-        (0.02, 0.03, 0.04),
-        comm=COMM,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), comm=COMM, name="hub")
     bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
     valve = gx.Orifice(
         bottle,

@@ -18,6 +18,7 @@ import gossamer_fx as gx
 from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.survival.scenes import (
     DT,
+    Watch,
     clamped_plate,
     filled_tube,
     fluttering_sheet,
@@ -377,14 +378,9 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
         run.run(until=until * dt)
         return run
 
-    class Stop:
-        times = ()
-
-        def open(self, run: gx.Simulation) -> None: ...
-        def close(self, run: gx.Simulation) -> None: ...
-        def record(self, run: gx.Simulation, last: bool) -> None:
-            if run.step == steps // 2 - 1:
-                os.kill(os.getpid(), signal.SIGTERM)
+    def stop(run: gx.Simulation) -> None:
+        if run.step == steps // 2 - 1:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     whole = run(steps)
     if end == "ended":
@@ -392,7 +388,7 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
         assert first.substeps > 0
     else:
         with pytest.raises(gx.run.Interrupted):
-            run(steps, outputs=[Stop()], checkpoints=gx.Checkpoints(folder))
+            run(steps, outputs=[Watch(stop)], checkpoints=gx.Checkpoints(folder))
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
     assert (rest.system.q0.array_r == whole.system.q0.array_r).all()

@@ -41,12 +41,7 @@ def test_the_map_covers_its_ranges() -> None:
 def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
     """A piston that is pushed through its closed end: pV = const cannot pass V = 0, however long
     the step."""
-    mass = gx.PointMass(
-        1.0,
-        velocity=(0.0, 0.0, -100.0),
-        comm=COMM,
-        name="piston",
-    )
+    mass = gx.PointMass(1.0, velocity=(0.0, 0.0, -100.0), comm=COMM, name="piston")
     room = gx.Chamber(
         gx.gas.Piston(mass.port(), 1e-2, direction=(0.0, 0.0, 1.0)),
         gas=gx.IdealGas(gamma=1.4, R=287.0),

@@ -18,7 +18,7 @@ import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
 from tests.survival import on_ranks
 from tests.survival.on_ranks import python
-from tests.survival.scenes import DT, fluttering_sheet
+from tests.survival.scenes import DT, Watch, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
 
@@ -41,18 +41,15 @@ def files(folder: Path) -> dict[str, bytes]:
 WAITING = """
 import sys, time
 from pathlib import Path
+from tests.survival.scenes import Watch
 from tests.survival.test_other_runs import ball
 import gossamer_fx as gx
 folder = Path(sys.argv[1])
-class Wait:
-    times = ()
-    def open(self, run): pass
-    def close(self, run): pass
-    def record(self, run, last):
-        if run.step == 2 and run.comm.rank == 0:
-            print("running", flush=True)
-            sys.stdin.readline()
-outputs = [gx.Recording(folder / "run", every=1), Wait()]
+def wait(run):
+    if run.step == 2 and run.comm.rank == 0:
+        print("running", flush=True)
+        sys.stdin.readline()
+outputs = [gx.Recording(folder / "run", every=1), Watch(wait)]
 ball(outputs=outputs, checkpoints=gx.Checkpoints(folder / "saves", every=1)).run(until=4e-3)
 print("done", flush=True)
 """
@@ -134,22 +131,14 @@ def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
     one.run(until=DT)
     ball(outputs=[gx.Ledger(folder / "a.csv")]).run(until=DT)
 
-    class Within:
-        times = ()
+    def within(run: gx.Simulation) -> None:
+        if run.step == 1:
+            with pytest.raises(
+                gx.InputError, match="is being written by another run of this program"
+            ):
+                ball(outputs=[gx.Ledger(folder / "a.csv")])
 
-        def open(self, run: object) -> None:
-            pass
-
-        close = open
-
-        def record(self, run: gx.Simulation, last: bool) -> None:
-            if run.step == 1:
-                with pytest.raises(
-                    gx.InputError, match="is being written by another run of this program"
-                ):
-                    ball(outputs=[gx.Ledger(folder / "a.csv")])
-
-    ball(outputs=[gx.Ledger(folder / "a.csv"), Within()]).run(until=DT)
+    ball(outputs=[gx.Ledger(folder / "a.csv"), Watch(within)]).run(until=DT)
 
 
 @pytest.mark.mpi

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.solve.steppers.step_control import LocalError
-from tests.survival.scenes import filled_tube, fluttering_sheet, turning_beam
+from tests.survival.scenes import Watch, filled_tube, fluttering_sheet, turning_beam
 
 COMM = MPI.COMM_WORLD
 OMEGA = 10.0  # rad/s
@@ -161,13 +161,9 @@ def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
     noted = Steps()
     times = (1.23e-3, 1.23e-3 + 1e-5, 4.56e-3)
 
-    class Looks(Steps):
-        pass
-
-    looks = Looks()
-    looks.times = times
     seen: list[float] = []
-    looks.record = lambda run, last: seen.append(run.time)  # type: ignore[method-assign]
+    looks = Watch(lambda run: seen.append(run.time))
+    looks.times = times
     control = gx.StepControl(target_iterations=30, max_factor=2.0)
     run = gx.Simulation(
         fluttering_sheet(COMM),

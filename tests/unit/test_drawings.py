@@ -39,13 +39,7 @@ def two_panels(model: Any) -> None:
     model.add_circle((10, 0), 25, dxfattribs={"layer": "valve"})
     seam = {"layer": "seam"}
     model.add_lwpolyline([(200, 100), (200, 0), (400, 0), (400, 100)], dxfattribs={"layer": "hem"})
-    model.add_arc(
-        (300, 100),
-        100,
-        0,
-        180,
-        dxfattribs=seam,
-    )
+    model.add_arc((300, 100), 100, 0, 180, dxfattribs=seam)
     model.add_text("flap", dxfattribs={"insert": (290, 50), "height": 10})
 
 
@@ -86,13 +80,7 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
     def halves(model: Any) -> None:
         for shift in (0, 300):
             model.add_line((shift - 100, 0), (shift + 100, 0), dxfattribs={"layer": "middle"})
-            model.add_arc(
-                (shift, 0),
-                100,
-                0,
-                180,
-                dxfattribs={"layer": "rim"},
-            )
+            model.add_arc((shift, 0), 100, 0, 180, dxfattribs={"layer": "rim"})
 
     mesh = gx.patterns.read_dxf(drawing(tmp_path / "halves.dxf", halves), COMM, size=0.02)
     film = gx.Membrane(mesh, LAW)

@@ -33,12 +33,7 @@ def hung_film(comm, cells=6, *more):
         name="film",
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], X[0] * (1 - X[0])]),
     )
-    hub = gx.RigidBody(
-        1.0,
-        (1.0, 1.0, 1.0),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
     items: list[object] = [film, hub, gx.Damping(film, stiffness_factor=1e-4)]
     for k, corner in enumerate([(0.0, 0, 0), (1.0, 0, 0), (0.0, 1, 0), (1.0, 1, 0)]):
         anchor = np.subtract(corner, (0.0, 0.1, 0.0))

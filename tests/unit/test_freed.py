@@ -29,13 +29,7 @@ def gas(comm):
     gas = gx.IdealGas(gamma=1.4, R=296.8)
     return [
         bag,
-        gx.Chamber(
-            bag,
-            gas=gas,
-            pressure=10.0,
-            temperature=293.0,
-            dead_volume=1e-6,
-        ),
+        gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6),
     ]
 
 

@@ -68,12 +68,7 @@ def swinging(
         (0.0, -1.0, 0.5),
     )
     masses = [
-        gx.PointMass(
-            1.0 + k,
-            x,
-            velocity=v,
-            name=f"m{k}",
-        )
+        gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}")
         for k, (x, v) in enumerate(zip(places, speeds, strict=True))
     ]
     a, b, c = (m.port() for m in masses)
@@ -95,12 +90,7 @@ def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
     """Small motions of a symmetric triple with masses m, 2m, m: ω² = k (1/m + 4/(2m) + 1/m) =
     4k/m."""
     masses = [
-        gx.PointMass(
-            m,
-            x,
-            velocity=v,
-            name=n,
-        )
+        gx.PointMass(m, x, velocity=v, name=n)
         for m, x, v, n in (
             (1.0, (-1.0, 0.0, 0.0), (0.0, 1e-3, 0.0), "left"),
             (2.0, (0.0, 0.0, 0.0), (0.0, -1e-3, 0.0), "middle"),

@@ -11,19 +11,14 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.plot.camera import aim, render
 from gossamer_fx.records.plot.colours import colouring, group_table
+from tests.small_scenes import WRINKLING
 
 ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 
 
 def film(comm, height=0.0, name="film", **given):
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     lift = lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + height])  # noqa: E731
-    return gx.Membrane(
-        sheet(comm, 3, 3, **given),
-        law,
-        name=name,
-        displacement=lift,
-    )
+    return gx.Membrane(sheet(comm, 3, 3, **given), WRINKLING, name=name, displacement=lift)
 
 
 def middle(folder, films, opacity):
@@ -65,7 +60,6 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
 
 @pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     tube = gx.Membrane(
         flat_tube(
             comm,
@@ -74,7 +68,7 @@ def test_groups_are_those_that_are_seen(comm):
             4,
             compartments=3,
         ),
-        law,
+        WRINKLING,
         name="tube",
     )
     names, [parts] = groups_of([tube])

@@ -62,31 +62,14 @@ def test_rooms_and_planes_are_lines(inside) -> None:
 def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), WRINKLING)
     block = gx.RigidBody(
-        0.1,
-        (1e-4, 1e-4, 1e-4),
-        position=(0, 0, -0.1),
-        spin=(0, 0, 30.0),
-        comm=comm,
+        0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm
     )
-    box = gx.contact.Box(
-        centre=(0.02, 0, -0.1),
-        sizes=(0.04, 0.02, 0.02),
-        body=block,
-        name="box",
-    )
+    box = gx.contact.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), body=block, name="box")
     ball = gx.contact.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
     floor = gx.contact.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
     recording = gx.Recording(folder / "run", every=1)
     picture = gx.plot.Picture(folder / "seen.png")
-    scene = gx.Scene(
-        gx.Contact(
-            film,
-            box,
-            ball,
-            floor,
-            distance=1e-3,
-        )
-    )
+    scene = gx.Scene(gx.Contact(film, box, ball, floor, distance=1e-3))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording, picture])
     run.run(until=5e-3)
     if comm.rank == 0:

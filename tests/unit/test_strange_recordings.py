@@ -38,12 +38,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
     mesh = flat_tube(ALONE, 0.3, 0.03, 2, compartments=2)
     groups = {f"{k} {name}": group for k, group in enumerate(mesh.groups.values())}
     film = gx.Membrane(gx.Mesh(mesh.domain, groups), WRINKLING, name=f"film {name}")
-    ball = gx.PointMass(
-        1.0,
-        position=(0.0, 0.0, 1.0),
-        comm=ALONE,
-        name=f"ball {name}",
-    )
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, 1.0), comm=ALONE, name=f"ball {name}")
     tank = gx.Tank(
         1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0, name=name
     )
