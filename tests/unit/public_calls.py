@@ -178,7 +178,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("probes.Attitude", orbit=orbit, of=film, axis="along")
     add("control.AttitudeControl", frame=A, target=z, stiffness=1.0, damping=1.0, period=0.1)
     add("connectors.AxialSpring", port=P, stiffness=1.0, direction=z, origin=z)
-    add("constraints.BallJoint", a=P, b=Q)
+    add("constraints.BallJoint", a=P, b=gx.Ground((1.0, 0.0, 0.0)))
     add("Beam", mesh=curve, section=section)
     add("contact.Box", centre=z, sizes=(1.0, 1.0, 1.0), name="box")
     add("Cable", mesh=curve, law=gx.CableLaw(**cable_law))
@@ -198,7 +198,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         rest_angle=1.0,
         yield_angle=0.5,
     )
-    add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1, inside=True)
+    add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
     add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
     add(
         "analysis.HangingStrip",
