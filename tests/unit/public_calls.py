@@ -124,7 +124,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     def add(name: str, /, **given: Any) -> None:
         parameters = inspect.signature(attrgetter(name)(gx)).parameters.values()
         usual = {one.name: one.default for one in parameters if one.default is not one.empty}
-        calls[name] = {name: value for name, value in usual.items() if value is not None} | given
+        calls[name] = usual | given
 
     reader = gx.plot.RunReader(inputs.run)
     strip = gx.analysis.HangingStrip(0.05, 0.01, bending_stiffness=2.6e-5)
@@ -540,6 +540,8 @@ def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
             bad = [math.nan, "x", (1.0, 2.0, 3.0, 4.0), object()]
         elif isinstance(value, tuple) and len(value) == 3 and isinstance(value[0], float):
             bad = [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0), "xyz", 7.0, object()]
+        elif value is None:
+            bad = [object()]
         elif isinstance(value, Path):
             bad = [3.7, object(), "a\0b", "\ud800"]
         else:

@@ -96,6 +96,12 @@ def supported(sail: gx.Membrane) -> gx.Equilibrium:
     return found(sail, gx.Fixed(sail, "left"), gx.Fixed(sail, "right"))
 
 
+def reaction_about(point: Any) -> Any:
+    sail = film()
+    support = gx.Fixed(sail, "left")
+    return found(sail, support).reaction(support, point)
+
+
 def loaded(load: Callable[[gx.Membrane], Any]) -> gx.Simulation:
     """A run of a film and a load on it."""
     sail = film()
@@ -234,6 +240,7 @@ STATICS: list[Case] = [
     (lambda: found(tank()), "body"),
     (lambda: found(film(), at="1"), "at is '1'"),
     (lambda: (lambda sail: found(sail, gx.Gravity(sail)))(film()), "No equilibrium"),
+    (lambda: reaction_about("xyz"), "three numbers"),
     (lambda: supported(film()).reaction(film()), "support"),
     (lambda: supported(film()).reaction(gx.Fixed(film(), "left")), "scene"),
     (lambda: supported(film()).joint_force(gx.Fixed(film(), "left")), "joint"),
@@ -289,6 +296,10 @@ PLATES_AND_CONTACT: list[Case] = [
     (lambda: gx.Contact(distance=1e-3), "Contact"),
     (lambda: gx.Contact(LINEAR, distance=1e-3), "Contact"),
     (lambda: gx.Contact(film(), distance=1e-3, law="glue"), "glue"),
+    (lambda: gx.Contact(film(), distance=0.0), "distance"),
+    (lambda: gx.Contact(film(), distance=1e-3, stiffness=-1.0), "stiffness"),
+    (lambda: gx.Contact(film(), distance=1e-3, friction=-0.1), "friction"),
+    (lambda: gx.Contact(film(), distance=1e-3, friction=0.1, slip_velocity=0.0), "slip_velocity"),
     (
         lambda: gx.Contact(film(), distance=1e-3, friction=0.1, slip_velocity=1e90),
         "slip_velocity is 1e+90 m/s",
