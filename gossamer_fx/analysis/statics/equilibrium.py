@@ -90,6 +90,10 @@ MAX_RELATIVE_DISPLACEMENT = 1e3
 # Size of the scene [m] that is assumed if all coordinates are smaller.
 MIN_SCENE_SIZE = 1e-3
 
+# External force over the largest one of earlier searches, up to which it counts as zero: after
+# unloading the inner forces have round-off and no load to be compared with.
+VANISHING_LOAD = 1e-6
+
 # Largest round-off of the inner forces, over the load, that may count as equilibrium.  In a slender
 # beam or cable the forces are known to fewer digits than `Continuation.tolerance`.
 MAX_ROUND_OFF = 1e-3
@@ -322,6 +326,8 @@ class Equilibrium:
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
         )
         self._prestress = PrestressOfScene(self.system)
+        # Norm of the external forces, of all equilibria found so far [N]
+        self._largest_load = 0.0
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
@@ -361,10 +367,18 @@ class Equilibrium:
                 self._continue(at, signals)
         finally:
             self._progress.close()
-        self._warn_of_lost_loads()
+        external = float(self.system.external_forces().norm())
+        self._largest_load = max(self._largest_load, external)
+        is_unloaded = external <= VANISHING_LOAD * self._largest_load
+        if not is_unloaded:
+            self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
-        residual, _ = self._unbalanced()
+        residual, load = self._unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
+        if is_unloaded:
+            # Nothing to compare with but earlier loads, and the round-off of the inner forces.
+            absolute = max(self.search.tolerance * self._largest_load, self.newton.round_off)
+            is_within_tolerance = bool(residual * load <= absolute)
         self.result = EquilibriumResult(
             residual=residual,
             iterations=self._iterations,

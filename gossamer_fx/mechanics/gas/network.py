@@ -130,17 +130,24 @@ class GasNetwork:
         """
         # Imported here, as runs do not need it.
         from gossamer_fx.mechanics.gas.static_processes import (
+            AdiabaticBalance,
             HeldPressureBalance,
             IsothermalBalance,
         )
 
         kinds = {
-            ADIABATIC: Balance,
+            ADIABATIC: AdiabaticBalance,
             ISOTHERMAL: IsothermalBalance,
             HELD_PRESSURE: HeldPressureBalance,
         }
         self._process = process
         self.balance = self._make_balance(kinds[process])
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the scene has no openings, so that at rest the gas is a function of its
+        volumes."""
+        return not self._passages
 
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
@@ -319,14 +326,16 @@ class GasNetwork:
         """
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
+        volumes = np.array([_volume(state) for state in self.chambers])
+        swept = np.array([_swept(state) for state in self.chambers])
+        works = self.balance.work(self.y, volumes, swept)
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
-            state.volume = _volume(state)
+            state.volume = float(volumes[k])
             state.mass += h * float(rates.mass[k])
-            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
-            state.internal_energy += h * float(rates.energy[k]) - work
+            state.internal_energy += h * float(rates.energy[k]) - float(works[k])
             if self._process != ADIABATIC:
                 self._supply_at_rest(state, float(self.balance.temperatures[k]))
             state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume

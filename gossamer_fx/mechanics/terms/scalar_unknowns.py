@@ -176,6 +176,11 @@ class ChangesWithVolume(Protocol):
     """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its
     stiffness."""
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing flows, so that at rest the gas is a function of its volumes."""
+        ...
+
     def set_static_process(self, process: str) -> None:
         """Choose what stays constant while an equilibrium is looked for: "adiabatic", ..."""
         ...

@@ -20,6 +20,7 @@ from gossamer_fx.mechanics.terms.scalar_unknowns import (
     InitialCondition,
     ScalarUnknownsMaker,
 )
+from gossamer_fx.solve.scene.initial import StartFrom
 from gossamer_fx.solve.scene.validation import validate
 from gossamer_fx.solve.system.system import System
 
@@ -76,6 +77,13 @@ class Scene:
             not twice,
             f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
             "by name=....",
+        )
+
+        starts = [item.name for item in self.items if isinstance(item, StartFrom)]
+        check(
+            len(starts) < 2,
+            f"The scene has several StartFrom ({', '.join(starts)}), of which the last would hold; "
+            "give one.",
         )
 
     def _add(self, item: object) -> None:
