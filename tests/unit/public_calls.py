@@ -309,6 +309,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("orbit.Orbit", start=gx.orbit.Elements(7e6), sun=z, mu=1e14)
     add("probes.OrbitState", orbit=orbit, quantity="a")
     add("steppers.PathAverage")
+    add("steppers.VariationalMidpoint", dt=1e-3)
     add("probes.Penetrations", contact=touching)
     add("plot.Picture", path=folder / "a.png", times=(0.1,), section=((0, 0, 0), (0, 0, 1)))
     add("gas.Piston", port=P, area=1.0, direction=z)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, PathAverage, StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest, PathAverage, StressRule
 from gossamer_fx.mechanics.terms.element_energies import ElementEnergies, ElementForms
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -106,7 +106,7 @@ BODIES: dict[str, Callable[[], Deformable]] = {
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("rule", [PathAverage(), EndPoint()], ids=["in time", "at rest"])
+@pytest.mark.parametrize("rule", [PathAverage(), AtRest()], ids=["in time", "at rest"])
 @pytest.mark.parametrize(
     ("name", "factors", "form_count"),
     [(name, BY_STIFFNESS, 1) for name in BODIES]

@@ -69,9 +69,8 @@ from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.checks.failures import NotConverged
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
-from gossamer_fx.mechanics.terms.scalar_unknowns import ChangesWithVolume
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.solvers import factorisation
@@ -312,10 +311,9 @@ class Equilibrium:
         self.scene = scene
         self.search = search
         self.comm = scene.comm
-        self.system: System = scene.compile(EndPoint())
+        self.system: System = scene.compile(AtRest())
         for scalars in self.system.scalar_unknowns:
-            if isinstance(scalars, ChangesWithVolume):
-                scalars.set_static_process(gas)
+            scalars.set_static_process(gas)
         self.newton = Newton(self.system, Tolerances(), direct=True)
         numbering = self.system.numbering
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
@@ -746,8 +744,7 @@ class Equilibrium:
         K = system.tangent()
         stiffnesses = []
         for scalars in system.scalar_unknowns:
-            if isinstance(scalars, ChangesWithVolume):
-                stiffnesses += scalars.static_stiffness()
+            stiffnesses += scalars.static_stiffness()
         free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
         if free or not converges:
             return free, False

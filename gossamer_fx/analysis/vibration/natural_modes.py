@@ -50,7 +50,6 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.scalar_unknowns import ChangesWithVolume
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -302,13 +301,13 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
     """
     found = []
     for scalars in system.scalar_unknowns:
+        stiffnesses = scalars.vibration_stiffness()
         check(
-            isinstance(scalars, ChangesWithVolume),
+            stiffnesses is not None,
             "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
             "out.",
         )
-        assert isinstance(scalars, ChangesWithVolume)
-        for gradient, stiffness in scalars.vibration_stiffness():
+        for gradient, stiffness in stiffnesses or ():
             values = gradient.copy()
             values[system.supports.held] = 0.0
             found.append((values, stiffness))

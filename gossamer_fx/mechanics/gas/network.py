@@ -28,7 +28,7 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -42,7 +42,10 @@ from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
 from gossamer_fx.mechanics.gas.geometry import Geometry
 from gossamer_fx.mechanics.gas.state import ChamberState
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnknowns
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -54,8 +57,8 @@ PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
 MIN_REMAINING_SHARE = 0.1
 
 
-class GasNetwork:
-    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
+class GasNetwork(ScalarUnknowns):
+    """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
 
     Args:
         items: chambers, reservoirs, surroundings, openings and walls of a scene.
@@ -363,7 +366,7 @@ class GasNetwork:
 
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
-    def adjoint(self) -> ScalarsAdjoint:
+    def adjoint(self) -> GasAdjoint:
         # Imported here: runs without gradients do not load it.
         from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 

@@ -78,6 +78,7 @@ class SeamStrip:
         self._system = system
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
+        self._acts_at_end = system.rule.acts_at_end
         self.volume = 0.0
         self.magnitude = 0.0
         self.swept = 0.0
@@ -173,13 +174,12 @@ class SeamStrip:
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
-        # With the weight α = 1 of the end, forces act at q1; else in the middle of the step.
-        if self._alpha != 1.0:
+        if not self._acts_at_end:
             self._at_mid = self._gradient(self._middle())
         terms = self._at_end * self._X1
         self.volume = float(terms.sum()) / 3
         self.magnitude = float(np.abs(terms).sum())
-        if self._alpha == 1.0:
+        if self._acts_at_end:
             self.swept = self.volume - self._initial_volume
         else:
             self.swept = float((self._at_mid * (self._X1 - self._X0)).sum())
@@ -200,8 +200,7 @@ class SeamStrip:
             volume W.
         """
         of_swept = self._at_end
-        # Forces act in the middle of the step unless the weight α of its end is 1.
-        if self._alpha != 1.0:
+        if not self._acts_at_end:
             change = self._at_end - self._initial_gradient
             of_swept = self._at_mid + self._alpha * change
         return (

@@ -42,10 +42,6 @@ from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Cells = npt.NDArray[np.int32]
 
-# Weight α of the rules in which forces act at the middle, or at the end, of a step.
-MIDPOINT = 0.5
-END_OF_STEP = 1.0
-
 
 @dataclass
 class Side:
@@ -90,6 +86,7 @@ class FilmSurface:
         self._local_size = system.numbering.size_local
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
+        self._acts_at_end = system.rule.acts_at_end
         self._form: fem.Form | None = None
         # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
         # chamber
@@ -203,11 +200,13 @@ class FilmSurface:
             self._compile()
         q0 = self._at_nodes(self._fields.q0)
         q1 = self._at_nodes(self._fields.q1)
-        self._at_end = self._gradient(1.0)
-        if self._alpha == END_OF_STEP:
-            self._at_mid = self._at_end
-        else:
-            self._at_mid = self._gradient(self._alpha)
+        # The end itself, without the round-off and the cost of a weighted sum.
+        self._at_end = self._gradient(self._fields.q1.x.array)
+        self._at_mid = self._at_end
+        if not self._acts_at_end:
+            start = self._fields.q0.x.array
+            end = self._fields.q1.x.array
+            self._at_mid = self._gradient((1 - self._alpha) * start + self._alpha * end)
         self._totals_at_mid.clear()
         self._totals_at_end.clear()
         volume_terms = self._at_end * q1
@@ -226,10 +225,10 @@ class FilmSurface:
         self.volume: Array = sums[:, 0] / 3
         self.magnitude: Array = sums[:, 1]
         self.swept: Array
-        if self._alpha == MIDPOINT:
-            self.swept = sums[:, 2]
-        else:
+        if self._acts_at_end:
             self.swept = self.volume - self._initial_volume
+        else:
+            self.swept = sums[:, 2]
 
     def accept(self) -> None:
         """Make the end of this step the start of the next.  Collective."""
@@ -246,7 +245,7 @@ class FilmSurface:
         """The rows of chamber c in arrays over the nodes of all chambers."""
         return slice(self._starts[c], self._starts[c + 1])
 
-    def _gradient(self, share: float) -> Array:
+    def _gradient(self, x: Array) -> Array:
         """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
         chamber.
 
@@ -254,18 +253,12 @@ class FilmSurface:
         that adds the parts of the cells at each node.
 
         Args:
-            share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
+            x: positions [m] of the nodes of this rank, ghosts included, flattened.
 
         Returns:
             (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
         """
-        q0 = self._fields.q0.x.array
-        q1 = self._fields.q1.x.array
-        if share == END_OF_STEP:
-            # without the round-off and the cost of the sum below
-            self._x.x.array[:] = q1
-        else:
-            self._x.x.array[:] = (1 - share) * q0 + share * q1
+        self._x.x.array[:] = x
         self._parts[:] = 0
         fem.assemble_vector(self._parts, self._form)
         G: Array = self._sum @ self._parts.reshape(-1, 3)
@@ -292,7 +285,7 @@ class FilmSurface:
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
         of_swept = at_end
-        if self._alpha == MIDPOINT:
+        if not self._acts_at_end:
             change = at_end - self._sides[c].initial_gradient
             of_swept = at_mid + self._alpha * change
         return (

@@ -38,20 +38,11 @@ from gossamer_fx.extend import (
     CompiledTerms,
     Compiler,
     Expr,
-    Forces,
-    FrameMomenta,
     Ground,
     KineticEnergy,
     NodeKineticEnergy,
     PointMeasure,
-    Resultants,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
     Support,
-    TangentForms,
-    Tangents,
     Term,
     check,
     compile_form,
@@ -209,18 +200,7 @@ class MeshGravity:
         return np.repeat(along_x, 3, axis=1).ravel()
 
 
-class CompiledOrbit(
-    StepObserver,
-    StateObserver,
-    Forces,
-    TangentForms,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Resultants,
-    FrameMomenta,
-    CompiledTerms["RelativeGravity"],
-):
+class CompiledOrbit(CompiledTerms["RelativeGravity"]):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
 
     Raises:
@@ -242,7 +222,7 @@ class CompiledOrbit(
         # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
-            system.rule.alpha == 0.5,
+            system.rule.conserves,
             f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint, and "
             "give an equilibrium its light by gx.orbit.Sunlight.",
         )

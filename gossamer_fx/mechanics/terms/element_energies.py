@@ -21,7 +21,7 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
        ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                              (2)
 
    γ is the share of the geometric stiffness: 1, except in initial iterations without it (see
-   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time
+   `solvers.newton`).  S⁺ is the tensile part of S at rest, and zero in time steps.  In time
    steps S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
 3. Solve for the update δ of the coordinates.  The strain linearised about the last iterate is
 
@@ -84,23 +84,13 @@ from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    GradientLimits,
-    IterateObserver,
-    OnMeshes,
-    ResidualForms,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.materials.c_law import CLaw
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
@@ -108,27 +98,12 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
-# Weight α of the midpoint rules, the only ones for which strains are chosen.
-MIDPOINT = 0.5
 
-
-class ElementEnergies(
-    OnMeshes,
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Dissipation,
-    Supply,
-    ResidualForms,
-    GradientLimits,
-    Reversible,
-    CompiledTerms["StoredEnergy | ViscousDissipation"],
-):
+class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissipation"]):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
@@ -223,7 +198,7 @@ class ElementEnergies(
         Laws that are written in C have no derivatives, and therefore no gradient in time steps.
         """
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
-        if self._system.rule.alpha != MIDPOINT:
+        if self._system.rule.is_static:
             return ""
         for force in self._stored:
             if force.term.c_law is not None:
@@ -288,14 +263,15 @@ class ElementForces(ABC):
 
     Attributes:
         term: what it computes.
-        measure_at_end: the measure (m,) of the term at q1.
+        measure: the measure (m,) of the term at the configuration q of its strain: q1, or q_mid if
+            the stress rule asks for the strain there.
         S: stress (m,) at the quadrature points at the strain ê.
         D: its derivatives (m, m) by that strain.
-        linear_stress: S + D (e(q1) - ê).
+        linear_stress: S + D (e(q) - ê).
     """
 
     term: StoredEnergy | ViscousDissipation
-    measure_at_end: Expr
+    measure: Expr
     S: Expr
     D: Expr
     linear_stress: Expr
@@ -330,9 +306,9 @@ class ViscousForces(ElementForces):
         """Write the stresses down, and compile the loss.  Collective."""
         self.term = term
         self._at = at
-        self.measure_at_end = term.measure(at.q1)
-        self._set_stresses(_linearised(self.measure_at_end, at), term.measure(at.q0))
-        change = self.measure_at_end - term.measure(at.q0)
+        self.measure = term.measure(at.q1)
+        self._set_stresses(_linearised(self.measure, at), term.measure(at.q0))
+        change = self.measure - term.measure(at.q0)
         self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
 
     def share_strains(self, stored: StoredForces) -> None:
@@ -351,7 +327,7 @@ class ViscousForces(ElementForces):
         σ = self._stress(change)
         self.S = σ
         self.D = ufl.diff(σ, change)
-        self.linear_stress = self._stress(self.measure_at_end - start)
+        self.linear_stress = self._stress(self.measure - start)
 
     def _stress(self, change: Expr) -> Expr:
         """The damping stress of a change of strain within the step, to which it is proportional."""
@@ -364,9 +340,8 @@ class ViscousForces(ElementForces):
 
     def residual_form(self, w: Expr) -> ufl.Form:
         at = self._at
-        first_variation = ufl.derivative(self.measure_at_end, at.q1, w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        change = self.measure_at_end - self.term.measure(at.q0)
+        at_middle = _variation_in_middle(self.term, at, w)
+        change = self.measure - self.term.measure(at.q0)
         return ufl.dot(self._stress(change), at_middle) * self.term.dx
 
 
@@ -400,8 +375,8 @@ class StoredForces(ElementForces):
         self._at = at
         self._rule = rule
         self.thermal: ThermalStrain | None = term.thermal
-        self.measure_at_end = term.measure(at.q1)
-        e = self._strain_at_end()
+        self.measure = term.measure(at.mid if rule.takes_mid_strain else at.q1)
+        e = self._strain()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
         self._metadata = term.dx.metadata()
@@ -436,13 +411,26 @@ class StoredForces(ElementForces):
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
         self._true_strain = compile_expression(e, self._points)
+        # The start of the next step, where that is not ê of the step that is solved.
+        self._strain_of_end: fem.Expression | None = None
+        if rule.takes_mid_strain:
+            self._strain_of_end = compile_expression(self._strain_at_end(), self._points)
         self._linearised_strain = compile_expression(_linearised(e, at), self._points)
+
+    def _strain(self) -> Expr:
+        """The strain whose stress acts: the measure less the thermal strain."""
+        if not self._rule.takes_mid_strain:
+            return self._strain_at_end()
+        if self.thermal is None:
+            return self.measure
+        return self.measure - (self.thermal.start + self.thermal.end) / 2
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
+        measure = self.term.measure(self._at.q1)
         if self.thermal is None:
-            return self.measure_at_end
-        return self.measure_at_end - self.thermal.end
+            return measure
+        return measure - self.thermal.end
 
     def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
         """A function with values of a shape at each quadrature point."""
@@ -489,8 +477,8 @@ class StoredForces(ElementForces):
             functions,
             values,
             self._cells,
-            # At rest (α = 1) the pseudo-time steps are short enough without the choice.
-            may_choose=rule.alpha == MIDPOINT,
+            # At rest the pseudo-time steps are short enough without the choice.
+            may_choose=not rule.acts_at_end,
         )
         self._linear_strain = self._at_points(mesh, m)
         self._density = self._at_points(mesh)
@@ -507,7 +495,10 @@ class StoredForces(ElementForces):
 
     def commit(self) -> None:
         self._strain_before[:] = self.strain_at_start.x.array
-        self.strain_at_start.x.array[:] = self.strain_variable.x.array
+        if self._strain_of_end is None:
+            self.strain_at_start.x.array[:] = self.strain_variable.x.array
+        else:
+            self._tabulate(self._strain_of_end, self.strain_at_start)
         if self.thermal is not None:
             self.thermal.commit()
 
@@ -531,7 +522,7 @@ class StoredForces(ElementForces):
         self._has_response = False
 
     def evaluate(self) -> None:
-        """Take the true strain e(q1) for ê."""
+        """Take the true strain for ê."""
         self._tabulate(self._true_strain, self.strain_variable)
         self._has_response = False
 
@@ -580,17 +571,15 @@ class StoredForces(ElementForces):
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
+        # Strains that the rule takes (e0 and e1), without thermal strain.
         at = self._at
         term = self.term
         e0 = term.measure(at.q0)
         if self.thermal is not None:
             e0 -= self.thermal.start
-        e1 = ufl.variable(self._strain_at_end())
+        e1 = ufl.variable(self._strain())
         S_mean = self._rule.stress(term, e0, e1)
-        first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        return ufl.dot(S_mean, at_middle) * term.dx
+        return ufl.dot(S_mean, _variation_in_middle(term, at, w)) * term.dx
 
     def energy_form(self) -> ufl.Form:
         """The stored energy at q1."""
@@ -626,10 +615,9 @@ class ElementForms:
         stored = [force for force in forces if isinstance(force, StoredForces)]
         # Thermal strain does not depend on the coordinates, so that all terms have these
         # variations.
-        e = forces[0].measure_at_end
-        first_variation = ufl.derivative(e, at.q1, at.w)
+        first_variation = ufl.derivative(term.measure(at.q1), at.q1, at.w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        along_update = ufl.derivative(e, at.q1, at.dq)
+        along_update = ufl.derivative(forces[0].measure, at.q1, at.dq)
         second_variation = ufl.derivative(first_variation, at.q1, at.dq)
         S = _sum([force.S for force in forces])
         D = _sum([force.D for force in forces])
@@ -637,7 +625,7 @@ class ElementForms:
         self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
         stress_in_tangent = at.γ * S
         for force in stored:
-            if force.term.pulling is not None and rule.alpha == 1.0:
+            if force.term.pulling is not None and rule.is_static:
                 stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
         material = ufl.dot(ufl.dot(D, along_update), at_middle)
         geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
@@ -648,7 +636,7 @@ def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementFor
     """Group terms on the same body that have equal measures and domains of integration.
 
     Measures are compared as UFL expressions: those of a film and of its damping are different
-    functions in Python.
+    functions in Python.  Damping takes the strain at q1 with every stress rule.
     """
     groups: list[list[ElementForces]] = []
     for force in elements:
@@ -679,7 +667,13 @@ def _is_alike(one: ElementForces, other: ElementForces) -> bool:
     if one.term.body is not other.term.body or one.term.dx != other.term.dx:
         return False
     # UFL gives the free indices of each expression new numbers.
-    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
+    return renumber_indices(one.measure) == renumber_indices(other.measure)
+
+
+def _variation_in_middle(term: StoredEnergy | ViscousDissipation, at: Coordinates, w: Expr) -> Expr:
+    """De(q_mid)[w] (m,) of the measure of a term."""
+    first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
+    return ufl.replace(first_variation, {at.q1: at.mid})
 
 
 def _sum(expressions: Sequence[Expr]) -> Expr:
@@ -691,10 +685,10 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
-    """The strain (3) of the module, which is linear in the last update δ.
+    """The strain (3) of the module, which is linear in the last update δ of q1.
 
     Args:
-        e: strain (m,) at q1, quadratic in the coordinates.
+        e: strain (m,), quadratic in the coordinates q1.
     """
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2

@@ -1,9 +1,9 @@
 """Energies and dissipation of measures between points, as arrays.
 
 All terms of one kind are evaluated at once.  The rule is that of `discrete_gradient`: the force is
-S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.  With α = 1 the
-forces are those of the end of the step, S_mean = ψ'(e1).  Measures are evaluated on the rank of
-their first port.
+S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step; a rule that does
+not conserve takes the stress of one strain instead.  Measures are evaluated on the rank of their
+first port.
 """
 
 from __future__ import annotations
@@ -25,19 +25,13 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    IndependentOfShape,
-    IterateObserver,
-    PointParameters,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Tangents,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 # Size of complex steps.  They do not cancel, so that the step may be so small that its square is
 # below the round-off of any number.
@@ -83,7 +77,7 @@ class Stencil:
         at: the measures.
         density: `PointDensity` or `PointDamping` of all of them.
         dissipates: whether it is a `PointDamping`.
-        alpha: the forces act at q_mid = (1 - α) q0 + α q1.
+        rule: the stress rule; damping takes the strains at both ends with every rule.
     """
 
     def __init__(
@@ -91,7 +85,7 @@ class Stencil:
         at: PointMeasures,
         density: Any,
         dissipates: bool,
-        alpha: float,
+        rule: StressRule,
     ) -> None:
         """Take strains and law of n springs or the like, which are evaluated together.
 
@@ -102,9 +96,10 @@ class Stencil:
         self.at = at
         self.density = density
         self._dissipates = dissipates
-        self._α = alpha
+        self._rule = rule
+        self._takes_mid_strain = rule.takes_mid_strain and not dissipates
         self.h = 1.0
-        # Unknowns q1 (n, D), vectors (n, 3k), strains e1 (n, m) and stresses (n, m) with their
+        # Unknowns q1 (n, D), vectors (n, 3k), strains (n, m) and stresses (n, m) with their
         # derivatives (n, m, m) of the last evaluation: forces and tangent of one
         # iterate use the same ones.
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
@@ -186,11 +181,13 @@ class Stencil:
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
-        slope_end = self.at.slope(Y[on], on)
-        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric
-        # where the two slopes differ.
-        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
-        geometric = self._α * self.at.geometric(S[on], on)
+        # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
+        # that the tangent is not symmetric, unless the rule takes the strain in the middle.
+        slope: Array = self._rule.alpha * slope_mid
+        if not self._takes_mid_strain:
+            slope = self.at.slope(Y[on], on)
+        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
+        geometric = self._rule.alpha * self.at.geometric(S[on], on)
         return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
@@ -199,7 +196,8 @@ class Stencil:
         Args:
             Y: the vectors (n, 3k) at the end of the step.
         """
-        return (1 - self._α) * self._Y0[on] + self._α * Y[on]
+        α = self._rule.alpha
+        return (1 - α) * self._Y0[on] + α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
         """Quantities at the end of the step, which are kept for the next call with the same array.
@@ -208,14 +206,15 @@ class Stencil:
             q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like.
 
         Returns:
-            The k vectors (n, 3k) of which the strains are made, strains e1 (n, m), and the mean
-            stress (n, m) of the step with its derivatives (n, m, m) by e1.
+            The k vectors (n, 3k) of which the strains are made, the strains (n, m) that the rule
+            takes, and the mean stress (n, m) of the step with its derivatives (n, m, m) by them.
         """
         # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
-            e1 = self.at.measure(Y)
+            of_strain = self._middle(Y, slice(None)) if self._takes_mid_strain else Y
+            e1 = self.at.measure(of_strain)
             self._known = q1, Y, e1, self._average(e1)
         return self._known[1:]
 
@@ -223,11 +222,7 @@ class Stencil:
         """Stress S_mean (n, m) of a step to the strain e1 (n, m), and dS_mean/de1 (n, m, m)."""
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
-        if self._α == 0.5:
-            return self.density.average(self.e0, e1)
-        # At equal strains the derivative of the average is half of ψ''.
-        S, half = self.density.average(e1, e1)
-        return S, 2 * half
+        return self._rule.point_stress(self.density, self.e0, e1)
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
@@ -268,7 +263,7 @@ class Stencil:
         """∂ψ/∂number (n,) at the end of the step."""
         if self._dissipates:
             return np.zeros(self.at.n)
-        _, e1, _ = self._end(q1)
+        e1 = self.at.measure(self.at.vectors(q1))
         energy: Array = self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
         return energy
 
@@ -297,20 +292,10 @@ def _all_or_some(on: Any) -> Any:
     return np.flatnonzero(on)
 
 
-class PointEnergies(
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Dissipation,
-    PointParameters,
-    Reversible,
-    IndependentOfShape,
-    CompiledTerms["PointStoredEnergy | PointDissipation"],
-):
+class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDissipation"]):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
+
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
@@ -341,7 +326,7 @@ class PointEnergies(
             at = PointMeasures(system.numbering, system.bodies, [term.measure for term in alike])
             density = _stacked([term.density for term in alike], at.owner)
             dissipates = isinstance(alike[0], PointDissipation)
-            stencil = Stencil(at, density, dissipates=dissipates, alpha=system.rule.alpha)
+            stencil = Stencil(at, density, dissipates=dissipates, rule=system.rule)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
         # Names of the dampers in the order of the groups, in which `dissipated` returns their

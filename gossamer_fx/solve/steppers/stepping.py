@@ -19,6 +19,10 @@ ROUND_OFF = 1e-10
 ALLOWED_EXCESS = 1e-6
 
 
+# Smaller steps [s] make 1/h² in the equations overflow.
+SMALLEST_STEP = 1e-100
+
+
 class StepSolver(Protocol):
     """A time stepper at work on a system."""
 
@@ -50,6 +54,18 @@ class Stepper(Protocol):
     def start(self, system: System) -> StepSolver:
         """The stepper at work on a compiled system."""
         ...
+
+
+def check_step(stepper: Stepper) -> None:
+    """Refuse a step that is not positive.
+
+    Raises:
+        InputError: the step is not a finite number above 1e-100 s.
+    """
+    check(
+        math.isfinite(stepper.dt) and stepper.dt > SMALLEST_STEP,
+        f"{type(stepper).__name__}: dt is {stepper.dt!r}; give a positive step in seconds.",
+    )
 
 
 class Stepping(Protocol):
