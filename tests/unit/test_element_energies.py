@@ -50,7 +50,7 @@ def deformed(body: Deformable, damping: gx.Damping, rule: StressRule) -> System:
     end = system.q0.copy()
     end.array[system.block(body).owned] = coordinates(system, body, seed=1)
     system.set_end(end)
-    field = system.fields[body]
+    field = system.coordinates[body]
     # Half of the geometric stiffness, so that the part of the tensile stresses counts at rest.
     field.γ.value = 0.5
     field.take(field.q1, coordinates(system, body, seed=2))
@@ -124,7 +124,9 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     energies = energies_of(system)
     shared = energies.tangent_forms(body)
     assert len(shared) == form_count
-    separate = [ElementForms([element], system.fields[body], rule) for element in energies.elements]
+    separate = [
+        ElementForms([element], system.coordinates[body], rule) for element in energies.elements
+    ]
     assert len(separate) > form_count
 
     # A beam has multipliers behind its coordinates.
@@ -134,7 +136,7 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     assert_equal(product(shared, z), expected)
     # The tangent of the system, which gossamer_fx assembles into its own matrix.
     A = system.numbering.matrix()
-    system.fields[body].assemble(A, shared, system.block(body))
+    system.coordinates[body].assemble(A, shared, system.block(body))
     A.assemble()
     right, left = A.createVecs()
     right.array[owned] = z

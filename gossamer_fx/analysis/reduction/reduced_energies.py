@@ -34,7 +34,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy, quadrature_element
-from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions, law_functions
+from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, law_functions
 
 
 class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
@@ -110,7 +110,7 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
 
 def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
     """The coordinates of a reduced film in a system."""
-    coordinates = system.fields[term.body]
+    coordinates = system.coordinates[term.body]
     # Its body is a reduced film, which makes such coordinates.
     assert isinstance(coordinates, ReducedCoordinates)
     return coordinates

@@ -85,7 +85,7 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             residual = ufl.Form([])
             tangent = ufl.Form([])
             energy = term.constant

@@ -44,7 +44,7 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
         for term in terms:
             # The symbols of a step: coordinates q0 at its start, q1 at its end and mid = (1 - α) q0
             # + α q1, where the forces act; test function w and trial function dq.
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             before = fem.Function(term.space)
             after = fem.Function(term.space)
             share = constant(term.body.space.mesh, 1.0 if at_end else 0.5)

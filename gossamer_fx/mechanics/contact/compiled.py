@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array

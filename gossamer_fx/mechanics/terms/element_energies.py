@@ -77,10 +77,10 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points, tabulate
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
@@ -95,7 +95,7 @@ from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw
+    from gossamer_fx.mechanics.terms.law_kernel import PointLaw
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 
@@ -108,21 +108,12 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
     ) -> None:
-        """Compile forces, tangents and energies of all terms on meshes.  Collective.
-
-        Args:
-            terms: what films, plates, cables and beams add to the equations: stored energies of
-                strains, and dissipation by their rates.
-            system: the compiled scene, which has the coordinates of the bodies as functions.
-
-        Raises:
-            InputError: a law is written in C, and the stress rule has no function for such laws.
-        """
+        """Compile forces, tangents and energies of all terms on meshes.  Collective."""
         self._system = system
         self._stored: list[StoredForces] = []
         self._viscous: list[ViscousForces] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             if isinstance(term, StoredEnergy):
                 self._stored.append(StoredForces(term, at, system.rule))
             else:
@@ -131,15 +122,15 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         self._forms: list[ElementForms] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
-            at = system.fields[alike[0].term.body]
+            at = system.coordinates[alike[0].term.body]
             self._forms.append(ElementForms(alike, at, system.rule))
         self.losses = [force.term.name for force in self._viscous]
         # One vector for each body, to which all of its terms are assembled.
-        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
+        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
 
     def begin_step(self, t: float) -> None:
         for body in self._forces:
-            self._system.fields[body].h.value = self._system.h
+            self._system.coordinates[body].h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
@@ -169,7 +160,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(b.array, values[owned])
+                self._system.coordinates[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:
@@ -192,19 +183,16 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
-        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
-        have one.
-
-        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
-        """
+        """Laws that are written in C have no derivatives, and therefore no gradient in time
+        steps."""
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.is_static:
             return ""
         for force in self._stored:
             if force.term.c_law is not None:
                 return (
-                    f"the law of '{force.term.name}' is written in C, without derivatives; use one "
-                    "of UFL"
+                    f"the law of '{force.term.name}' is written in C, without derivatives; "
+                    "use one of UFL"
                 )
         return ""
 
@@ -262,7 +250,6 @@ class ElementForces(ABC):
     """Stresses of one term on a mesh, in UFL.
 
     Attributes:
-        term: what it computes.
         measure: the measure (m,) of the term at the configuration q of its strain: q1, or q_mid if
             the stress rule asks for the strain there.
         S: stress (m,) at the quadrature points at the strain ê.
@@ -279,13 +266,8 @@ class ElementForces(ABC):
     @abstractmethod
     def residual_form(self, w: Expr) -> ufl.Form:
         """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
-
         The compiled residual reads strains and stresses as numbers at points; here they are
-        expressions, so that UFL can derive them with respect to anything.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
+        expressions, so that UFL can derive them with respect to anything."""
 
 
 class ViscousForces(ElementForces):
@@ -294,10 +276,6 @@ class ViscousForces(ElementForces):
         σ = φ'((e - e0)/h)
 
     for the strain e and that of the start of the step, e0; h is the length of the step.
-
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
     """
 
     term: ViscousDissipation
@@ -317,12 +295,8 @@ class ViscousForces(ElementForces):
         self._set_stresses(stored.strain_variable, stored.strain_at_start)
 
     def _set_stresses(self, strain: Expr, start: Expr) -> None:
-        """Write S, D and the linear stress down.
-
-        Args:
-            strain: ê (m,), which is linear in the last update.
-            start: e0 (m,), at the start of the step.
-        """
+        """Set S, D and the linear stress from the strain ê (m,), which is linear in the last
+        update, and e0 (m,), at the start of the step."""
         change = ufl.variable(strain - start)
         σ = self._stress(change)
         self.S = σ
@@ -348,11 +322,6 @@ class ViscousForces(ElementForces):
 class StoredForces(ElementForces):
     """Strains, stresses and energy of one `StoredEnergy`, compiled.
 
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
-
     Attributes:
         strain_variable: ê (m,) at the quadrature points.
         strain_at_start: strain (m,) there at the start of the step.
@@ -363,14 +332,8 @@ class StoredForces(ElementForces):
     term: StoredEnergy
 
     def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
-        """Compile one stored energy on a mesh: strains, stresses and energy.
-
-        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
-        unknown in addition to the coordinates.  Collective.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws.
-        """
+        """Compile strains, stresses and energy; residual and tangent are those of `ElementForms`.
+        Collective."""
         self.term = term
         self._at = at
         self._rule = rule
@@ -443,19 +406,17 @@ class StoredForces(ElementForces):
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
-        energy.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws; or
-                there is no C compiler.
-            RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
-        """
-        from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
-        from gossamer_fx.mechanics.terms.law_kernel.library import library
-        from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+        energy.  `RuntimeError`: dolfinx numbers quadrature points differently than the kernel
+        expects."""
+        from gossamer_fx.mechanics.terms.law_kernel import (
+            HEADER,
+            PointLaw,
+            PointValues,
+            law_functions,
+        )
 
         # Before the law, so that a missing compiler is not blamed on this body.
-        library(mesh.comm)
+        c_library(HEADER, mesh.comm)
         m = self._size
         rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
@@ -505,9 +466,9 @@ class StoredForces(ElementForces):
     def linearise(self) -> None:
         """Set the strain ê at the quadrature points for the next iterate of Newton's method.
 
-        ê is an unknown in addition to the coordinates: it follows from the strain of the last
-        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
-        and evaluates stresses here; for others stresses are evaluated when they are needed.
+        It follows from the strain of the last iterate and its linear change.  A law with several
+        states (taut, wrinkled, slack) chooses ê and evaluates stresses here; for others stresses
+        are evaluated when they are needed.
         """
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters
@@ -527,13 +488,12 @@ class StoredForces(ElementForces):
         self._has_response = False
 
     def respond(self) -> None:
-        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
-        first use.
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, once for
+        one strain.
 
         They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
-        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
-        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
-        need strains and no stresses.
+        [N/m], per length [N]), for residual and tangent.  States that are only accepted or
+        restored, as in the reversed run of a gradient, need strains and no stresses.
         """
         if self._has_response:
             return
@@ -546,8 +506,7 @@ class StoredForces(ElementForces):
     def _linearised_strains(self) -> Array:
         """The strains (q, m) linearised about the last iterate."""
         self._tabulate(self._linearised_strain, self._linear_strain)
-        strains: Array = self._linear_strain.x.array.reshape(-1, self._size)
-        return strains
+        return self._linear_strain.x.array.reshape(-1, self._size)
 
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
         """Evaluate an expression at the quadrature points of all cells."""
@@ -588,23 +547,12 @@ class StoredForces(ElementForces):
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
-        array: Array = self.strain_variable.x.array
-        return array
+        return self.strain_variable.x.array
 
 
 class ElementForms:
-    """Residual and tangent of terms that have one measure on one body, as one form each.
-
-    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
-
-    Args:
-        forces: one or more terms, with equal measures and domains of integration.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
-
-    Attributes:
-        body: the body of the terms.
-        residual, tangent: the compiled forms.
+    """Residual and tangent of terms that have one measure and domain of integration on one body, as
+    one form each: (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
     """
 
     def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
@@ -633,11 +581,9 @@ class ElementForms:
 
 
 def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
-    """Group terms on the same body that have equal measures and domains of integration.
-
-    Measures are compared as UFL expressions: those of a film and of its damping are different
-    functions in Python.  Damping takes the strain at q1 with every stress rule.
-    """
+    """Group terms on the same body that have equal measures and domains of integration.  Measures
+    are compared as UFL expressions: those of a film and of its damping are different functions in
+    Python.  Damping takes the strain at q1 with every stress rule."""
     groups: list[list[ElementForces]] = []
     for force in elements:
         alike = next((group for group in groups if _is_alike(group[0], force)), None)
@@ -650,10 +596,8 @@ def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementFor
 
 def _share_strains(alike: Sequence[ElementForces]) -> None:
     """Let viscous stresses read the strains at the points that a stored energy keeps, if one has
-    their measure.
-
-    The strain of a heated body does not serve: it is the measure less the thermal strain.
-    """
+    their measure.  The strain of a heated body does not serve: it is the measure less the thermal
+    strain."""
     stored = [force for force in alike if isinstance(force, StoredForces)]
     if not stored or stored[0].thermal is not None:
         return
@@ -685,11 +629,8 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
-    """The strain (3) of the module, which is linear in the last update δ of q1.
-
-    Args:
-        e: strain (m,), quadratic in the coordinates q1.
-    """
+    """The strain (3) of the module, which is linear in the last update δ of q1, of a strain e (m,)
+    that is quadratic in q1."""
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2
 

@@ -55,8 +55,7 @@ from petsc4py import PETSc
 import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
 from gossamer_fx.solve.solvers.stall import StallRule
@@ -433,8 +432,8 @@ class Newton:
         if share == self.system.geometric:
             return
         self.system.geometric = share
-        for field in self.system.fields.values():
-            field.γ.value = share
+        for at in self.system.coordinates.values():
+            at.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
         """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.

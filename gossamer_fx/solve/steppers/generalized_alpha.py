@@ -9,8 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.newton import Newton

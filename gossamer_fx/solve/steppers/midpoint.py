@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.solvers.tolerances import Tolerances

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from typing import Protocol, runtime_checkable
 
-from gossamer_fx.core.checks.errors import StepFailure, check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
