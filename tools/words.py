@@ -59,9 +59,8 @@ def texts_of_code(source: str) -> Iterator[Line]:
     """Docstrings, messages and comments of a Python file, by line; what is in backticks is a
     name."""
     for node in ast.walk(ast.parse(source)):
-        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
         # A string without a space is a name or a key.
-        if is_text and " " in node.value:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             yield from enumerate(node.value.splitlines(), node.lineno)
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:

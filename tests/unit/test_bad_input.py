@@ -126,7 +126,6 @@ def files_of(calls: dict[str, Call]) -> dict[str, Path]:
 # Numbers that may be negative.
 OF_ANY_SIGN = {
     "Case": "halvings",
-    "Chamber": "dead_volume",
     "Fixed": "twist",
     "LinearOrthotropic": "nu12",
     "Orthotropic": "nu12",
@@ -149,6 +148,7 @@ OF_ANY_SIGN = {
 # Numbers that may be zero but not negative.
 NOT_NEGATIVE = {
     "At": "time",
+    "Chamber": "dead_volume",
     "Damping": "mass_factor",
     "Elastica": "nu",
     "GeneralizedAlpha": "spectral_radius",
