@@ -169,7 +169,8 @@ class Continuation:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        for name in ("tolerance", "first_step", "inner_tolerance"):
+        limits = ("cap_growth", "fast_iterations", "max_iterations", "total_iterations")
+        for name in ("tolerance", "first_step", "inner_tolerance", *limits):
             value = getattr(self, name)
             check(
                 math.isfinite(value) and value > 0,
