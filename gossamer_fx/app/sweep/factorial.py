@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.app.sweep.runs import Outcome, Result, SharedRuns
+from gossamer_fx.analysis.cases.shared_runs import Outcome, Result, SharedRuns
 from gossamer_fx.app.sweep.sweep_report import results_as_csv, value_text, values_text
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero

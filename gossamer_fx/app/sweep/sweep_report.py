@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.app.sweep.robust_design import RobustDesign
-from gossamer_fx.app.sweep.runs import Result, SharedRuns
+from gossamer_fx.analysis.cases.shared_runs import Result, SharedRuns
 from gossamer_fx.core.checks.errors import on_rank_zero
 
 # Sizes of the picture [inch]: of a panel, and of the margins for labels.
