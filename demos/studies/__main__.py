@@ -1,8 +1,8 @@
 """Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs
 every one.
 
-Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and for `all` the summary in docs/verification.md
-between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is in the folder already is not
+Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the table
+in docs/verification.md between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is in the folder already is not
 computed again: an interrupted study goes on where it stopped.  Ends with code 1 if something is not
 as a study declares, also in the quick form, and on every warning that a study does not expect.
 On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
@@ -36,6 +36,21 @@ def study_of(name: str) -> Study:
     return found
 
 
+def write_page(summaries: dict[str, list[list[str]]]) -> None:
+    """Put rows of full studies into the table of the page, in the place of their old ones."""
+    page = PAGE.read_text(encoding="utf-8")
+    old = BETWEEN.search(page)
+    lines = old[0].strip().splitlines() if old is not None else []
+    kept: dict[str, list[list[str]]] = {}
+    # The first two lines are the headings.
+    for line in lines[2:]:
+        cells = [cell.strip() for cell in line.split("|")[1:-1]]
+        kept.setdefault(cells[0], []).append(cells)
+    found = kept | summaries
+    table = markdown_table([SUMMARY_HEAD, *(row for name in sorted(found) for row in found[name])])
+    PAGE.write_text(BETWEEN.sub(lambda match: f"\n{table}\n", page), encoding="utf-8")
+
+
 def main(words: list[str] | None = None) -> int:
     """Compute the studies that the command line names; returns 1 if one falls short."""
     comm = MPI.COMM_WORLD
@@ -49,20 +64,18 @@ def main(words: list[str] | None = None) -> int:
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
     wanted = parser.parse_args(words)
-    comparisons = {}
-    summaries = [SUMMARY_HEAD]
+    judgements = {}
+    summaries: dict[str, list[list[str]]] = {}
     for name in NAMES if wanted.name == "all" else [wanted.name]:
         study = study_of(name)
         cases = study.case_set(comm, wanted.quick)
         results = run_cases(cases, comm, wanted.out / name, fresh=wanted.fresh)
-        comparisons[name] = cases.comparisons(results)
-        summaries += study.summary(results)
-    text, is_well = verdict(comparisons)
+        judgements[name] = cases.judgements(results)
+        summaries[name] = list(study.summary(results))
+    text, is_well = verdict(judgements)
     if comm.rank == 0:
-        # The page of verification shows full studies, and all of them.
-        if wanted.name == "all" and not wanted.quick and PAGE.is_file():
-            table = markdown_table(summaries)
-            PAGE.write_text(BETWEEN.sub(lambda match: f"\n{table}\n", PAGE.read_text()))
+        if not wanted.quick and PAGE.is_file():
+            write_page(summaries)
         print(text)
     return 0 if is_well else 1
 

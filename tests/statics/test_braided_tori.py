@@ -31,6 +31,8 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
         ),
         [0, 4],
     )
+    # Normals outwards: pressure acts from inside.  The polygon's volume is below that of the torus.
+    assert mesh.enclosed_volume() == pytest.approx(2 * math.pi**2 * 1.5 * 0.17**2, rel=0.05)
     film = gx.Membrane(
         mesh,
         gx.Linear(

@@ -46,7 +46,7 @@ def run(study, folder, comm, quick=False):
 
 
 def shortfalls(study, comm, results, quick=False):
-    found = study.case_set(comm, quick).comparisons(results)
+    found = study.case_set(comm, quick).judgements(results)
     return [one.words for one in found if not one.holds]
 
 
@@ -143,11 +143,11 @@ def test_a_quick_axis_must_be_an_axis(comm, folder):
 
 
 def test_success_is_said_only_of_what_was_compared(comm, folder):
-    found = {"toy": STUDY.case_set(comm).comparisons(run(STUDY, folder, comm))}
+    found = {"toy": STUDY.case_set(comm).judgements(run(STUDY, folder, comm))}
     assert verdict(found) == ("All 4 comparisons are as declared.", True)
     assert not verdict({})[1]
     failed = [Result({"order": 1, "cells": 2}, {}, 1.0, failed="it snapped")]
-    text, is_well = verdict({"toy": STUDY.case_set(comm).comparisons(failed)})
+    text, is_well = verdict({"toy": STUDY.case_set(comm).judgements(failed)})
     assert not is_well and "toy: order 1, cells 2: it snapped" in text
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.analysis.cases.case_set import CaseSet, Comparison
+from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
 from gossamer_fx.analysis.cases.results import Result, number_text, values_text
 from gossamer_fx.core.checks.errors import check
@@ -82,8 +82,9 @@ class Study:
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
         columns: further results that the table shows.
-        shows: results of which at least one case must have another value than zero.
+        shows: results of which at least one case must have a finite value other than zero.
         quick_shows: the same in quick runs; default: `shows`.
+        limits: largest sizes of results in all cases that have them, such as errors of balances.
         may_fail: whether a case that fails by name is a result, too.
         expected_warnings: reasons by a part of the text of a warning.
         draw: draws all results, draw(results, path), instead of errors against run time and h.
@@ -100,6 +101,7 @@ class Study:
     columns: tuple[str, ...] = ("iterations", "seconds")
     shows: tuple[str, ...] = ()
     quick_shows: tuple[str, ...] | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
     may_fail: bool = False
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     draw: Callable[[list[Result], Path], None] | None = None
@@ -133,9 +135,10 @@ class Study:
                 for values in itertools.product(*axes.values())
             ],
             rows=self.rows,
-            compare=lambda results: self.compare(results, quick),
+            judge=lambda results: self.judge(results, quick),
             draw=draw,
             shows=shows,
+            limits=self.limits,
             expected_warnings=self.expected_warnings,
             may_fail=self.may_fail,
         )
@@ -193,7 +196,7 @@ class Study:
                     cells[-1] += " (failed)"
                 yield cells
 
-    def compare(self, results: list[Result], quick: bool) -> Iterator[Comparison]:
+    def judge(self, results: list[Result], quick: bool) -> Iterator[Judgement]:
         """Errors of the finest cases with their tolerances, and orders with the expected ones."""
         for curve in self.curves(results).values():
             done = [result for result in curve if not result.failed]
@@ -206,13 +209,13 @@ class Study:
                     error = measure.error(done[-1])
                     # Written so that an error that is not a number falls short, too.
                     holds = error <= tolerance
-                    yield Comparison(f"{words}: error {error:.2g} > {tolerance:.2g}", holds)
+                    yield Judgement(f"{words}: error {error:.2g} > {tolerance:.2g}", holds)
                 rate = measure.rate(done[-1].values)
                 is_asymptotic = measure.is_quick_asymptotic or not quick
                 if math.isfinite(rate) and is_asymptotic and len(done) > 1:
                     overall = self.order(measure, done[0], done[-1])
                     holds = overall >= rate - ORDER_MARGIN
-                    yield Comparison(f"{words}: order {overall:.2f}, expected {rate:.2g}", holds)
+                    yield Judgement(f"{words}: order {overall:.2f}, expected {rate:.2g}", holds)
 
     def summary(self, results: list[Result]) -> Iterator[list[str]]:
         """For every measure and element what the finest cases leave at worst, and the orders."""

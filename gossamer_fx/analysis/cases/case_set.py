@@ -1,7 +1,7 @@
 """Sets of cases: one problem in many forms, what their results are compared with, and reports.
 
 `run_cases` computes what is missing, so that an interrupted set goes on where it stopped, and
-writes runs.csv, NAME.md and NAME.png.  What a set compares are `Comparison`s.  In addition
+writes runs.csv, NAME.md and NAME.png.  What a set compares are `Judgement`s.  In addition
 
 - a case that fails falls short, unless failures are results of the set,
 - a warning of the program that the set does not expect falls short,
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.cases.results import (
@@ -36,7 +37,7 @@ Results = list[Result]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Judgement:
     """One result beside what it should be.
 
     Attributes:
@@ -73,9 +74,10 @@ class CaseSet:
         outcome: outcome(comm, folder, **values) computes a case.
         cases: values of each case by name: numbers and words.
         rows: the table from all results: texts of cells, first the headings.
-        compare: comparisons of the results with what they should be.
+        judge: judgements of the results: each beside what it should be.
         draw: draw(results, path) writes the picture.
-        shows: numbers of which at least one case must have another value than zero.
+        shows: numbers of which at least one case must have a finite value other than zero.
+        limits: largest sizes of numbers in all cases that have them, such as errors of balances.
         expected_warnings: reasons by a part of the text of a warning.
         may_fail: whether cases that fail are results of the set.
         failures: exceptions of the outcome that are results.
@@ -86,28 +88,36 @@ class CaseSet:
     outcome: Outcome
     cases: Sequence[Values]
     rows: Callable[[Results], Iterable[Sequence[str]]] = plain_rows
-    compare: Callable[[Results], Iterable[Comparison]] = lambda results: ()
+    judge: Callable[[Results], Iterable[Judgement]] = lambda results: ()
     draw: Callable[[Results, Path], None] | None = None
     shows: Sequence[str] = ()
+    limits: Mapping[str, float] = field(default_factory=dict)
     expected_warnings: Mapping[str, str] = field(default_factory=dict)
     may_fail: bool = False
     failures: tuple[type[Exception], ...] = FAILURES
 
-    def comparisons(self, results: Results) -> list[Comparison]:
-        """All comparisons of the set, with those that every set makes."""
-        found = list(self.compare(results))
+    def judgements(self, results: Results) -> list[Judgement]:
+        """All judgements of the set, with those that every set makes."""
+        found = list(self.judge(results))
         for name in self.shows:
-            has_value = any(result.numbers.get(name) for result in results)
-            found.append(Comparison(f"{name}: zero or missing in every row", has_value))
+            shown = [result.numbers.get(name, 0.0) for result in results]
+            has_value = any(np.isfinite(value) and value != 0 for value in shown)
+            found.append(Judgement(f"{name}: zero or missing in every row", has_value))
+        for name, largest in self.limits.items():
+            for result in results:
+                if name in result.numbers:
+                    value = result.numbers[name]
+                    words = f"{values_text(result.values)}: {name} {value:.2g} > {largest:.2g}"
+                    found.append(Judgement(words, abs(value) <= largest))
         if not found:
-            found.append(Comparison("nothing is compared with a declared value", False))
+            found.append(Judgement("nothing is compared with a declared value", False))
         for result in results:
             where = values_text(result.values)
             if result.failed and not self.may_fail:
-                found.append(Comparison(f"{where}: {result.failed}", False))
+                found.append(Judgement(f"{where}: {result.failed}", False))
             for text in result.warnings:
                 if not any(part in text for part in self.expected_warnings):
-                    found.append(Comparison(f"{where}: undeclared warning: {text}", False))
+                    found.append(Judgement(f"{where}: undeclared warning: {text}", False))
         return found
 
     def table(self, results: Results) -> str:
@@ -168,11 +178,11 @@ def run_cases(
     return results
 
 
-def verdict(comparisons: Mapping[str, Sequence[Comparison]]) -> tuple[str, bool]:
-    """What to print of the comparisons of several sets, by name, and whether all of them hold."""
+def verdict(judgements: Mapping[str, Sequence[Judgement]]) -> tuple[str, bool]:
+    """What to print of the judgements of several sets, by name, and whether all of them hold."""
     missed = []
     count = 0
-    for name, found in comparisons.items():
+    for name, found in judgements.items():
         count += len(found)
         missed += [f"{name}: {one.words}" for one in found if not one.holds]
     if missed:

@@ -117,19 +117,18 @@ def compute(
 
 
 def _plain(words: str, name: str, number: Any) -> float | list[float]:
-    """A number, or a list of numbers, as files keep it.
+    """A number, or a list of numbers, as files keep it.  Lists may have gaps, which are NaN.
 
     Raises:
-        InputError: it is something else, or not a number.
+        InputError: it is something else.
     """
-    is_list = isinstance(number, Sequence | np.ndarray) and not isinstance(number, str)
-    numbers = list(number) if is_list else [number]
+    if isinstance(number, np.ndarray | list):
+        return [float(one) for one in number]
     check(
-        all(isinstance(one, Real) and not np.isnan(float(one)) for one in numbers),
+        isinstance(number, Real) and not np.isnan(float(number)),
         f"The outcome of the run with {words} has {name!r} = {number!r}; let it return numbers.",
     )
-    found = [float(one) for one in numbers]
-    return found if is_list else found[0]
+    return float(number)
 
 
 # ---- files ---------------------------------------------------------------------------------------
