@@ -1,8 +1,8 @@
 """The programs that are compared: this one, and peers from PyPI in a separate environment.
 
 A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder, or for this program
-`own_program.py PROBLEM`.  It takes words `key=value`, and prints as its last line a JSON object with
-`cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`, `steps`, and
+`own_program.py PROBLEM`.  It takes words `key=value`, and prints as its last line a JSON object
+with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`, `steps`, and
 whatever the result is, to be shown next to the time.
 """
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from contestants import SELF
-from problems import Figures, Words
+from problems import WITHOUT_UNITS, Figures, Words
 
 # Deflection in the middle of the square airbag [m], as the literature has it
 # (`demos/studies/airbag.py`).
@@ -104,6 +104,7 @@ ERROR_PROBLEMS = {
         quick={SELF: series("n", (4, 6), step=1e4)},
         accepted=5e-4,
         quick_accepted=1e-2,
+        expected_warnings=WITHOUT_UNITS,
         reference="The elastica of the same stiffness, as for the strip of Sze, Liu & Lo (2004).",
     ),
     "errors_ring": ErrorProblem(
@@ -121,6 +122,7 @@ ERROR_PROBLEMS = {
         quick={SELF: series("n", (4,), shape="slit ring")},
         accepted=1e-2,
         quick_accepted=0.2,
+        expected_warnings=WITHOUT_UNITS,
         reference=(
             "Sze, Liu & Lo (2004), to five digits. The first meshes differ from it by more than 1 "
             "%."

@@ -1,10 +1,11 @@
 """Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs
 every one.
 
-Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the table
-in docs/verification.md between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is in the folder already is not
-computed again: an interrupted study goes on where it stopped.  Ends with code 1 if something is not
-as a study declares, also in the quick form, and on every warning that a study does not expect.
+Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the
+table in docs/verification.md between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is
+in the folder already is not computed again: an interrupted study goes on where it stopped.  Ends
+with code 1 if something is not as a study declares, also in the quick form, and on every warning
+that a study does not expect.
 On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
