@@ -137,6 +137,8 @@ STUDY = Study(
     {"tube": list(CASES)},
     lambda case: 1.0,
     quick={"tube": ["sharp"]},
+    shows=("mean1", "ratio1 3 ms"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         *(
             "ratio1 3 ms",

@@ -570,6 +570,8 @@ STUDY = Study(
     {"case": cases()},
     lambda case: 1.0,
     quick={"case": ["films barrier 0.0002", "block", "corner", "speed=10"]},
+    shows=("iterations", "energy_error"),
+    limits={"energy_error": 1e-8},
     columns=("iterations", "substeps", "energy_error", "momentum_error", "deviation", "seconds"),
     may_fail=True,
     draw=draw,

@@ -222,8 +222,10 @@ STUDY = Study(
     problem,
     {"case": [*MAP, *ALONE, *IKAROS, *NUDGED]},
     lambda case: 1.0,
-    quick={"case": ["ordinary", "tilt=2 stuck=0.015", "ikaros stuck=1"]},
-    quick_options={"until": 0.01},
+    # A coarse disc that opens, and one that is stopped while its film is still rolled up.
+    quick={"case": ["cells=1 largest=0.002", "cells=1 tilt=15 stuck=0.1"]},
+    shows=("outcome", "largest_radius", "nutation"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         "outcome",
         "largest_radius",

@@ -114,6 +114,7 @@ STUDY = Study(
     {"body": list(BODIES), "columns": [12, 16, 24, 36]},
     lambda case: LENGTH / case["columns"],
     quick={"columns": [12, 24]},
+    shows=("at rest", "force", "height [mm]"),
     columns=(
         "cell [mm]",
         "unstable",

@@ -234,6 +234,7 @@ STUDY = Study(
     {"thickness": [400e-6, 200e-6, 100e-6, 50e-6], "model": list(MODELS)},
     lambda case: case["thickness"],
     quick={"thickness": [400e-6], "model": ["plate", "Elastica"]},
+    shows=("force error", "energy error"),
     columns=(
         "λ [mm]",
         "plate's λ [mm]",

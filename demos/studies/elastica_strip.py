@@ -330,6 +330,7 @@ STUDY = Study(
     {"thickness": [200e-6, 140e-6, 100e-6, 70e-6], "model": list(MODELS)},
     lambda case: case["thickness"],
     quick={"thickness": [200e-6], "model": ["plate", "tension field", WITH_TENSION]},
+    shows=("excess", "error"),
     columns=(
         "λ [mm]",
         "plate's λ [mm]",

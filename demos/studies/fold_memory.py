@@ -331,6 +331,9 @@ STUDY = Study(
         ]
     },
     quick_options={"until": 2e-3},
+    shows=("memory", "halfway", "effect"),
+    quick_shows=("memory", "crease_angle", "crease_loss"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         "memory",
         "effect",

@@ -284,6 +284,8 @@ STUDY = Study(
     lambda case: 1.0,
     quick={"scene": ["tube"]},
     quick_options={"share": 0.1},
+    shows=("predicts 0.01 [ms]", "growth"),
+    limits={"energy_error": 1e-8},
     columns=(
         *(f"predicts {change:g} [ms]" for change in CHANGES),
         "warned at [ms]",

@@ -84,6 +84,7 @@ STUDY = Study(
     {"scene": ["strip", "airbag"], "law": list(STRIP)},
     lambda case: math.nan,
     quick={"scene": ["strip"], "law": ["Linear", "Miyazaki 1e-6"]},
+    shows=("error", "wrinkled"),
     columns=(
         "m or V",
         "error",

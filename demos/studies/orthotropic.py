@@ -99,6 +99,8 @@ STUDY = Study(
     {"law": list(LAWS), "steps": [200]},
     lambda case: case["steps"],
     quick={"law": ["TensionField", "braid"], "steps": [20]},
+    shows=("newton_per_step",),
+    limits={"energy_error": 1e-8, "momentum_error": 1e-8, "angular_momentum_error": 1e-8},
     columns=(
         "newton_per_step",
         "substeps",

@@ -91,6 +91,7 @@ STUDY = Study(
     {"rpm": [1.0, 2.5], "build": list(BUILDS)},
     lambda case: case["rpm"],
     quick={"rpm": [2.5], "build": ["neither bending nor tapes", "no bending"]},
+    shows=("warp", "spin change"),
     columns=(
         "rms height",
         "warp",
