@@ -24,6 +24,16 @@ from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
 
+# Reasons for warnings that several studies expect.
+ROUND_OFF = {
+    "the inner forces have a round-off": "the load is far below the stiffness of the sheet; the "
+    "remaining force is small beside the errors that are compared"
+}
+NOT_REGULAR = {
+    "The equilibrium is not regular": "wrinkles without stiffness against bending, or that could "
+    "as well lie elsewhere, have neighbours at the same energy"
+}
+
 # By so much an observed order may be below the expected one: coarse cases are not yet in the
 # asymptotic range.
 ORDER_MARGIN = 0.3
