@@ -133,10 +133,7 @@ ERROR_PROBLEMS = {
         script="airbag",
         measure="error of the height",
         error=height_error,
-        curves={
-            SELF: series("n", (4, 8, 16, 32)),
-            "kratos": series("n", (4, 8, 16)),
-        },
+        curves={SELF: series("n", (4, 8, 16, 32)), "kratos": series("n", (4, 8, 16))},
         quick={SELF: series("n", (4, 8))},
         accepted=1e-3,
         quick_accepted=2e-3,
@@ -190,9 +187,7 @@ ERROR_PROBLEMS = {
             "gossamer, P2": [{"n": n, "elements": 2 * n, "order": 2, "dt": 1e-2} for n in (3, 6)],
             "exudyn": [{"n": n, "elements": n, "dt": 5e-3} for n in (3, 6, 9)],
         },
-        quick={
-            "gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}],
-        },
+        quick={"gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}]},
         accepted=5.0,
         quick_accepted=5.0,
         reference=(

@@ -30,12 +30,7 @@ from demos.validation.engine.report import figure, rows
 from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
 from gossamer_fx.analysis.cases.case_set import Judgement, run_cases, verdict
-from gossamer_fx.analysis.cases.results import (
-    Result,
-    markdown_table,
-    read_results,
-    write_results,
-)
+from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 
 HERE = Path(__file__).resolve().parent
