@@ -39,7 +39,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import Study, search_figures
 from demos.studies.wrinkled_plate import SEARCH, wrinkles
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.mechanics.materials.film import FilmLaw
@@ -178,9 +178,7 @@ def solved(above: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
         "force": float(search.reaction(above)[0][0]),
         "energy": sum(found.totals.stored.values()),
         "unknowns": search.system.numbering.size,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
     }
 
 

@@ -46,7 +46,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import Study, search_figures
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import FilmLaw
@@ -177,9 +177,7 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
         "K": FILM["E"] * thickness * HEIGHT**2 * CURVATURE / (2 * P),
         "potential": stored - TENSION * thickness * opening,
         "unknowns": search.system.numbering.size,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
     }
 
 

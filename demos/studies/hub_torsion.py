@@ -25,7 +25,7 @@ from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import Measure, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.records.fields.fields import FieldFunctions
@@ -210,9 +210,7 @@ def problem(
         "θ/exact": θ / (θ + slope * (measured - c)),
         "T/exact": measured / c,
         "σ1/exact": mean_ratio(fields.functions[0], solution, (RIM - HUB) / cells),
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
         "compile_seconds": search.compile_seconds,
     }
 

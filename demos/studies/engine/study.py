@@ -20,6 +20,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
 from gossamer_fx.analysis.cases.results import Result, number_text, values_text
+from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
 from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
@@ -42,6 +43,15 @@ ORDER_MARGIN = 0.3
 def no_order(case: Trial) -> float:
     """The rate of a measure of which no order is expected."""
     return math.inf
+
+
+def search_figures(found: EquilibriumResult) -> dict[str, float]:
+    """How a search went: what a problem returns of it."""
+    return {
+        "iterations": found.iterations,
+        "residual": found.residual,
+        "seconds": found.seconds,
+    }
 
 
 @dataclass(frozen=True)
