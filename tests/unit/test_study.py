@@ -42,7 +42,7 @@ STUDY = Study(
 
 
 def run(study, folder, comm, quick=False):
-    return run_cases(study.case_set(comm, quick), comm, folder, told=False)
+    return run_cases(study.case_set(comm, quick), comm, folder, verbose=False)
 
 
 def shortfalls(study, comm, results, quick=False):

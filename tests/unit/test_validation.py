@@ -52,7 +52,7 @@ def case_of(folder: Path, text: str):
 
 
 def run(case, folder, comm, quick=False):
-    return run_cases(case_set(case, comm, quick), comm, folder, told=False)
+    return run_cases(case_set(case, comm, quick), comm, folder, verbose=False)
 
 
 def missed(case, comm, results, quick=False):

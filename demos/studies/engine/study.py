@@ -28,7 +28,7 @@ Trial = Mapping[str, Any]  # the values along the axes
 # Reasons for warnings that several studies expect.
 ROUND_OFF = {
     "the inner forces have a round-off": "the load is far below the stiffness of the sheet; the "
-    "remaining force is small beside the errors that are compared"
+    "remaining force is small compared with the errors that are judged"
 }
 NOT_REGULAR = {
     "The equilibrium is not regular": "wrinkles without stiffness against bending, or that could "
@@ -204,7 +204,7 @@ class Study:
             for previous, result in zip([None, *curve], curve, strict=False):
                 cells = [str(result.values[name]) for name in self.axes]
                 for measure in self.measures:
-                    # The coarsest case of a curve has none to be compared with.
+                    # The coarsest case of a curve has no other to be compared with.
                     slope = self.order(measure, previous, result) if previous else math.nan
                     value = result.numbers.get(measure.name, math.nan)
                     cells.append(number_text(value, ".6g"))

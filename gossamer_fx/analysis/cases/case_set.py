@@ -38,7 +38,7 @@ Results = list[Result]
 
 @dataclass(frozen=True)
 class Judgement:
-    """One result beside what it should be.
+    """One result compared with what it should be.
 
     Attributes:
         words: what was compared, with both values, e.g. "tip, cells 8: error 0.06, allowed 0.05".
@@ -74,7 +74,7 @@ class CaseSet:
         outcome: outcome(comm, folder, **values) computes a case.
         cases: values of each case by name: numbers and words.
         rows: the table from all results: texts of cells, first the headings.
-        judge: judgements of the results: each beside what it should be.
+        judge: judgements of the results: each compared with what it should be.
         draw: draw(results, path) writes the picture.
         shows: numbers of which at least one case must have a finite value other than zero.
         limits: largest sizes of numbers in all cases that have them, such as errors of balances.
@@ -135,7 +135,7 @@ class CaseSet:
 
 
 def run_cases(
-    cases: CaseSet, comm: MPI.Intracomm, folder: Path, *, fresh: bool = False, told: bool = True
+    cases: CaseSet, comm: MPI.Intracomm, folder: Path, *, fresh: bool = False, verbose: bool = True
 ) -> list[Result]:
     """Compute the cases that a folder lacks, and write runs.csv, NAME.md and NAME.png.  Collective.
 
@@ -144,7 +144,7 @@ def run_cases(
         comm: ranks that compute each case together.
         folder: of the reports; results of single cases are in its folder `runs`.
         fresh: whether to compute all cases again.
-        told: whether rank 0 prints a line for each case that was computed, and the table.
+        verbose: whether rank 0 prints a line for each case that was computed, and the table.
 
     Returns:
         The results of all cases, in order.
@@ -162,7 +162,7 @@ def run_cases(
         words = result.failed or ", ".join(f"{name} {n:.4g}" for name, n in numbers.items())
         print(f"{cases.name}: {values_text(result.values)}: {words}", flush=True)
 
-    shared = SharedRuns(comm, runs, cases.outcome, cases.failures, progress if told else None)
+    shared = SharedRuns(comm, runs, cases.outcome, cases.failures, progress if verbose else None)
     results = shared.results(cases.cases)
 
     def write() -> None:
@@ -171,7 +171,7 @@ def run_cases(
         (folder / f"{cases.name}.md").write_text(text, encoding="utf-8")
         if cases.draw is not None:
             cases.draw(results, folder / f"{cases.name}.png")
-        if told:
+        if verbose:
             print(text)
 
     on_rank_zero(comm, write)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gossamer_fx.core.checks.errors import OutputFailure
 
-# A panel and the names of curves beside it [inch].
+# A panel and the names of curves next to it [inch].
 PANEL_WIDTH = 4.5
 PANEL_HEIGHT = 3.3
 NAME_HEIGHT = 0.165

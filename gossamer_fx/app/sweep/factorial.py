@@ -146,7 +146,7 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         cases=sweep.cases(),
         draw=lambda results, path: draw(sweep, results, path),
     )
-    results = run_cases(cases, comm, folder, told=False)
+    results = run_cases(cases, comm, folder, verbose=False)
     return cases.table(results)
 
 
