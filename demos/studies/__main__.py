@@ -38,7 +38,7 @@ def study_of(name: str) -> Study:
 
 
 def write_page(summaries: dict[str, list[list[str]]]) -> None:
-    """Put rows of full studies into the table of the page, in the place of their old ones."""
+    """Replace the rows of full studies in the table of the page."""
     page = PAGE.read_text(encoding="utf-8")
     old = BETWEEN.search(page)
     lines = old[0].strip().splitlines() if old is not None else []

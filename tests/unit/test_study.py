@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
+import subprocess
+import sys
 
 import pytest
 
@@ -113,6 +115,17 @@ def test_a_warning_falls_short_unless_it_is_expected_with_a_reason(comm, folder)
     assert words.endswith("undeclared warning: prime")
     expected = dataclasses.replace(loud, expected_warnings={"prim": "17 is prime"})
     assert not shortfalls(expected, comm, results)
+
+
+def test_a_recorded_warning_is_printed_as_before():
+    code = (
+        "import logging; from gossamer_fx.analysis.cases.results import recorded_warnings\n"
+        "with recorded_warnings() as found:\n"
+        "    logging.getLogger('gossamer_fx').warning('prime')\n"
+        "print(found)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("['prime']\n", "prime\n")
 
 
 def test_a_failed_case_is_kept_with_its_reason(comm, folder):

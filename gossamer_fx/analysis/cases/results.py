@@ -61,6 +61,10 @@ class _Collector(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.texts.append(record.getMessage())
+        others = [*logging.getLogger("gossamer_fx").handlers, *logging.getLogger().handlers]
+        # Python prints warnings where no handler is; this one must not silence them.
+        if others == [self] and logging.lastResort is not None:
+            logging.lastResort.handle(record)
 
 
 @contextmanager
