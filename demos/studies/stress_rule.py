@@ -63,13 +63,7 @@ RULES: dict[str, StressRule] = {
 
 def problem(comm: MPI.Comm, rule: str, h: float) -> dict[str, float]:
     """40 steps of the demo's sheet of 20 × 20 × 2 triangles."""
-    return main(
-        n=20,
-        dt=h,
-        steps=STEPS,
-        stepper=gx.Midpoint(dt=h, rule=RULES[rule]),
-        comm=comm,
-    )
+    return main(n=20, dt=h, steps=STEPS, stepper=gx.Midpoint(dt=h, rule=RULES[rule]), comm=comm)
 
 
 STUDY = Study(
