@@ -252,7 +252,9 @@ def draw(results: list[Result], path: Path) -> None:
     for column, sail in enumerate(sails):
         delays, sizes = axes[:, column]
         done = [r for r in results if _is_drawn(r, sail)]
-        finite = [r.numbers["delay"] for r in done if math.isfinite(r.numbers["delay"])]
+        # Without an opening of the sail without creases there is no delay.
+        all_delays = [r.numbers.get("delay", math.nan) for r in done]
+        finite = [delay for delay in all_delays if math.isfinite(delay)]
         # Sails that do not open are drawn above all delays.
         never = 1.25 * max([2 * VISIBLE, *finite])
         for low, style in ((False, "-"), (True, "--")):
@@ -262,7 +264,7 @@ def draw(results: list[Result], path: Path) -> None:
                 rows = [r for r in done if _kind(r) == kind and _is_slow(r) == low]
                 rows.sort(key=lambda r: r.numbers["memory"])
                 memory = [r.numbers["memory"] for r in rows]
-                delay = [min(r.numbers["delay"], never) for r in rows]
+                delay = [min(r.numbers.get("delay", math.nan), never) for r in rows]
                 line = {"color": colour, "linestyle": style}
                 delays.plot(memory, [100 * y for y in delay], **line)
                 for x, y in zip(memory, delay, strict=True):
