@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gossamer_fx.core.checks.errors import OutputFailure
+from gossamer_fx.core.model.body import Array
+
+Numbers = Sequence[float] | Array
 
 # A panel and the names of curves next to it [inch].
 PANEL_WIDTH = 4.5
@@ -37,9 +40,9 @@ class ErrorCurve:
     """
 
     name: str
-    seconds: Sequence[float]
-    errors: Sequence[float]
-    sizes: Sequence[float] = ()
+    seconds: Numbers
+    errors: Numbers
+    sizes: Numbers = ()
     colour_group: str = ""
 
 
