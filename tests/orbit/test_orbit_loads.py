@@ -9,8 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.roles import playing
-from gossamer_fx.extend import InitialState, Resultants
+from gossamer_fx.extend import InitialState
 from gossamer_fx.mechanics.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.mechanics.orbit.flying_loads import _ByComplexSteps, axes_of
 from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
@@ -65,10 +64,7 @@ def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
 
 def pushed(run: gx.Simulation, name: str) -> np.ndarray:
     """Force and torque about the origin (2, 3) of a load in the last step."""
-    found = [
-        kind.resultants().get(name, np.zeros((2, 3)))
-        for kind in playing(Resultants, run.system.compiled)
-    ]
+    found = [kind.resultants().get(name, np.zeros((2, 3))) for kind in run.system.compiled]
     return np.asarray(run.comm.allreduce(sum(found)))
 
 

@@ -30,30 +30,14 @@ from gossamer_fx.analysis.reduction.mode_gradients import (
 )
 from gossamer_fx.analysis.reduction.points import Points
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.roles import (
-    Forces,
-    IterateObserver,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Tangents,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import MIDPOINT, StoredEnergy, quadrature_element
 from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions, law_functions
 
 
-class ReducedEnergies(
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    CompiledTerms["ReducedEnergy"],
-):
-    """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
+class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
+    """All `ReducedEnergy` terms of a scene, compiled."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
         """Make the forces of the modes of each term."""

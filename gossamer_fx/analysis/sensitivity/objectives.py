@@ -19,7 +19,6 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.solve.system.system import System
@@ -229,7 +228,7 @@ class Energy:
     def forms(self, system: System) -> list[ufl.Form]:
         """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
         found = []
-        for kind in roles.playing(roles.ResidualForms, system.compiled):
+        for kind in system.differentiable:
             for body in system.fields:
                 found += kind.energy_forms(body)
         return found

@@ -1,4 +1,4 @@
-"""Handling of errors that occur on one rank only.
+"""Handling of errors that occur on one rank only, and of ranks whose launcher is gone.
 
 The other ranks would wait for the failed rank for ever.  So a rank with an error asks the others
 whether they have an error of the same kind.  If all have, the error is raised on each of them;
@@ -7,7 +7,9 @@ otherwise the program ends on all ranks.
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import sys
 import time
 import traceback
@@ -24,6 +26,9 @@ PATIENCE = 10.0
 
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
+
+# Option of prctl(2): the signal that a process gets when its parent ends.
+_PR_SET_PDEATHSIG = 1
 
 # Environment variables in which launchers of Open MPI, MPICH and Intel MPI set the number of ranks.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
@@ -86,6 +91,21 @@ def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
         time.sleep(1e-3)
 
 
+def end_with_launcher() -> None:
+    """Let the system end this process when its parent, mpirun, has gone.  Linux only.
+
+    Without mpirun, killed because memory ran out, say, a rank waits for the others for ever, and
+    holds the locks of its files.
+    """
+    if sys.platform != "linux":
+        return
+    parent = os.getppid()
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    # The parent may have gone before the call, which then has no effect.
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 def watch_uncaught_errors() -> None:
     """Install a hook that ends the program on all ranks after an uncaught error of one rank.
 
@@ -96,6 +116,7 @@ def watch_uncaught_errors() -> None:
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):
         return
+    end_with_launcher()
     usual = sys.excepthook
 
     def uncaught(

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import on_rank_zero
-from gossamer_fx.core.forms.compilation import kernel_options
+from gossamer_fx.core.forms.compilation import kernel_options, private_cache
 from gossamer_fx.core.forms.compiler import require_compiler
 
 # Names of C's types of array elements, by NumPy's.
@@ -229,6 +229,7 @@ def compile_library(
     path = Path(options["cache_dir"]) / f"{module}.so"
 
     def build() -> None:
+        private_cache()
         if not path.exists():
             _build(module, path, header, sources, arguments)
 

@@ -258,8 +258,14 @@ def read_file(path: Path) -> RawMesh:
         for name, value in os.environ.items():
             if not name.startswith(_LAUNCHER_VARIABLES):
                 environment[name] = value
+        # Without -P a file gmsh.py in the current folder would be executed.  The package may be
+        # there, too: its folder is named.
+        home = str(Path(__file__).parents[3])
+        others = os.environ.get("PYTHONPATH", "")
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in (home, others) if path)
+        module = "gossamer_fx.core.mesh.gmsh_reader"
         child = subprocess.run(
-            [sys.executable, "-m", "gossamer_fx.core.mesh.gmsh_reader", str(mesh), str(arrays)],
+            [sys.executable, "-P", "-m", module, str(mesh), str(arrays)],
             capture_output=True,
             env=environment,
             stdin=subprocess.DEVNULL,

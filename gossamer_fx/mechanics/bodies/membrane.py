@@ -21,6 +21,7 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
     Tensors,
     check_one_given,
+    check_strain,
     check_stress,
     film_tensors,
     prestress_parameters,
@@ -219,7 +220,9 @@ class Membrane(Meshed):
         check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
-            self.constants.initial_strain = film_tensors(self.mesh, self._initial_strain, what)
+            strains = film_tensors(self.mesh, self._initial_strain, what)
+            check_strain(self.mesh, strains, what)
+            self.constants.initial_strain = strains
         if self._initial_stress is not None:
             what = f"'{self.name}': its initial_stress"
             stresses = film_tensors(self.mesh, self._initial_stress, what)

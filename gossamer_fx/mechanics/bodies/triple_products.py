@@ -35,15 +35,6 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    Forces,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import gonzalez_correction
 
@@ -76,16 +67,7 @@ class _Changing:
     supplied: fem.Form
 
 
-class TripleProductEnergies(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Supply,
-    CompiledTerms["TripleProductEnergy"],
-):
+class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:

@@ -23,25 +23,14 @@ from gossamer_fx.core.algebra import dihedral_angle
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    CellFields,
-    Dissipation,
-    ExchangesEnds,
-    Forces,
-    GradientLimits,
-    GradientNotes,
-    HistoryAdjoint,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
     HistoryVariables,
-    PointParameters,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    StepCheck,
-    StepHistory,
-    StoredEnergies,
-    Tangents,
+    Shown,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -54,26 +43,10 @@ SHUT = np.radians(1.0)
 FARTHEST = 0.95 * np.pi
 
 
-class CreaseEnergies(
-    StateObserver,
-    Forces,
-    Tangents,
-    StepCheck,
-    StoredEnergies,
-    Dissipation,
-    CellFields,
-    HistoryVariables,
-    PointParameters,
-    GradientLimits,
-    GradientNotes,
-    ExchangesEnds,
-    StartDerivatives,
-    HistoryAdjoint,
-    StepHistory,
-    Reversible,
-    CompiledTerms["CreaseEnergy"],
-):
+class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["CreaseEnergy"]):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
+
+    reversible = False
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
         """Compile all creases of a scene: arrays and indices that stay the same in a run.

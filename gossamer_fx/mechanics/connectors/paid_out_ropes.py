@@ -22,17 +22,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
     HistoryVariables,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    Tangents,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.point_energies import Stencil
 
 # [m²] Lower bound of e = ½ l², so that a rope whose ends coincide has no division by zero.
@@ -43,17 +38,7 @@ SMALLEST_MEASURE = 1e-300
 ROUND_OFF = 1e-9
 
 
-class PaidOutRopes(
-    StepObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Dissipation,
-    HistoryVariables,
-    CompiledTerms["PaidOutRope"],
-):
+class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:

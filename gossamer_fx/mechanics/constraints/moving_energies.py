@@ -14,28 +14,10 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    Forces,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class MovingEnergies(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Supply,
-    CompiledTerms["MovingEnergy"],
-):
+class MovingEnergies(CompiledTerms["MovingEnergy"]):
     """All `MovingEnergy` terms of a scene.
 
     With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the

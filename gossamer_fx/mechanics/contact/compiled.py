@@ -16,27 +16,6 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.drawing.solids import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ActiveSet,
-    Dissipation,
-    Drawable,
-    ExchangesEnds,
-    Forces,
-    GradientLimits,
-    GradientNotes,
-    HistoryAdjoint,
-    MassDependence,
-    NodeFields,
-    PointParameters,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    StepCheck,
-    StepHistory,
-    StoredEnergies,
-    Supply,
-    Tangents,
-)
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
@@ -45,7 +24,14 @@ from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    ActiveSet,
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    Shown,
+)
 
 if TYPE_CHECKING:
     # A run without a gradient does not load it.
@@ -70,35 +56,15 @@ class ContactItem(Protocol):
     obstacles: list[Obstacle]
 
 
-class CompiledContacts(
-    ActiveSet,
-    StateObserver,
-    StepCheck,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Dissipation,
-    NodeFields,
-    Drawable,
-    PointParameters,
-    GradientLimits,
-    GradientNotes,
-    StartDerivatives,
-    HistoryAdjoint,
-    MassDependence,
-    StepHistory,
-    ExchangesEnds,
-    Reversible,
-    CompiledTerms["ContactEnergy"],
-):
-    """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact
-    sets.
+class CompiledContacts(ActiveSet, Differentiable, Shown, CompiledTerms["ContactEnergy"]):
+    """All `ContactEnergy` terms of a scene; each method is shared out to contact sets.
 
     Attributes:
         contact_sets: by the item of the scene.
         losses: names of the contacts with friction.
     """
+
+    reversible = False
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         """Make a contact set, which holds the pairs that may touch, for each contact; collective.

@@ -25,6 +25,7 @@ from gossamer_fx.mechanics.control.rotation import (
     rotation,
     rotation_derivative,
 )
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.couple import Couple
 from gossamer_fx.mechanics.terms.point_loads import PointLoad
 
@@ -92,7 +93,7 @@ class _ControlTorque(Couple):
         return self
 
 
-class _SampledTorque(_ControlTorque):
+class _SampledTorque(_ControlTorque, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between.
 

@@ -98,6 +98,7 @@ class GasAdjoint:
         network: the gas of a running scene.
 
     Attributes:
+        units: unit of each parameter, by (id of the item, name).
         sums: derivatives of the result by the parameters, so far.
     """
 
@@ -176,6 +177,7 @@ class GasAdjoint:
         return float(getattr(item, name))
 
     def names_of(self, item: object) -> list[str]:
+        """Names of the parameters of an item of the scene, sorted."""
         return sorted(name for owner, name in self.units if owner == id(item))
 
     # ---- a step ----------------------------------------------------------------------------------

@@ -222,13 +222,15 @@ class Balance:
         m1 = y[self._n :]
         rates = known or self.rates(y, V)
         energy = (
-            p1 * V / (self._gas.gamma - 1)
-            - self._U0
-            - self.h * rates.energy
-            + (self._p0 + p1) / 2 * W
+            p1 * V / (self._gas.gamma - 1) - self._U0 - self.h * rates.energy + self.work(y, V, W)
         )
         mass = m1 - self._m0 - self.h * rates.mass
         return np.concatenate([energy, mass])
+
+    def work(self, y: Array, V: Array, W: Array) -> Array:
+        """Work p̄ W [J] of each chamber (n,) on what encloses it, see `residual`."""
+        work: Array = (self._p0 + y[: self._n]) / 2 * W
+        return work
 
     def rates(self, y: Array, V: Array) -> Rates:
         """Return mass and energy flows into the chambers, and from boundaries and walls.

@@ -28,7 +28,7 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -42,7 +42,10 @@ from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
 from gossamer_fx.mechanics.gas.geometry import Geometry
 from gossamer_fx.mechanics.gas.state import ChamberState
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnknowns
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -54,8 +57,8 @@ PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
 MIN_REMAINING_SHARE = 0.1
 
 
-class GasNetwork:
-    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
+class GasNetwork(ScalarUnknowns):
+    """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
 
     Args:
         items: chambers, reservoirs, surroundings, openings and walls of a scene.
@@ -130,17 +133,24 @@ class GasNetwork:
         """
         # Imported here, as runs do not need it.
         from gossamer_fx.mechanics.gas.static_processes import (
+            AdiabaticBalance,
             HeldPressureBalance,
             IsothermalBalance,
         )
 
         kinds = {
-            ADIABATIC: Balance,
+            ADIABATIC: AdiabaticBalance,
             ISOTHERMAL: IsothermalBalance,
             HELD_PRESSURE: HeldPressureBalance,
         }
         self._process = process
         self.balance = self._make_balance(kinds[process])
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the scene has no openings, so that at rest the gas is a function of its
+        volumes."""
+        return not self._passages
 
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
@@ -319,14 +329,16 @@ class GasNetwork:
         """
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
+        volumes = np.array([_volume(state) for state in self.chambers])
+        swept = np.array([_swept(state) for state in self.chambers])
+        works = self.balance.work(self.y, volumes, swept)
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
-            state.volume = _volume(state)
+            state.volume = float(volumes[k])
             state.mass += h * float(rates.mass[k])
-            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
-            state.internal_energy += h * float(rates.energy[k]) - work
+            state.internal_energy += h * float(rates.energy[k]) - float(works[k])
             if self._process != ADIABATIC:
                 self._supply_at_rest(state, float(self.balance.temperatures[k]))
             state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
@@ -354,7 +366,7 @@ class GasNetwork:
 
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
-    def adjoint(self) -> ScalarsAdjoint:
+    def adjoint(self) -> GasAdjoint:
         # Imported here: runs without gradients do not load it.
         from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.extend import Array, Assembly
+from gossamer_fx.extend import Array, Assembly, HistoryVariables
 from gossamer_fx.mechanics.orbit.environment import Environment
 from gossamer_fx.mechanics.orbit.origin import Origin, raise_too_long
 
@@ -35,7 +35,7 @@ class Moments:
     momentum: Array
 
 
-class Flight:
+class Flight(HistoryVariables):
     """The origin of a flying frame at work.
 
     Args:

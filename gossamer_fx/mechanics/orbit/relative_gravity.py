@@ -38,20 +38,11 @@ from gossamer_fx.extend import (
     CompiledTerms,
     Compiler,
     Expr,
-    Forces,
-    FrameMomenta,
     Ground,
     KineticEnergy,
     NodeKineticEnergy,
     PointMeasure,
-    Resultants,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
     Support,
-    TangentForms,
-    Tangents,
     Term,
     check,
     compile_form,
@@ -209,18 +200,7 @@ class MeshGravity:
         return np.repeat(along_x, 3, axis=1).ravel()
 
 
-class CompiledOrbit(
-    StepObserver,
-    StateObserver,
-    Forces,
-    TangentForms,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Resultants,
-    FrameMomenta,
-    CompiledTerms["RelativeGravity"],
-):
+class CompiledOrbit(CompiledTerms["RelativeGravity"]):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
 
     Raises:

@@ -34,18 +34,14 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Body,
-    CellFields,
-    CellHistory,
     CompiledTerms,
     Compiler,
     HistoryVariables,
     Indices,
     MeshBody,
+    Shown,
     State,
-    StateObserver,
-    StepObserver,
     Term,
-    TimeDependence,
     area_vector,
     cell_nodes,
     check,
@@ -580,15 +576,7 @@ class FilmTemperatures:
         )
 
 
-class HeatedFilms(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    HistoryVariables,
-    CellHistory,
-    CellFields,
-    CompiledTerms["HeatedFilm"],
-):
+class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
     """All `HeatedFilm` terms of a scene."""
 
     def __init__(self, terms: Sequence[HeatedFilm], system: Assembly) -> None:

@@ -84,23 +84,13 @@ from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    GradientLimits,
-    IterateObserver,
-    OnMeshes,
-    ResidualForms,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.materials.c_law import CLaw
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
@@ -112,23 +102,11 @@ if TYPE_CHECKING:
 MIDPOINT = 0.5
 
 
-class ElementEnergies(
-    OnMeshes,
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Dissipation,
-    Supply,
-    ResidualForms,
-    GradientLimits,
-    Reversible,
-    CompiledTerms["StoredEnergy | ViscousDissipation"],
-):
+class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissipation"]):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly

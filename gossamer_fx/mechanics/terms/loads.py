@@ -15,34 +15,21 @@ from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ExternalLoads,
-    Forces,
-    OnMeshes,
-    ResidualForms,
-    Resultants,
-    Reversible,
-    StepObserver,
-    Supply,
-    TangentForms,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 
-class Loads(
-    OnMeshes,
-    ExternalLoads,
-    StepObserver,
-    Forces,
-    TangentForms,
-    Supply,
-    Resultants,
-    ResidualForms,
-    Reversible,
-    CompiledTerms["Load"],
-):
+class Loads(Differentiable, CompiledTerms["Load"]):
     """All `Load` terms of a scene."""
+
+    is_external_load = True
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
         self._system = system
@@ -72,10 +59,6 @@ class Loads(
                 at = self._system.fields[load.term.body]
                 found.append(-load.term.work(at.mid, w))
         return found
-
-    def energy_forms(self, body: Body) -> list[ufl.Form]:
-        # A load stores nothing: its work is supplied.
-        return []
 
     def parameters_changed(self) -> None:
         for load in self._loads:

@@ -16,12 +16,19 @@ from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import Mass, MassForms, OnMeshes
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 
 
-class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
+class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
     """All `KineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
         self._system = system
@@ -74,8 +81,11 @@ class KineticEnergy:
     compiler: ClassVar[Compiler] = Masses
 
 
-class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
+class NodeMasses(Differentiable, CompiledTerms["NodeKineticEnergy"]):
     """All `NodeKineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
         self._system = system

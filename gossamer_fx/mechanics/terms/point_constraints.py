@@ -37,17 +37,13 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Block
-from gossamer_fx.core.model.roles import (
-    Forces,
-    IndependentOfShape,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
     Multipliers,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    Supply,
-    WithoutParameters,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
 MAX_INITIAL_VIOLATION = 1e-8
@@ -73,21 +69,13 @@ TAKES_PART = 1e-6
 GROUND = -1
 
 
-class PointConstraints(
-    Multipliers,
-    StepObserver,
-    StateObserver,
-    Forces,
-    Supply,
-    WithoutParameters,
-    Reversible,
-    IndependentOfShape,
-    CompiledConstraints["PointConstraint"],
-):
+class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstraint"]):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
     The multipliers of term k are the k-th block behind those of the bodies.
     """
+
+    has_shape_derivative = True
 
     @classmethod
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:

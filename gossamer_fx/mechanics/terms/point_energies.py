@@ -25,19 +25,12 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    IndependentOfShape,
-    IterateObserver,
-    PointParameters,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Tangents,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 # Size of complex steps.  They do not cancel, so that the step may be so small that its square is
 # below the round-off of any number.
@@ -297,20 +290,10 @@ def _all_or_some(on: Any) -> Any:
     return np.flatnonzero(on)
 
 
-class PointEnergies(
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Dissipation,
-    PointParameters,
-    Reversible,
-    IndependentOfShape,
-    CompiledTerms["PointStoredEnergy | PointDissipation"],
-):
+class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDissipation"]):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
+
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly

@@ -19,22 +19,13 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.model.body import Array, Attached
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ExternalLoads,
-    Forces,
-    GradientLimits,
-    HistoryAdjoint,
-    IndependentOfShape,
-    PointParameters,
-    Resultants,
-    Reversible,
-    StartDerivatives,
-    StepHistory,
-    StepObserver,
-    Supply,
-    Tangents,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    HistoryVariables,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointForce(Protocol):
@@ -114,19 +105,6 @@ class ForceOfStart(Protocol):
 
 
 @runtime_checkable
-class WithHistory(Protocol):
-    """A force with history variables."""
-
-    def get_state(self) -> dict[str, Any]:
-        """The history variables, as an object that does not change."""
-        ...
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
-        ...
-
-
-@runtime_checkable
 class ForceOfPosition(Protocol):
     """Marks a force that depends on the configuration and on the time at which forces act, only."""
 
@@ -137,24 +115,13 @@ def _is_of_position(law: PointForce) -> bool:
     return isinstance(law, ForceOfPosition) and law.depends_on_position_only
 
 
-class PointLoads(
-    ExternalLoads,
-    StepObserver,
-    Forces,
-    Tangents,
-    Supply,
-    Resultants,
-    PointParameters,
-    GradientLimits,
-    Reversible,
-    StartDerivatives,
-    HistoryAdjoint,
-    StepHistory,
-    IndependentOfShape,
-    CompiledTerms["PointLoad"],
-):
+class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
     """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1
     - X0)."""
+
+    is_external_load = True
+    reversible = False
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
         """Compile all loads on points and directions of bodies: maps and indices that stay the same
@@ -256,9 +223,6 @@ class PointLoads(
             work = -law.force_by_number(key, X).T @ vectors
         return work if self._mine[k] else np.zeros(len(work))
 
-    def energy_by_number(self, term: PointLoad, key: str) -> Array:
-        return np.zeros(len(self.get_number(term, key)))
-
     def _with_numbers(self, term: PointLoad) -> NumberedForce:
         law = self._laws[self._terms.index(term)]
         assert isinstance(law, NumberedForce), "a load with parameters has them"
@@ -293,10 +257,10 @@ class PointLoads(
         by_velocity.assemble()
 
     def save_history(self) -> list[dict[str, Any]]:
-        return [law.get_state() for law in self._laws if isinstance(law, WithHistory)]
+        return [law.get_state() for law in self._laws if isinstance(law, HistoryVariables)]
 
     def load_history(self, saved: list[dict[str, Any]]) -> None:
-        laws = [law for law in self._laws if isinstance(law, WithHistory)]
+        laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
         for law, state in zip(laws, saved, strict=True):
             law.set_state(state)
 

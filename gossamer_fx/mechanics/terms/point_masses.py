@@ -11,12 +11,19 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import add_blocks, attach_all, evaluated_here
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.roles import Mass
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 
 
-class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
+class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
     """All `AttachedKineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
         self._terms = terms

@@ -14,19 +14,20 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    ConstantStiffness,
-    ResidualForms,
-    Reversible,
-    StoredEnergies,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class QuadraticEnergies(
-    ConstantStiffness, StoredEnergies, ResidualForms, Reversible, CompiledTerms["QuadraticEnergy"]
-):
+class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
+
+    has_constant_stiffness = True
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
         """Compile the bilinear forms of all quadratic energies ½ a(q, q), such as bending.
