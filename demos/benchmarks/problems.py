@@ -15,7 +15,7 @@ Figures = dict[str, float]
 CLOSES = {"ΔE/E": 1e-8}
 
 # Of the plates of Sze, Liu & Lo.
-WITHOUT_UNITS = {"is unusual; numbers are in SI units": "the problem is published without units"}
+WITHOUT_UNITS = {"numbers are in SI units": "the problem is published without units"}
 
 # A complete factorisation instead of the solver that is chosen.
 DIRECT: Words = {
