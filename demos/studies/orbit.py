@@ -256,7 +256,7 @@ STUDY = Study(
     {"scene": ["rigid", "flexible", *DRIFTS, *SWINGS], "h": [60.0, 30.0, 15.0]},
     lambda case: case["h"],
     (Measure("result/exact", 1.0, 1e-3, lambda case: 2.0),),
-    quick={"scene": ["rigid", "node", *SWINGS], "h": [60.0, 30.0]},
+    quick={"scene": list(SWINGS), "h": [60.0, 30.0]},
     shows=("energy", "momentum"),
     columns=("energy", "momentum", "iterations", "seconds"),
 )
