@@ -7,7 +7,10 @@ from .core.algebra.point_measures import attach_all as attach_all
 from .core.algebra.point_measures import evaluated_here as evaluated_here
 from .core.algebra.point_measures import translation_weight as translation_weight
 from .core.checks.arguments import Count as Count
+from .core.checks.arguments import Range as Range
 from .core.checks.arguments import check_arguments as check_arguments
+from .core.checks.arguments import not_negative as not_negative
+from .core.checks.arguments import positive as positive
 from .core.checks.errors import InputError as InputError
 from .core.checks.errors import check as check
 from .core.checks.errors import check_on_all as check_on_all
@@ -16,14 +19,14 @@ from .core.checks.errors import is_vector as is_vector
 from .core.checks.user_functions import ask as ask
 from .core.checks.user_functions import ask_numbers as ask_numbers
 from .core.checks.user_functions import ask_points as ask_points
-from .core.drawing.solids import Solid as Solid
+from .core.drawing import Solid as Solid
+from .core.forms.backend import cell_nodes as cell_nodes
 from .core.forms.compilation import compile_expression as compile_expression
 from .core.forms.compilation import compile_form as compile_form
 from .core.forms.compilation import constant as constant
 from .core.forms.kinematics import Expr as Expr
 from .core.forms.kinematics import area_vector as area_vector
 from .core.forms.kinematics import line_derivative as line_derivative
-from .core.forms.spaces import cell_nodes as cell_nodes
 from .core.model.body import Array as Array
 from .core.model.body import Attached as Attached
 from .core.model.body import Block as Block
@@ -67,6 +70,7 @@ from .mechanics.terms.loads import at_rate as at_rate
 from .mechanics.terms.masses import KineticEnergy as KineticEnergy
 from .mechanics.terms.masses import NodeKineticEnergy as NodeKineticEnergy
 from .mechanics.terms.point_constraints import PointConstraint as PointConstraint
+from .mechanics.terms.point_energies import AttachedKineticEnergy as AttachedKineticEnergy
 from .mechanics.terms.point_energies import PointDissipation as PointDissipation
 from .mechanics.terms.point_energies import PointStoredEnergy as PointStoredEnergy
 from .mechanics.terms.point_energies import Stencil as Stencil
@@ -77,7 +81,6 @@ from .mechanics.terms.point_loads import NumberedForce as NumberedForce
 from .mechanics.terms.point_loads import PointForce as PointForce
 from .mechanics.terms.point_loads import PointLoad as PointLoad
 from .mechanics.terms.point_loads import PointLoads as PointLoads
-from .mechanics.terms.point_masses import AttachedKineticEnergy as AttachedKineticEnergy
 from .mechanics.terms.quadratic_energies import QuadraticEnergy as QuadraticEnergy
 from .mechanics.terms.scalar_unknowns import BringsScalarUnknowns as BringsScalarUnknowns
 from .mechanics.terms.scalar_unknowns import InitialCondition as InitialCondition

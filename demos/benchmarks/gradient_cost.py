@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.spinning_sheet import throw
+from demos.films.spinning_sheet import throw
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet

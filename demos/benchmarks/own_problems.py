@@ -14,7 +14,9 @@ from plate_problems import CASES
 from stopwatch import Stopwatch
 
 import gossamer_fx as gx
-from demos import antenna_pendulum, inflate_tube, spinning_sheet
+from demos.antennas import antenna_pendulum
+from demos.films import spinning_sheet
+from demos.inflatables import inflate_tube
 from demos.studies import airbag as airbag_study
 from demos.studies import orthotropic as orthotropic_study
 from gossamer_fx.mechanics.contact.geometry.facets import facets_of

@@ -57,7 +57,7 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
             side=-1,
         )
         self.pairs = pairs
-        self._stencil = Stencil(at, density, False, self._system.rule.alpha)
+        self._stencil = Stencil(at, density, False, self._system.rule)
         self._gather = Gather(self._system.numbering, [at.indices])
         self.commit()
 

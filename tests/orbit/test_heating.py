@@ -391,7 +391,7 @@ def test_properties_that_make_no_sense_are_refused(arguments, words: str) -> Non
         ({"initial_temperature": -3.0}, "initial_temperature is -3.0 K"),
         ({"space_temperature": -3.0}, "space_temperature is -3.0 K"),
         ({"infrared": -3.0}, "infrared is -3.0 W/m²"),
-        ({"albedo": 2.0}, "albedo is 2.0; give 0 to 1"),
+        ({"albedo": 2.0}, "albedo is 2.0; give a number between 0 and 1"),
         ({"initial_temperature": None}, "give initial_temperature in K"),
         ({"shadow_pixels": -1}, "shadow_pixels is -1"),
     ],

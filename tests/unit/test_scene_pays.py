@@ -59,7 +59,6 @@ ABSENT_PARTS = {
     "terms.point_constraints",
     "terms.point_energies",
     "terms.point_loads",
-    "terms.point_masses",
     "terms.quadratic_energies",
     "materials.thermal",
     "terms.thermal_strain",

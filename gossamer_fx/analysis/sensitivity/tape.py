@@ -23,8 +23,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import StepFailure, check, check_on_all
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 from gossamer_fx.solve.steppers.midpoint import Midpoint

@@ -73,7 +73,7 @@ class AdjointFields:
     def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
         for body, function in functions.items():
             owned = self._system.block(body).owned
-            self._system.fields[body].take(function, vector.array_r[owned])
+            self._system.coordinates[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
         expressions: dict[fem.Function, Any] = {}

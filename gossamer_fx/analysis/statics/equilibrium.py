@@ -65,11 +65,10 @@ from gossamer_fx.analysis.statics.remedies import (
 )
 from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import NoEquilibrium, check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
@@ -79,7 +78,7 @@ from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 
-# What stays constant in the chambers, see `gas.static_processes`.
+# What stays constant in the chambers, see `gas.network`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
@@ -310,7 +309,7 @@ class Equilibrium:
         self.scene = scene
         self.search = search
         self.comm = scene.comm
-        self.system: System = scene.compile(EndPoint())
+        self.system: System = scene.compile(AtRest())
         for scalars in self.system.scalar_unknowns:
             scalars.set_static_process(gas)
         self.newton = Newton(self.system, Tolerances(), direct=True)
@@ -453,7 +452,7 @@ class Equilibrium:
         return found
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber or tank, see `gas.state.ChamberState`.
+        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`.
 
         Raises:
             InputError: the scene has no chamber or tank of this name.

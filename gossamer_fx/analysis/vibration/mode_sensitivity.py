@@ -120,7 +120,7 @@ class Frequency:
         for body in system.bodies:
             if not (is_on_mesh(body) and has_nodal_unknowns(body)):
                 continue
-            q = system.fields[body].q1
+            q = system.coordinates[body].q1
             mesh = body.space.mesh
             φ = fem.Function(body.space)
             factor = constant(mesh, 0.0)
@@ -171,9 +171,9 @@ class Frequency:
         shape.scale(1 / math.sqrt(product.dot(shape)))
         ω = 2 * math.pi * mode.frequency
         for body, φ in self._shapes.items():
-            field = system.fields[body]
+            at = system.coordinates[body]
             owned = system.block(body).owned
-            field.take(φ, shape.array_r[owned])
+            at.take(φ, shape.array_r[owned])
             factor, ω2 = self._numbers[body]
             # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
             factor.value = 1 / (8 * math.pi**2 * mode.frequency)
@@ -185,7 +185,7 @@ class Frequency:
                 fem.assemble_vector(b.array, form)
             b.scatter_reverse(la.InsertMode.add)
             with by_position as values:
-                field.add_forces(b.array, values[owned])
+                at.add_forces(b.array, values[owned])
 
 
 def _check_made_of_forms(system: System) -> None:

@@ -36,18 +36,9 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
-    """Context in which an error of one rank ends the program, unless all ranks have it.
-
-    Otherwise the other ranks would wait for messages of this rank for ever.  All ranks of `comm`
-    enter the context.
-
-    Args:
-        comm: the ranks.
-
-    Raises:
-        Exception: the error, if all ranks have one of the same class within `PATIENCE` seconds;
-            else the error is printed and the program ends with the exit code 1.
-    """
+    """Context, entered by all ranks, in which an error of one rank ends the program with the exit
+    code 1, unless all ranks have one of the same class within `PATIENCE` seconds; that is raised.
+    Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
     except Exception as error:
@@ -56,15 +47,9 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
-    """Return if all ranks call this with an error of the same class; otherwise end the program.
-
-    Ranks that do not call it within `PATIENCE` seconds count as without an error; then this rank
-    prints its error and ends all ranks with the exit code 1.
-
-    Args:
-        comm: the ranks.
-        error: the error of this rank.
-    """
+    """Return if all ranks call this with an error of the same class; otherwise print the error of
+    this rank and end all ranks with the exit code 1.  Ranks that do not call it within `PATIENCE`
+    seconds count as without an error."""
     if comm.size == 1:
         return
     others = [r for r in range(comm.size) if r != comm.rank]

@@ -6,7 +6,10 @@ import fcntl
 import hashlib
 import os
 import platform
+import shlex
+import shutil
 import stat
+import sysconfig
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
@@ -26,7 +29,18 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
 from gossamer_fx.core.checks.errors import check, on_rank_zero
-from gossamer_fx.core.forms.compiler import require_compiler
+
+
+def require_compiler() -> None:
+    """Raise `InputError` if there is no C compiler: the one that the variable CC names, or else the
+    one that Python was built with, or else `cc`."""
+    command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    program = shlex.split(command)[0]
+    check(
+        shutil.which(program) is not None,
+        f"The C compiler '{program}' is not there; install one (apt-get install gcc, "
+        "or conda install c-compiler), or set the variable CC to the name of yours.",
+    )
 
 
 @cache
@@ -110,11 +124,7 @@ class _Number(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self, of: Any) -> None:
-        """Number the constants of a form or expression in the order in which UFL finds them.
-
-        Args:
-            of: UFL form or expression, whose constants and labels are replaced by numbered ones.
-        """
+        """Number the constants of a form or expression in the order in which UFL finds them."""
         super().__init__()
         self._labels: dict[Label, Label] = {}
         self._constants: dict[Any, ufl.Constant] = {}
@@ -140,17 +150,12 @@ def _numbered(constant: fem.Constant, number: int) -> ufl.Constant:
 
 def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
     """Run a compilation; if it fails, remove unfinished kernels from the cache and run it again.
+    Collective.
 
     dolfinx takes a source file without a kernel for one that another process is compiling, and
     gives up after the time limit.  A run that was killed while it compiled would thus make all
     later runs fail.  Processes that compile hold a shared lock, which the system releases when they
     end; whoever gets the exclusive lock knows that nothing is being compiled.
-
-    Collective.
-
-    Raises:
-        InputError: no C compiler was found.
-        Exception: what the second attempt raises.
     """
     on_rank_zero(comm, private_cache)
     try:

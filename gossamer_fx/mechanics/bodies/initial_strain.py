@@ -18,10 +18,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.checks.real_numbers import real_numbers
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array

@@ -12,7 +12,13 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
+from gossamer_fx.core.forms.kinematics import (
+    Expr,
+    cell_axes,
+    green_lagrange,
+    surface_gradient,
+    tension,
+)
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block
@@ -130,7 +136,7 @@ class Membrane(Meshed):
             from gossamer_fx.mechanics.bodies.properties import vary
 
             vary(self.constants, law, self.mesh, properties, name)
-        self._frame = frame(domain)
+        self._frame = cell_axes(domain)
         self._orient()
         self.thermal = thermal
         if thermal is not None:

@@ -85,7 +85,7 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             residual = ufl.Form([])
             tangent = ufl.Form([])
             energy = term.constant
@@ -95,8 +95,7 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
                 δ = vectors(at.w)
                 dq = vectors(at.dq)
                 force = _gradient(mid, δ)
-                # Only the midpoint rule conserves energy; other rules need no correction.
-                if system.rule.alpha == 0.5:
+                if system.rule.conserves:
                     force += _defect(mid, vectors(at.q1 - at.q0), δ)
                 residual += scale * force * dx
                 tangent += at.α * scale * _second(mid, dq, δ) * dx

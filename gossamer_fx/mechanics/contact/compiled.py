@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
@@ -87,7 +87,7 @@ class CompiledContacts(ActiveSet, Differentiable, Shown, CompiledTerms["ContactE
         }
         self.losses = list(self._with_friction)
         self.has_plateaus = bool(self._with_friction)
-        self._is_static = system.rule.alpha == 1
+        self._is_static = system.rule.is_static
 
     def update_active_set(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -382,8 +382,8 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
         has_friction=[coefficient > 0 for coefficient in of_obstacles],
     )
     friction = None
-    # An equilibrium (alpha = 1) has no sliding, and no friction.
-    if (term.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+    # An equilibrium has no sliding, and no friction.
+    if (term.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
         from gossamer_fx.mechanics.contact.friction.friction import Friction
 
         friction = Friction(

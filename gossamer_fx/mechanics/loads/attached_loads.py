@@ -18,7 +18,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     Compiler,
     Differentiable,
 )
-from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 
 class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):

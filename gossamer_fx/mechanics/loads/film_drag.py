@@ -35,7 +35,7 @@ class Drags(Loads):
         Raises:
             InputError: no C compiler was found.
         """
-        coordinates = [system.fields[term.body] for term in terms]
+        coordinates = [system.coordinates[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):
             loads.append(at_rate(term, at))

@@ -52,7 +52,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         self._terms = terms
         self._made = []
         for term in terms:
-            entries = self._entries(term, system.fields[term.body].q0)
+            entries = self._entries(term, system.coordinates[term.body].q0)
             points = interpolation_points(term.values.function_space)
             cells = term.body.space.mesh.topology.index_map(2)
             every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
@@ -79,7 +79,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
     def expressions(self) -> dict[fem.Function, Expr]:
         found = {}
         for term in self._terms:
-            found[term.values] = self._entries(term, self._system.fields[term.body].q0)
+            found[term.values] = self._entries(term, self._system.coordinates[term.body].q0)
         return found
 
     def exchange_ends(self) -> None:
@@ -100,7 +100,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         for product in self._products:
             body = product.term.body
             owned = system.block(body).owned
-            at = system.fields[body]
+            at = system.coordinates[body]
             at.take(product.μ, μ.array_r[owned])
             forces = product.assemble(at.q0)
             with by_position as values:

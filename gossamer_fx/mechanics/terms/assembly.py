@@ -38,7 +38,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Block, Body, Indices, MeshBody
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -62,7 +62,7 @@ class Assembly(Protocol):
     q_mid = (1-α) q0 + α q1, α = `rule.alpha`.
 
     Attributes:
-        fields: coordinates of bodies on meshes, as functions for forms.
+        coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -74,7 +74,7 @@ class Assembly(Protocol):
     bodies: list[Body]
     terms: list[Term]
     numbering: Numbering
-    fields: dict[Body, Coordinates]
+    coordinates: dict[Body, Coordinates]
     rule: StressRule
     state: State
     end: State
@@ -231,6 +231,10 @@ class Multipliers(ABC):
         """Blocks of multipliers for all terms of the kind, numbered behind the bodies."""
 
     @abstractmethod
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rows and columns of the multipliers, see `CompiledTerms.add_tangents`."""
+
+    @abstractmethod
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
         """The ports that each of this rank's multipliers ties, for each block of them."""
 
@@ -368,7 +372,7 @@ class Differentiable:
     def residual_forms(self, body: Body, w: Any) -> list[Any]:
         """UFL forms of its part of the residual on a body, linear in the test function w.
 
-        They are functions of the coordinates `fields[body]` at both ends of the step.
+        They are functions of the coordinates `coordinates[body]` at both ends of the step.
         """
         return []
 

@@ -39,7 +39,7 @@ class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
         found = []
         for term in self._terms:
             if term.body is body:
-                at = self._system.fields[term.body]
+                at = self._system.coordinates[term.body]
                 found.append(compile_form(term.mass(at.dq, at.w)))
         return found
 
@@ -57,7 +57,7 @@ class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
         """Add the matrix [kg/s] of the Coriolis force 2 M (spin × v) in a turning frame.
         Collective."""
         for term in self._terms:
-            at = self._system.fields[term.body]
+            at = self._system.coordinates[term.body]
             # ω: the spin as a constant, so that another one needs no new kernel.
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
             # The components of a node are one or more vectors: its position, then directors.

@@ -30,19 +30,13 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
-        """Compile the bilinear forms of all quadratic energies ½ a(q, q), such as bending.
-        Collective.
-
-        Args:
-            terms: the energies.
-            system: the compiled scene, which has the fields of their bodies.
-        """
+        """Compile the bilinear forms of all quadratic energies.  Collective."""
         self._system = system
         self._terms = terms
         self._stiffness = []
         self._energies = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
@@ -55,7 +49,7 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
         found = []
         for term in self._terms:
             if term.body is body:
-                found.append(term.form(self._system.fields[term.body].mid, w))
+                found.append(term.form(self._system.coordinates[term.body].mid, w))
         return found
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
@@ -63,7 +57,7 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
         found = []
         for term in self._terms:
             if term.body is body:
-                at = self._system.fields[term.body]
+                at = self._system.coordinates[term.body]
                 found.append(0.5 * term.form(at.q1, at.q1))
         return found
 

@@ -53,10 +53,9 @@ import ufl
 from dolfinx import fem, la
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.curve import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import Run

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.orbit.elements import elements_of

@@ -40,7 +40,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gossamer_fx.core.algebra.rendezvous import fetch
+from gossamer_fx.core.algebra.rank_exchange import fetch
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.drawing.html import table
+from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Body, BringsCoordinates, is_body
 from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     aspects,

@@ -69,7 +69,7 @@ class System:
         scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
         state: the accepted state.
         end: coordinates at the end of the step, as iterated; its velocities are those of the start.
-        fields: coordinates of bodies on meshes, as functions for forms.
+        coordinates: of bodies on meshes, as functions for forms.
         q0, v0: coordinates and velocities of the accepted state.
         q1: coordinates at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -126,7 +126,7 @@ class System:
         self._momenta = numbering.vector()
         self.state = State(self.bodies, self.comm, self.q0, self.v0)
         self.end = State(self.bodies, self.comm, self.q1, self.v0)
-        self.fields: dict[Body, Coordinates] = {
+        self.coordinates: dict[Body, Coordinates] = {
             body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
         }
         self._is_position = self._mark_positions()
@@ -279,8 +279,8 @@ class System:
         self.h = -self.h
         self._take_time()
         self.set_end(self.q0)
-        for field in self.fields.values():
-            field.q0.x.array[:] = field.q1.x.array
+        for at in self.coordinates.values():
+            at.q0.x.array[:] = at.q1.x.array
         for kind in self.compiled:
             kind.exchange_ends()
         for kind in self.compiled:
@@ -607,8 +607,8 @@ class System:
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
-        for field in self.fields.values():
-            field.q0.x.array[:] = field.q1.x.array
+        for at in self.coordinates.values():
+            at.q0.x.array[:] = at.q1.x.array
         for kind in self.compiled:
             kind.commit()
 
@@ -739,8 +739,8 @@ class System:
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
         unknowns."""
-        for body, field in self.fields.items():
-            field.assemble(A, self.tangent_forms(body), self.block(body))
+        for body, at in self.coordinates.items():
+            at.assemble(A, self.tangent_forms(body), self.block(body))
         for kind in self.compiled:
             kind.add_tangents(A)
         for scalars in self.scalar_unknowns:
@@ -749,8 +749,8 @@ class System:
     def _spread(self, z: PETSc.Vec, name: str) -> None:
         """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
         values = z.array_r
-        for body, field in self.fields.items():
-            field.take(getattr(field, name), values[self.block(body).owned])
+        for body, at in self.coordinates.items():
+            at.take(getattr(at, name), values[self.block(body).owned])
 
     def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
         """The scalar unknowns with their part of y."""
