@@ -113,9 +113,10 @@ def test_values_without_a_limit_are_drawn_as_they_are(folder):
     oscillating = convergence(lambda n: {"a": (-1) ** round(math.log2(n))}, meshes=[2, 4, 8])
     quadratic = convergence(lambda n: {"b": 1.0 + n**-2}, meshes=[2, 4, 8])
     # The picture is of values if no curve has errors, else of the curves that have them.
-    assert [c[0] for c in oscillating._curves("", {}, of_errors=True)] == []
-    assert [c[0] for c in oscillating._curves("", {}, of_errors=False)] == ["a"]
-    curves = list(oscillating._curves("", {"fine": quadratic}, of_errors=True))
-    assert [c[0] for c in curves] == ["fine"]
+    assert oscillating._curves("", {}, of_errors=True) == []
+    [values] = oscillating._curves("", {}, of_errors=False)
+    assert values.name == "a"
+    [errors] = oscillating._curves("", {"fine": quadratic}, of_errors=True)
+    assert errors.name == "fine"
     oscillating.plot(folder / "values.png")
     assert (folder / "values.png").stat().st_size > 1000

@@ -12,9 +12,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from contestants import words
 from mpi4py import MPI
-from stopwatch import show
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
@@ -100,9 +98,7 @@ def contact_set_of(run: gx.Simulation) -> ContactSet:
     return contact_set
 
 
-def cost(
-    vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.COMM_WORLD
-) -> dict[str, float]:
+def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dict[str, float]:
     """Figures of some steps of packed films, in turn with contact and without; times are of CPU, of
     all ranks.
 
@@ -110,6 +106,7 @@ def cost(
     without contact; `touching` is the part of vertices in contact, and `search` that of contact's
     time.
     """
+    comm = MPI.COMM_WORLD
     runs = []
     cpu = [0.0, 0.0]
     iterations = [0, 0]
@@ -157,8 +154,3 @@ def cost(
         "searches": contact_set.search.count,
         "ΔE/E": abs(runs[0].energy_error),
     }
-
-
-if __name__ == "__main__":
-    case = words({"vertices": 1000, "part": 1.0, "steps": 4})
-    show(cost(case["vertices"], case["part"], case["steps"]))
