@@ -7,7 +7,8 @@ import numpy as np
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, MaskArray
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, approach_bounds
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import is_wall
 
 # Activation distance of a point over its gap at the start of a run, and in the course of it.
 # Layers that are packed closer than contact begins have no energy at first, and get their distance

@@ -304,13 +304,10 @@ class CompiledContacts(
         Planes, which have no end, are drawn near the bodies of their contact; kinds of obstacles
         without a picture are left out.
         """
-        # Loaded when a picture is made.
-        from gossamer_fx.mechanics.contact.obstacle_drawing import solid_of
-
         found = []
         for item, contact_set in self.contact_sets.items():
             of_bodies = _corners_of_all(contact_set)
-            found += [solid_of(obstacle, of_bodies) for obstacle in item.obstacles]
+            found += [obstacle.solid(of_bodies) for obstacle in item.obstacles]
         return [solid for solid in found if solid is not None]
 
 

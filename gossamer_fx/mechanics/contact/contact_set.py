@@ -46,7 +46,7 @@ from gossamer_fx.mechanics.contact.narrow_phase.initial_check import (
 )
 from gossamer_fx.mechanics.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.mechanics.contact.pair_stiffness import PairStiffness
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, is_wall
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
 from gossamer_fx.mechanics.contact.potential import (
     PUSH_BACK,
     ContactLaw,
@@ -54,6 +54,7 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     pair_starts,
 )
+from gossamer_fx.mechanics.contact.stencils import is_wall
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 

@@ -19,11 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array
-from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
-    parameter_derivatives,
-)
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, is_wall
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
+from gossamer_fx.mechanics.contact.stencils import is_wall, parameter_derivatives_of
 
 # Change of the origin, as a part of the sides, in the central difference for ∂F/∂(u0, v0).  Its
 # errors, of 1e-8 and less, are those of a small part of the force.
@@ -81,5 +79,5 @@ def add_product_through_origins(
     assert pairs.start is not None, "a step has the starts of its pairs"
     by_origin = forces_by_origin(pairs, x0, x1, law, alpha)
     by_parameters = np.einsum("nikc,nkc->ni", by_origin, μ[pairs.points])
-    of_points = parameter_derivatives(pairs.kind, x0[pairs.points], pairs.start[:, :2])
+    of_points = parameter_derivatives_of(pairs, x0[pairs.points], pairs.start[:, :2])
     np.add.at(found, pairs.points, np.einsum("ni,nikc->nkc", by_parameters, of_points))

@@ -7,7 +7,8 @@ import numpy as np
 from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_room
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import stencils_of
 from gossamer_fx.mechanics.contact.stiffness_warning import STOPPING_FACTOR, StiffnessWarning
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
@@ -134,9 +135,8 @@ class PairStiffness:
         """
         duration = SHORT_TIME * self._system.h
         later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
-        change = np.sqrt(np.abs(later)) - np.sqrt(np.abs(squared_distance))
-        is_plane = pairs.kind == PairKind.POINT_PLANE
-        # Of planes s is the distance; in a room it falls while the distance from the middle grows.
-        by_kind = [later - squared_distance, -change]
-        rate: Array = np.select([is_plane, is_room(pairs.kind)], by_kind, change) / duration
+        rate = np.empty(len(pairs))
+        for stencil, rows in stencils_of(pairs.kind):
+            change = stencil.distance(later[rows]) - stencil.distance(squared_distance[rows])
+            rate[rows] = change / duration
         return rate

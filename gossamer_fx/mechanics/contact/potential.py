@@ -64,11 +64,8 @@ from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.kernels.structs import pair_list_fields
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
-
-# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
-# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
-ROUNDING = 0.05
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import ROUNDING, stencils_of
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the
 # parabola of the pair, so that the next iterate comes back to the right side.
@@ -122,44 +119,26 @@ def activate(
         the pairs with offset and width of the squared distance [m²], of planes [m], and the
         stiffness zero.
     """
-    radius = candidates.radius
-    width: Array = (radius + activation_distance) ** 2 - radius**2
-    offset: Array = radius**2
-    if law == ContactLaw.BARRIER:
-        width, offset = infinite_at_crossings(candidates.kind, width, offset)
-    planes = candidates.kind == PairKind.POINT_PLANE
-    # For planes s is a signed distance and no square.
-    width[planes] = activation_distance[planes]
-    offset[planes] = radius[planes]
-    # Inside a sphere or cylinder s is minus the squared distance from the middle.
-    rooms = is_room(candidates.kind)
-    room = candidates.wall_radius[rooms] - radius[rooms]
-    width[rooms] = room**2 - (room - activation_distance[rooms]) ** 2
-    offset[rooms] = -(room**2)
+    count = len(candidates)
+    width = np.empty(count)
+    offset = np.empty(count)
+    is_barrier = law == ContactLaw.BARRIER
+    for stencil, rows in stencils_of(candidates.kind):
+        width[rows], offset[rows] = stencil.energy_range(
+            activation_distance[rows],
+            candidates.radius[rows],
+            candidates.shapes[rows],
+            is_barrier,
+        )
     return ActivePairs(
         kind=candidates.kind,
         points=candidates.points,
+        shape=candidates.shape,
         identifier=candidates.identifier,
-        stiffness=np.zeros(len(candidates)),
+        stiffness=np.zeros(count),
         width=width,
         offset=offset,
     )
-
-
-def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
-    """Return width and offset (n,) [m²] of barrier energies that are infinite where edges cross.
-
-    Squared distances of edges are rounded, so that they are not zero at a crossing.  The energy
-    begins at the same distance: offset + width is constant.
-
-    Args:
-        kind: values (n,) of `PairKind`; only edge pairs are changed.
-        width: change of the squared distance over which the energy falls to zero (n,) [m²].
-        offset: squared distance where the barrier of pairs without rounding is infinite (n,) [m²].
-    """
-    rounded = np.where(kind == PairKind.EDGE_EDGE, ROUNDING / 2, 0.0)
-    new_width = width / (1 + rounded)
-    return new_width, offset + rounded * new_width
 
 
 def pair_starts(
@@ -187,19 +166,14 @@ def pair_starts(
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
-    rounded = np.empty(count)
-    parameters = np.ascontiguousarray(parameters)
-    c.lib.rounded_squared_distances(
+    start = np.empty((count, 4))
+    c.lib.pair_starts(
         _active_pairs(pairs, None, ContactLaw.BARRIER).pointer,
         c.array("x", x, "float64", (len(x), 3)),
-        c.array("parameters", parameters, "float64", (count, 2)),
-        c.array("rounded", rounded, "float64", (count,), writable=True),
+        c.array("s", np.ascontiguousarray(squared_distance), "float64", (count,)),
+        c.array("parameters", np.ascontiguousarray(parameters), "float64", (count, 2)),
+        c.array("start", start, "float64", (count, 4), writable=True),
     )
-    start = np.empty((count, 4))
-    start[:, :2] = parameters
-    # Walls have signed or negative s; their distance is not used.
-    start[:, 2] = np.sqrt(np.maximum(squared_distance, 0))
-    start[:, 3] = rounded
     return start
 
 

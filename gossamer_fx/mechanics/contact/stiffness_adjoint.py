@@ -26,10 +26,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.friction.tangent_directions import TINY, gap_weights, lengths_of
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.stencils import TINY, derivatives_of
 
 
 class StiffnessAdjoint:
@@ -128,8 +128,11 @@ def closing_derivatives(
     """
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)
-    distance, gradient = _distances(pairs, x0)
-    later_distance, later_gradient = _distances(pairs, later)
+    # D and its derivatives at both times.
+    distance, gradient = derivatives_of(pairs, x0[pairs.points], closest_points(pairs, x0)[1])
+    later_distance, later_gradient = derivatives_of(
+        pairs, later[pairs.points], closest_points(pairs, later)[1]
+    )
     rate = (later_distance - distance) / duration
     # Below the reference speed k does not depend on the motion.
     is_fast = SPEED_RESERVE * np.abs(rate) > reference_speed
@@ -138,54 +141,3 @@ def closing_derivatives(
     by_position = by_rate[:, None, None] * (later_gradient - gradient) / duration
     by_velocity = by_rate[:, None, None] * later_gradient
     return by_position, by_velocity
-
-
-def _distances(pairs: ActivePairs, x: Array) -> tuple[Array, Array]:
-    """Return the distances D (n,) [m] of pairs at points x (m, 3), and their derivatives (n, 4, 3).
-
-    Of planes D is signed.  In a room it is the distance from its middle.
-    """
-    at = x[pairs.points]
-    _, parameters = closest_points(pairs, x)
-    # Closest points are stationary, so that their parameters count as constant.
-    weights = gap_weights(pairs.kind, parameters)
-    between = np.einsum("nk,nkc->nc", weights, at)
-    distance = lengths_of(between)
-    direction = between / np.maximum(distance, TINY)[:, None]
-    gradient = weights[:, :, None] * direction[:, None]
-    for kind in (PairKind.POINT_PLANE, PairKind.POINT_IN_SPHERE, PairKind.POINT_IN_CYLINDER):
-        rows = np.flatnonzero(pairs.kind == kind)
-        if len(rows):
-            distance[rows], gradient[rows] = _distances_of_walls(kind, at[rows])
-    return distance, gradient
-
-
-def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
-    """Return D (n,) [m] of pairs of one kind of wall from their points (n, 4, 3), and its
-    derivatives (n, 4, 3).
-
-    D is the signed distance from a plane, or the distance from the middle of a sphere or axis; r
-    (n, 3) [m] is the vector from the origin to the point.
-
-    Args:
-        at: point, origin of the wall and two more points or directions, (n, 4, 3) [m, -]; a plane
-            has its unit normal as the third one, a cylinder its two unit directions across the axis
-            as the third and fourth.
-    """
-    r = at[:, 0] - at[:, 1]
-    gradient = np.zeros_like(at)
-    if kind == PairKind.POINT_IN_SPHERE:
-        distance = lengths_of(r)
-        gradient[:, 0] = r / np.maximum(distance, TINY)[:, None]
-    elif kind == PairKind.POINT_PLANE:
-        distance = (r * at[:, 2]).sum(axis=1)
-        gradient[:, 0] = at[:, 2]
-        gradient[:, 2] = r
-    else:
-        across = np.einsum("nc,nkc->nk", r, at[:, 2:])
-        distance = np.sqrt((across * across).sum(axis=1))
-        share = across / np.maximum(distance, TINY)[:, None]
-        gradient[:, 0] = np.einsum("nk,nkc->nc", share, at[:, 2:])
-        gradient[:, 2:] = share[:, :, None] * r[:, None]
-    gradient[:, 1] = -gradient[:, 0]
-    return distance, gradient

@@ -15,7 +15,7 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
 
 
@@ -147,12 +147,10 @@ def test_candidates_are_those_of_ipctk() -> None:
     mesh = ipctk.CollisionMesh(x, surface.edges, surface.triangles)
     theirs = ipctk.Candidates()
     theirs.build(mesh, x, inflation_radius=0.005)
-    expected = {
-        (int(PairKind.POINT_TRIANGLE), c.vertex_id, c.face_id) for c in theirs.fv_candidates
-    }
+    expected = {(PointTriangle.number, c.vertex_id, c.face_id) for c in theirs.fv_candidates}
     for candidate in theirs.ee_candidates:
         first, second = sorted((candidate.edge0_id, candidate.edge1_id))
-        expected.add((int(PairKind.EDGE_EDGE), first, second))
+        expected.add((EdgeEdge.number, first, second))
     ours = set(keys_of(overlaps(surface, x, 0.01)))
     # Many pairs, so that equality is not accidental.
     assert len(ours) > 10_000

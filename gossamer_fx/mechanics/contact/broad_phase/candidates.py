@@ -13,7 +13,8 @@ from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_face
 from gossamer_fx.mechanics.contact.broad_phase.overlaps import Nearness, find_overlaps
 from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge, is_wall
 
 # Part of its expected way by which a point may miss its expected position.  A wider margin makes
 # more candidates, a smaller one more searches.
@@ -267,24 +268,20 @@ def find_candidates(
     found = find_overlaps(
         mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected, near
     )
-    edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
+    edge_pair_count = int((found.kind == EdgeEdge.number).sum())
     counts = (len(found) - edge_pair_count, edge_pair_count)
     first, second = found.primitives.T
     pairs = found.rows(np.lexsort((first, second, found.kind)))
-    radius = mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point]
-    wall_kind, wall_points, wall_identifier, wall_radius = mesh.wall_pairs()
-    area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
-    identifier = mesh.identifiers(pairs.kind, pairs.primitives)
-    wall_point = wall_points[:, 0]
+    kind, shape = mesh.kinds_of(pairs.kind, pairs.primitives)
     candidates = CandidatePairs(
-        kind=np.concatenate([pairs.kind, wall_kind]),
-        points=np.vstack([pairs.points, wall_points]),
-        identifier=np.concatenate([identifier, wall_identifier]),
-        area=np.concatenate([area, mesh.area[wall_point]]),
-        radius=np.concatenate([radius, mesh.radius[wall_point]]),
-        wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
+        kind=kind,
+        points=pairs.points,
+        shape=shape,
+        identifier=mesh.identifiers(SIDES[kind], pairs.primitives),
+        area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
+        radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
     )
-    return candidates, counts
+    return candidates.followed_by(mesh.wall_pairs()), counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:

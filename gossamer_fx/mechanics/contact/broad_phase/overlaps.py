@@ -12,7 +12,8 @@ from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, I
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import BoxTree
 from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.pair_table import PairKind, PairTable
+from gossamer_fx.mechanics.contact.pair_table import PairTable
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 
 
 @dataclass
@@ -48,7 +49,7 @@ class Nearness:
     radius: Array
     distance: float
 
-    def of(self, kind: PairKind, asked: Int32Array, in_tree: Int32Array) -> CStruct:
+    def of(self, kind: int, asked: Int32Array, in_tree: Int32Array) -> CStruct:
         """Return the C structure for pairs of one kind.
 
         Args:
@@ -67,7 +68,7 @@ class Nearness:
         return c.struct(
             "nearness",
             {
-                "kind": int(kind),
+                "kind": kind,
                 "query_points": c.array("asked", asked, "int32", asked.shape),
                 "tree_points": c.array("in_tree", in_tree, "int32", in_tree.shape),
                 "x0": c.array("x0", self.x0, "float64", (points, 3)),
@@ -119,7 +120,7 @@ def find_overlaps(
             surface.filtered(vertex_points, lower, upper),
             vertices,
             expected=expected[0],
-            near=_nearness(near, PairKind.POINT_TRIANGLE, vertex_points, surface.triangles),
+            near=_nearness(near, PointTriangle.number, vertex_points, surface.triangles),
         )
     all_edges = surface.filtered(surface.edges, lower, upper)
     with_edges = BoxTree(all_edges).overlaps(
@@ -127,7 +128,7 @@ def find_overlaps(
         edges,
         in_tree=True,
         expected=expected[1],
-        near=_nearness(near, PairKind.EDGE_EDGE, surface.edges, surface.edges),
+        near=_nearness(near, EdgeEdge.number, surface.edges, surface.edges),
     )
 
     triangle_pairs = np.hstack(
@@ -136,7 +137,7 @@ def find_overlaps(
     edge_pairs = np.hstack([surface.edges[with_edges[:, 0]], surface.edges[with_edges[:, 1]]])
     points = np.vstack([triangle_pairs.reshape(-1, 4), edge_pairs.reshape(-1, 4)])
     counts = [len(with_triangles), len(with_edges)]
-    kinds = np.array([PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE], dtype=np.uint8)
+    kinds = np.array([PointTriangle.number, EdgeEdge.number], dtype=np.uint8)
     kind: ByteArray = np.repeat(kinds, counts)
     return OverlappingPairs(
         kind=kind,
@@ -146,7 +147,7 @@ def find_overlaps(
 
 
 def _nearness(
-    near: Nearness | None, kind: PairKind, asked: Int32Array, in_tree: Int32Array
+    near: Nearness | None, kind: int, asked: Int32Array, in_tree: Int32Array
 ) -> CStruct | None:
     """Return the C structure of `near` for pairs of one kind; None if all pairs are wanted."""
     if near is None:

@@ -14,8 +14,9 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
 )
 from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, WithObstacles
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
+from gossamer_fx.mechanics.contact.stencils import SIDES, Sides
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 
@@ -224,7 +225,7 @@ class Friction:
             x0: points (m, 3) [m] at the start of the step.
         """
         points = pairs.points
-        is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
+        is_edges = (SIDES[pairs.kind] == Sides.EDGE_EDGE)[:, None]
         geometry = BetweenBodies(pairs.kind)
         return FrictionPairs(
             pairs=pairs,
@@ -250,7 +251,7 @@ class Friction:
         """
         is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
-        geometry = WithObstacles(pairs.kind, is_of_body)
+        geometry = WithObstacles(pairs.geometry(slice(None)), is_of_body)
         return FrictionPairs(
             pairs=pairs,
             law=self._law,

@@ -16,14 +16,19 @@ from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
 from gossamer_fx.mechanics.contact.friction.tangent_directions import (
     EDGE_WEIGHTS,
     TIE,
-    TINY,
-    gap_weights,
-    lengths_of,
     orthonormal_combinations,
     unit_vectors,
 )
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.pair_table import PairTable
+from gossamer_fx.mechanics.contact.stencils import (
+    SIDES,
+    TINY,
+    Sides,
+    gap_weights_of,
+    lengths_of,
+    stencils_of,
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class BetweenBodies:
     """Geometry of n pairs between bodies, which slide along two edges of the pair.
 
     Attributes:
-        kind: of each pair (n,), a `PairKind`.
+        kind: of each pair (n,), the number of its stencil.
     """
 
     kind: ByteArray
@@ -73,8 +78,8 @@ class BetweenBodies:
             x: points (n, 4, 3) [m] of the pairs at the start of the step.
             parameters: (u, v) (n, 2) of the closest points there.
         """
-        r = gap_weights(self.kind, parameters)
-        edge_weights = EDGE_WEIGHTS[np.minimum(self.kind, PairKind.EDGE_EDGE)]
+        r = gap_weights_of(self.kind, parameters)
+        edge_weights = EDGE_WEIGHTS[SIDES[self.kind]]
         gap = np.einsum("nk,nkc->nc", r, x)
         edges = np.einsum("nik,nkc->nic", edge_weights, x)
         normal = unit_vectors(gap)
@@ -99,21 +104,20 @@ class WithObstacles:
     obstacle's frame: so a ball on a rigid body rolls.
 
     Attributes:
-        kind: of each pair (n,), a `PairKind`.
+        pairs: the pairs.
         is_of_body: which of the four points of each pair are of its body (n, 4).
     """
 
-    kind: ByteArray
+    pairs: PairTable
     is_of_body: MaskArray
 
     def rows(self, which: Any) -> WithObstacles:
         """Some of the pairs, given by indices or by a mask (n,)."""
-        return WithObstacles(self.kind[which], self.is_of_body[which])
+        return WithObstacles(self.pairs.geometry(which), self.is_of_body[which])
 
     def repeated(self, times: int) -> WithObstacles:
         """The same pairs, each `times` times in a row."""
-        kind = np.repeat(self.kind, times)
-        return WithObstacles(kind, np.repeat(self.is_of_body, times, axis=0))
+        return self.rows(np.repeat(np.arange(len(self.pairs)), times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
         """Return the geometry.
@@ -126,13 +130,13 @@ class WithObstacles:
         pair_points = x[:, :4]
         origin = x[:, 4]
         axes = x[:, 5:]
-        weights = gap_weights(self.kind, parameters)
+        weights = gap_weights_of(self.pairs.kind, parameters)
         # All weights of the body have one sign, which makes them a mean of its points.
         sign = np.where((weights.real * self.is_of_body).sum(axis=1) < 0, -1, 1)
         towards = weights * sign[:, None]
         of_body = towards * self.is_of_body
         touched = np.einsum("nk,nkc->nc", of_body, pair_points)
-        normal = unit_vectors(self._towards_body(towards, pair_points))
+        normal = unit_vectors(self._towards_body(towards, pair_points, parameters))
 
         # Two directions across the normal, in the axes of the obstacle: the first is also across
         # the axis that is farthest from the normal.
@@ -148,21 +152,16 @@ class WithObstacles:
         from_frame = np.hstack([-np.ones((len(x), 1)), -position])
         return SlidingGeometry(normal, np.hstack([of_body, from_frame]), directions)
 
-    def _towards_body(self, weights: Array, x: Array) -> Array:
+    def _towards_body(self, weights: Array, x: Array, parameters: Array) -> Array:
         """Return a vector (n, 3) from each pair's obstacle towards its body.
 
-        Args:
-            weights: (n, 4) of the vector between the closest points, for pairs that are not of
-                walls.
-            x: the four points of each pair (n, 4, 3) [m].
+        The weights (n, 4) are those of the vector between closest points x (n, 4, 3) [m], for pairs
+        that are not of walls.
         """
-        to_origin = x[:, 1] - x[:, 0]
-        from_axis = np.einsum("nkc,nc->nk", x[:, 2:], to_origin)
-        by_kind = {
-            PairKind.POINT_PLANE: x[:, 2],
-            PairKind.POINT_IN_SPHERE: to_origin,
-            PairKind.POINT_IN_CYLINDER: np.einsum("nk,nkc->nc", from_axis, x[:, 2:]),
-        }
-        conditions = [(self.kind == kind)[:, None] for kind in by_kind]
-        between_points = np.einsum("nk,nkc->nc", weights, x)
-        return np.select(conditions, list(by_kind.values()), between_points)
+        found = np.einsum("nk,nkc->nc", weights, x)
+        shapes = self.pairs.shapes
+        for stencil, rows in stencils_of(self.pairs.kind):
+            if stencil.sides == Sides.POINT_WALL:
+                _, gradient = stencil.derivatives(x[rows], parameters[rows], shapes[rows])
+                found[rows] = gradient[:, 0]
+        return found

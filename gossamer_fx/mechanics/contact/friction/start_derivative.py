@@ -34,11 +34,9 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     grip_of,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
-    parameter_derivatives,
-)
 from gossamer_fx.mechanics.contact.origin_derivative import forces_by_origin
 from gossamer_fx.mechanics.contact.potential import evaluate, reversed_pairs
+from gossamer_fx.mechanics.contact.stencils import parameter_derivatives_of
 
 # Size of complex steps, whose square is below the round-off of any number.
 COMPLEX_STEP = 1e-30
@@ -115,8 +113,8 @@ class _Product:
         self._grip = grip_of(self._sliding.w, step.creep)
         self._μ = μ[group.points]
         # d(u, v)/dx0 (n, 2, 4, 3) of the closest points.
-        self._of_parameters = parameter_derivatives(
-            group.pairs.kind, step.x0[group.pairs.points], parameters_at_start(group.pairs)
+        self._of_parameters = parameter_derivatives_of(
+            group.pairs, step.x0[group.pairs.points], parameters_at_start(group.pairs)
         )
         start = group.start
         # r and t of the displacements μ.

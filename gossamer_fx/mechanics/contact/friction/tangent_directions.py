@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.stencils import TINY, lengths_of
 
 # Sine of the angle to the normal, or to the other direction, below which an edge gives no direction
 # to slide along.
@@ -14,9 +14,6 @@ SMALLEST_SINE = 1e-3
 
 # Relative difference up to which two candidates for a direction count as equally good.
 TIE = 1e-6
-
-# No length: divisions by smaller ones are meaningless, and their result is not used.
-TINY = 1e-300
 
 # Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each
 # side.
@@ -29,45 +26,10 @@ EDGE_WEIGHTS = np.array(
 )
 
 
-def lengths_of(vectors: Array) -> Array:
-    """Return the lengths (...) of vectors (..., 3).
-
-    Of complex vectors it is the analytic function of them, and not the norm: a complex step
-    differentiates it.
-    """
-    length: Array = np.sqrt((vectors * vectors).sum(axis=-1))
-    return length
-
-
 def unit_vectors(vectors: Array) -> Array:
     """Return vectors (n, 3) of length one; those without a length stay zero."""
     unit: Array = vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
     return unit
-
-
-def gap_weights(kind: ByteArray, parameters: Array) -> Array:
-    """Return the weights of a contact pair's four points in the vector from its second side to its
-    first.
-
-    It leads between the closest points of the start; of walls it is their first point.
-
-    Args:
-        kind: of the n pairs, a `PairKind`.
-        parameters: (u, v) (n, 2) of the closest points.
-
-    Returns:
-        (n, 4) [-].
-    """
-    u = parameters[:, 0]
-    v = parameters[:, 1]
-    one = np.ones(len(u))
-    of_triangles = np.column_stack([one, u + v - 1, -u, -v])
-    of_edges = np.column_stack([1 - u, u, v - 1, -v])
-    of_walls = np.array([1.0, 0, 0, 0])
-    is_triangle = (kind == PairKind.POINT_TRIANGLE)[:, None]
-    is_edges = (kind == PairKind.EDGE_EDGE)[:, None]
-    weights: Array = np.select([is_triangle, is_edges], [of_triangles, of_edges], of_walls)
-    return weights
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:

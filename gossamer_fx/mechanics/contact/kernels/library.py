@@ -14,6 +14,7 @@ HEADER = Path(__file__).parent / "contact.h"
 SOURCES = (
     "broad_phase.c",
     "closest_points.c",
+    "stencils.c",
     "ccd.c",
     "intersections.c",
     "pass_through.c",

@@ -17,6 +17,7 @@ def pair_list_fields(pairs: PairTable) -> dict[str, Any]:
         "count": count,
         "points": c.array("points", pairs.points, "int32", (count, 4)),
         "kind": c.array("kind", pairs.kind, "uint8", (count,)),
+        "shape": c.array("shape", pairs.shape, "float64", (count,)),
     }
 
 

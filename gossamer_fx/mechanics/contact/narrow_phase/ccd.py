@@ -8,7 +8,8 @@ import numpy as np
 from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.kernels.structs import pair_list
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable
+from gossamer_fx.mechanics.contact.stencils import is_wall
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
 # its layers stay near each other: with 100, every third step of such a sail was refused for
@@ -53,7 +54,7 @@ def find_violations(
     can_come_near = approach > gap - min_gap
     rows = np.flatnonzero(can_come_near & ~is_wall(candidates.kind) & among)
     collisions = find_collisions(
-        PairTable(candidates.kind[rows], candidates.points[rows]),
+        candidates.geometry(rows),
         x0,
         x1,
         radius=candidates.radius[rows],

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.kernels.structs import pair_list
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, is_room, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable
+from gossamer_fx.mechanics.contact.stencils import gaps_of
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
@@ -75,28 +76,6 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
     return bound
 
 
-def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
-    """Return the gaps (n,) [m] of contact pairs: their distance less the radii of both sides.
-
-    Args:
-        kind: values (n,) of `PairKind`.
-        squared_distance: s (n,) of `closest_points`: a square [m²], of planes the signed distance
-            [m], inside spheres and cylinders minus the squared distance from the middle [m²].
-        radius: of both sides together (n,) [m].
-        wall_radius: of the sphere or cylinder that holds the point (n,) [m]; zero for other pairs.
-    """
-    walls = is_wall(kind)
-    rooms = is_room(kind)
-    squares = np.where(walls, 0, squared_distance)
-    gap: Array = np.sqrt(np.maximum(squares, 0)) - radius
-    # For planes s is the signed distance.
-    gap[walls] = squared_distance[walls] - radius[walls]
-    # Inside of a room s is minus the squared distance from its middle.
-    room = wall_radius[rooms] - radius[rooms]
-    gap[rooms] = room - np.sqrt(-squared_distance[rooms])
-    return gap
-
-
 class PairDistances:
     """Gaps and closest points of all candidates at one set of points x (m, 3).
 
@@ -138,14 +117,9 @@ class PairDistances:
         Args:
             rows: which pairs, as indices, a mask (n,) or a slice.
         """
-        self._compute(rows)
-        table = self.candidates
-        self.gap[rows] = gaps_of(
-            kind=table.kind[rows],
-            squared_distance=self._squared_distance[rows],
-            radius=table.radius[rows],
-            wall_radius=table.wall_radius[rows],
-        )
+        geometry = self._compute(rows)
+        radius = self.candidates.radius[rows]
+        self.gap[rows] = gaps_of(geometry, self._squared_distance[rows], radius)
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distance and parameters of the closest points of some contact pairs.
@@ -162,10 +136,11 @@ class PairDistances:
             self._compute(missing)
         return self._squared_distance[rows], self._parameters[rows]
 
-    def _compute(self, rows: Any) -> None:
-        """Compute closest points of some rows, and keep them."""
-        geometry = PairTable(self.candidates.kind[rows], self.candidates.points[rows])
+    def _compute(self, rows: Any) -> PairTable:
+        """Compute closest points of some rows, keep them, and return these rows."""
+        geometry = self.candidates.geometry(rows)
         squared_distance, parameters = closest_points(geometry, self.x)
         self._squared_distance[rows] = squared_distance
         self._parameters[rows] = parameters
         self._is_known[rows] = True
+        return geometry

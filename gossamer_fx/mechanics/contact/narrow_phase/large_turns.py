@@ -19,7 +19,7 @@ from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
-from gossamer_fx.mechanics.contact.pair_table import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_wall
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 # Angle [rad] between two bodies in one step up to which straight lines are accepted: they are
