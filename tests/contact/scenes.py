@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.compiled import CompiledContacts
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
@@ -89,8 +88,7 @@ def obstacle_of(kind: str, block: gx.RigidBody, **given) -> Obstacle:
 
 def contact_set_of(run) -> ContactSet:
     """Return the only contact of a run."""
-    compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
-    (contact_set,) = compiled.contact_sets.values()
+    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
     return contact_set
 
 

@@ -45,7 +45,7 @@ class ContactGradient:
     def start_adjoint(self) -> None:
         """Begin a backward pass: forget the sums of pairs that derive their stiffness.
         Collective."""
-        if self._set.has_given_stiffness:
+        if self._set.pair_stiffness.given is not None:
             return
         self._stiffness_adjoint = StiffnessAdjoint(self._stiffness.densities(), self._comm)
 

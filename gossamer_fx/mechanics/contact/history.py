@@ -105,6 +105,17 @@ class ContactHistory:
         # The contact set compares this number, and computes again what follows from the history.
         self.restored += 1
 
+    def keep(self, identifier: Int64Array, stiffness: Array) -> None:
+        """Take the stiffness (n,) [J] of the pairs that have energy in the accepted state."""
+        order = np.argsort(identifier)
+        self.identifier = identifier[order]
+        self.stiffness = stiffness[order]
+
+    def keep_some(self, which: MaskArray) -> None:
+        """Forget all pairs but some (mask (k,)): a checkpoint has the pairs of all ranks."""
+        self.identifier = self.identifier[which]
+        self.stiffness = self.stiffness[which]
+
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
         """Return which contact pairs have energy already, and their stiffness.
 

@@ -113,6 +113,13 @@ class PairStiffness:
             self._density = self._mesh.body_densities(self._system)
         return self._density
 
+    def rescale(self, stiffness: float) -> float:
+        """Give the contact another K [N/m³]; return it over the one before."""
+        assert self.given is not None, "only a given stiffness is changed"
+        factor = stiffness / self.given
+        self.given = stiffness
+        return factor
+
     def masses_changed(self) -> None:
         self._density = None
 
