@@ -350,10 +350,7 @@ class BlockAssembly:
 
 
 def _unrolled(
-    columns: Int64Array,
-    blocks: Array,
-    first: Int64Array,
-    counts: Int64Array,
+    columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
 ) -> tuple[Int64Array, Array]:
     """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
 

@@ -124,8 +124,7 @@ class Obstacle:
         for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
             value = getattr(self, attribute, (0.0, 0.0, 0.0))
             check(
-                is_vector(value),
-                f"{owner}: {attribute} is {value!r}; give three finite numbers.",
+                is_vector(value), f"{owner}: {attribute} is {value!r}; give three finite numbers."
             )
         radius = getattr(self, "radius", 1.0)
         check(

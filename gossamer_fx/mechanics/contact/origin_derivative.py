@@ -54,13 +54,7 @@ def forces_by_origin(
 
 
 def add_product_through_origins(
-    pairs: ActivePairs,
-    x0: Array,
-    x1: Array,
-    law: ContactLaw,
-    alpha: float,
-    μ: Array,
-    found: Array,
+    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
 ) -> None:
     """Add (1) of all pairs to `found` (m, 3).
 

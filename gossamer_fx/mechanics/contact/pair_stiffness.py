@@ -94,9 +94,7 @@ class PairStiffness:
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self.given is not None:
             self._warning.check(
-                bodies=bodies,
-                density=density.min(axis=1),
-                speed=np.maximum(-rate, 0),
+                bodies=bodies, density=density.min(axis=1), speed=np.maximum(-rate, 0)
             )
             return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
@@ -124,11 +122,7 @@ class PairStiffness:
         self._density = None
 
     def _rate_of_distance(
-        self,
-        pairs: CandidatePairs,
-        squared_distance: Array,
-        x0: Array,
-        v: Array,
+        self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
     ) -> Array:
         """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
         close.

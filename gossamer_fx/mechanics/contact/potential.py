@@ -125,10 +125,7 @@ def activate(
     is_barrier = law == ContactLaw.BARRIER
     for stencil, rows in stencils_of(candidates.kind):
         width[rows], offset[rows] = stencil.energy_range(
-            activation_distance[rows],
-            candidates.radius[rows],
-            candidates.shapes[rows],
-            is_barrier,
+            activation_distance[rows], candidates.radius[rows], candidates.shapes[rows], is_barrier
         )
     return ActivePairs(
         kind=candidates.kind,
@@ -141,12 +138,7 @@ def activate(
     )
 
 
-def pair_starts(
-    pairs: ActivePairs,
-    x: Array,
-    squared_distance: Array,
-    parameters: Array,
-) -> Array:
+def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
     """Return the column `start` of contact pairs: what the energy rule needs from the start of a
     step.
 
@@ -190,10 +182,7 @@ def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
 
 
 def energy_of_pairs(
-    pairs: ActivePairs,
-    x: Array,
-    law: ContactLaw,
-    parameters: Array | None = None,
+    pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
 ) -> tuple[float, Array]:
     """Return the energy of contact pairs in one configuration, and their scaled distances.
 

@@ -150,13 +150,7 @@ class CandidateSearch:
         else:
             self._horizon = max(self._age, 1)
 
-    def _bounds(
-        self,
-        x: Array,
-        v: Array,
-        time: float,
-        duration: float,
-    ) -> TrajectoryBounds:
+    def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
         """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
         motion.
 

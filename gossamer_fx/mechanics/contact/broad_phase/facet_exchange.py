@@ -35,14 +35,7 @@ def group_boxes(boxes: Array) -> Array:
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
-    starts = np.unique(
-        np.linspace(
-            0,
-            len(boxes),
-            GROUP_COUNT,
-            endpoint=False,
-        ).astype(int)
-    )
+    starts = np.unique(np.linspace(0, len(boxes), GROUP_COUNT, endpoint=False).astype(int))
     lower = np.minimum.reduceat(ordered[:, :3], starts)
     upper = np.maximum.reduceat(ordered[:, 3:], starts)
     return np.hstack([lower, upper])
@@ -94,17 +87,9 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
         boxes: least, then greatest coordinates (n, 6) [m].
     """
     count = len(boxes)
-    labels: Int32Array = np.arange(
-        first_label,
-        first_label + count,
-        dtype=np.int32,
-    )
+    labels: Int32Array = np.arange(first_label, first_label + count, dtype=np.int32)
     is_fixed: ByteArray = np.zeros(count, dtype=np.uint8)
-    return FilteredPrimitives(
-        np.ascontiguousarray(boxes),
-        labels[:, None],
-        is_fixed,
-    )
+    return FilteredPrimitives(np.ascontiguousarray(boxes), labels[:, None], is_fixed)
 
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
@@ -126,38 +111,13 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     surface = mesh.surface
     known = mesh.known
     vertices = surface.vertices[mesh.own_vertices]
-    edge_boxes = _boxes(
-        surface.edges[mesh.own_edges],
-        lower,
-        upper,
-    )
-    searched = np.vstack(
-        [
-            _boxes(
-                vertices[:, None],
-                lower,
-                upper,
-            ),
-            edge_boxes,
-        ]
-    )
+    edge_boxes = _boxes(surface.edges[mesh.own_edges], lower, upper)
+    searched = np.vstack([_boxes(vertices[:, None], lower, upper), edge_boxes])
     regions = SearchRegions(comm, searched)
-    edge, edge_rank = regions.destinations(
-        _boxes(
-            surface.edges[mesh.sent_edges],
-            lower,
-            upper,
-        )
-    )
+    edge, edge_rank = regions.destinations(_boxes(surface.edges[mesh.sent_edges], lower, upper))
     edge = mesh.sent_edges[edge]
     triangles = surface.triangles[mesh.sent_triangles]
-    triangle, triangle_rank = regions.destinations(
-        _boxes(
-            triangles,
-            lower,
-            upper,
-        )
-    )
+    triangle, triangle_rank = regions.destinations(_boxes(triangles, lower, upper))
     triangle = mesh.sent_triangles[triangle]
 
     # The points of what is sent, each once for each rank.

@@ -347,13 +347,7 @@ class FrictionPairs:
         K *= (moved[:, :, None] * moved[:, None])[..., None, None]
         np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
 
-    def _material_part(
-        self,
-        sliding: Sliding,
-        grip: Grip,
-        pressing: Array,
-        creep: float,
-    ) -> Array:
+    def _material_part(self, sliding: Sliding, grip: Grip, pressing: Array, creep: float) -> Array:
         """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
 
         S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.

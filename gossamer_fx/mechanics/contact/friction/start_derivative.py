@@ -86,12 +86,7 @@ class _Product:
     """
 
     def __init__(
-        self,
-        group: FrictionPairs,
-        step: FrictionStep,
-        μ: Array,
-        normal_force: Array,
-        forces: Array,
+        self, group: FrictionPairs, step: FrictionStep, μ: Array, normal_force: Array, forces: Array
     ) -> None:
         """Compute sliding and power of all pairs.
 

@@ -18,11 +18,7 @@ TIE = 1e-6
 # Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each
 # side.
 EDGE_WEIGHTS = np.array(
-    [
-        [[0, 1, -1, 0], [0, 1, 0, -1]],
-        [[-1, 1, 0, 0], [0, 0, 1, -1]],
-    ],
-    dtype=float,
+    [[[0, 1, -1, 0], [0, 1, 0, -1]], [[-1, 1, 0, 0], [0, 0, 1, -1]]], dtype=float
 )
 
 

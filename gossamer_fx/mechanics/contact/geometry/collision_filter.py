@@ -56,16 +56,8 @@ class TiedLabels:
         """
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
-        own = np.repeat(
-            numbers[:, None],
-            self.labels.shape[1],
-            axis=1,
-        )
-        return np.where(
-            is_tied[:, None],
-            self.labels[row],
-            own,
-        )
+        own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
+        return np.where(is_tied[:, None], self.labels[row], own)
 
 
 def tied_labels(
@@ -84,11 +76,7 @@ def tied_labels(
     Returns:
         the labels, or None if nothing is tied.
     """
-    ties = _ties(
-        system,
-        bodies,
-        points,
-    )
+    ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
         return None
@@ -105,11 +93,7 @@ def tied_labels(
         for point in one
         for end in other
     ]
-    connected = identity(
-        label_count,
-        dtype=bool,
-        format="csr",
-    ) + _graph(to_lines, label_count)
+    connected = identity(label_count, dtype=bool, format="csr") + _graph(to_lines, label_count)
     while True:
         further = connected @ connected
         if further.nnz == connected.nnz:
@@ -148,11 +132,7 @@ def _ties(
         number = next((k for k, body in enumerate(bodies) if port.body is body), None)
         if number is None:
             return []
-        pairs = zip(
-            port.nodes,
-            port.weights,
-            strict=True,
-        )
+        pairs = zip(port.nodes, port.weights, strict=True)
         return [(number, int(node)) for node, weight in pairs if weight]
 
     mine: list[tuple[list[tuple[int, int]], list[tuple[int, int]]]] = []
@@ -165,11 +145,7 @@ def _ties(
     found = [tie for of_rank in system.comm.allgather(mine) for tie in of_rank]
     found = [(one, other) for one, other in found if one and other]
     wanted = sorted({node for sides in found for side in sides for node in side})
-    number_of = _numbers_of(
-        wanted,
-        points,
-        system.comm,
-    )
+    number_of = _numbers_of(wanted, points, system.comm)
     ties: list[tuple[list[int], list[int]]] = []
     for sides in found:
         numbers = [[number_of[node] for node in side] for side in sides]
@@ -194,11 +170,7 @@ def _numbers_of(
     order = np.lexsort((points.node, points.body))
     keys = np.stack([points.body[order], points.node[order]], axis=1)
     of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
-    numbers = np.full(
-        len(wanted),
-        -1,
-        dtype=np.int64,
-    )
+    numbers = np.full(len(wanted), -1, dtype=np.int64)
     for k, (body, node) in enumerate(wanted):
         if body + 1 >= len(of_bodies):
             continue
@@ -207,18 +179,8 @@ def _numbers_of(
         row = int(np.searchsorted(nodes, node))
         if row < len(nodes) and nodes[row] == node:
             numbers[k] = points.number[order[start + row]]
-    comm.Allreduce(
-        MPI.IN_PLACE,
-        numbers,
-        op=MPI.MAX,
-    )
-    return dict(
-        zip(
-            wanted,
-            map(int, numbers),
-            strict=True,
-        )
-    )
+    comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
+    return dict(zip(wanted, map(int, numbers), strict=True))
 
 
 def _is_coincidence(measure: PointMeasure) -> bool:
@@ -244,11 +206,7 @@ def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
         labels (m, w), the columns that are true.
     """
     widths = np.diff(rows.indptr)
-    labels: Int64Array = np.repeat(
-        own[:, None],
-        widths.max(),
-        axis=1,
-    ).astype(np.int64)
+    labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]
     labels[is_used] = rows.indices
     return labels

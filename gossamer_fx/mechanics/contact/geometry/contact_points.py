@@ -116,10 +116,7 @@ class ContactPoints:
     prescribed: Int64Array
 
     def __init__(
-        self,
-        bodies: Sequence[Body],
-        obstacles: Sequence[ObstaclePoints],
-        system: Assembly,
+        self, bodies: Sequence[Body], obstacles: Sequence[ObstaclePoints], system: Assembly
     ) -> None:
         self.comm = system.comm
         self._numbering = system.numbering

@@ -33,11 +33,7 @@ class DistributedRows:
         meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
         self._exchange = RankExchange(comm, meeting_rank)
         met = self._exchange.send(rows)
-        distinct, row_of = np.unique(
-            met,
-            axis=0,
-            return_inverse=True,
-        )
+        distinct, row_of = np.unique(met, axis=0, return_inverse=True)
         self._row_of = row_of.ravel()
         self._met_count = len(distinct)
         self.count = comm.allreduce(self._met_count)
@@ -45,11 +41,7 @@ class DistributedRows:
         first = int(comm.exscan(self._met_count) or 0)
         self.numbers: Int64Array = self._exchange.answer(first + self._row_of)
         owner = np.full(self._met_count, comm.size)
-        np.minimum.at(
-            owner,
-            self._row_of,
-            self._exchange.source,
-        )
+        np.minimum.at(owner, self._row_of, self._exchange.source)
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
@@ -66,9 +58,5 @@ class DistributedRows:
             sums (n,), in the unit of the values.
         """
         met = self._exchange.send(values)
-        total = np.bincount(
-            self._row_of,
-            met,
-            self._met_count,
-        ).astype(float)
+        total = np.bincount(self._row_of, met, self._met_count).astype(float)
         return self._exchange.answer(total[self._row_of])

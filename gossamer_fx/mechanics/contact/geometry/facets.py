@@ -22,12 +22,7 @@ PIECES_OF_CELLS = {
     (2, 6): [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]],
 }
 # The vertices between which the middle nodes of cells of order 2 lie.
-EDGES_OF_CELLS = {
-    (1, 2): [],
-    (1, 3): [(0, 1)],
-    (2, 3): [],
-    (2, 6): [(1, 2), (0, 2), (0, 1)],
-}
+EDGES_OF_CELLS = {(1, 2): [], (1, 3): [(0, 1)], (2, 3): [], (2, 6): [(1, 2), (0, 2), (0, 1)]}
 
 
 @dataclass(frozen=True)

@@ -50,15 +50,7 @@ class _Turn:
             other: rotation of the other body in the same step.
         """
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
-        return float(
-            np.arccos(
-                np.clip(
-                    cosine,
-                    -1.0,
-                    1.0,
-                )
-            )
-        )
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
@@ -74,10 +66,7 @@ class LargeTurns:
     """
 
     def __init__(
-        self,
-        mesh: CollisionMesh,
-        activation_distance: float,
-        system: ContactAssembly,
+        self, mesh: CollisionMesh, activation_distance: float, system: ContactAssembly
     ) -> None:
         self._mesh = mesh
         self._system = system
@@ -120,14 +109,7 @@ class LargeTurns:
         own, _ = self._mesh.own_points()
         body = self._mesh.body[own]
         self._points = [own[body == k] for k in range(count)]
-        turns = [
-            self._turn(
-                k,
-                distances.x,
-                x1,
-            )
-            for k in range(count)
-        ]
+        turns = [self._turn(k, distances.x, x1) for k in range(count)]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
             # Of two bodies the one that turns in space is named.  Obstacles do not touch each
@@ -136,13 +118,7 @@ class LargeTurns:
             can_touch = min(one, other) < body_count
             if not (angle > MAX_TURN and turns_itself and can_touch):
                 continue
-            if self._may_meet(
-                one,
-                other,
-                turns[one],
-                distances,
-                x1,
-            ):
+            if self._may_meet(one, other, turns[one], distances, x1):
                 return (
                     f"'{self._mesh.names[one]}' would turn by {np.degrees(angle):.0f}° past "
                     f"'{self._mesh.names[other]}' in one step"
@@ -161,11 +137,7 @@ class LargeTurns:
         """
         if k < len(self._mesh.bodies):
             points = self._points[k]
-            return _best_turn(
-                x0[points],
-                x1[points],
-                self._mesh.comm,
-            )
+            return _best_turn(x0[points], x1[points], self._mesh.comm)
         body = self._rigid_bodies[k]
         if body is None:
             return STAYS
@@ -187,31 +159,14 @@ class LargeTurns:
             x1: the same points (m, 3) [m] at its end.
         """
         touching = min(one, other)  # a body on a mesh
-        gap = self._gap_to_walls(
-            touching,
-            max(one, other),
-            distances,
-        )
-        if gap < self._radius(
-            touching,
-            turn,
-            distances.x,
-            x1,
-        ):
+        gap = self._gap_to_walls(touching, max(one, other), distances)
+        if gap < self._radius(touching, turn, distances.x, x1):
             return True
         mine = self._points[one]
         others = self._points[other]
         if not (self._has_corners[one] and self._has_corners[other]):
             return False
-        reach = (
-            self._radius(
-                one,
-                turn,
-                distances.x,
-                x1,
-            )
-            + self._activation_distance
-        )
+        reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
