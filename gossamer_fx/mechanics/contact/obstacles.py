@@ -24,7 +24,7 @@ from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector
 from gossamer_fx.core.model.ports import unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.geometry.obstacle_motion import PrescribedMotion
+from gossamer_fx.mechanics.contact.geometry.contact_points import PrescribedMotion
 from gossamer_fx.mechanics.contact.stencils import (
     EdgeEdge,
     PointInCylinder,

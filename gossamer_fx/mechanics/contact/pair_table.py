@@ -5,6 +5,8 @@ Its kind is the number of its stencil, which says in which order its four points
 The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad
 phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the
 energy.
+
+The table of pairs as structures of the C functions.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from gossamer_fx.core.forms.c_source import check_indices
+from gossamer_fx.core.forms.c_source import CStruct, check_indices
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.stencils import SIDES, STENCILS, Sides
 
 
@@ -112,3 +115,20 @@ class ActivePairs(PairTable):
     width: Array
     offset: Array
     start: Array | None = None
+
+
+def pair_list_fields(pairs: PairTable) -> dict[str, Any]:
+    """Return the fields of a `pair_list`, which other structures hold, too."""
+    c = library()
+    count = len(pairs)
+    return {
+        "count": count,
+        "points": c.array("points", pairs.points, "int32", (count, 4)),
+        "kind": c.array("kind", pairs.kind, "uint8", (count,)),
+        "shape": c.array("shape", pairs.shape, "float64", (count,)),
+    }
+
+
+def pair_list(pairs: PairTable) -> CStruct:
+    """Return what distances of pairs need as a `pair_list`."""
+    return library().struct("pair_list", pair_list_fields(pairs))

@@ -62,9 +62,8 @@ import numpy as np
 from gossamer_fx.core.forms.c_source import CStruct
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.kernels.structs import pair_list_fields
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
 from gossamer_fx.mechanics.contact.stencils import ROUNDING, stencils_of
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the

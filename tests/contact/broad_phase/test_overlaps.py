@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.broad_phase.overlaps import (
+from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     Nearness,
     OverlappingPairs,
     find_overlaps,

@@ -12,11 +12,14 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     FrictionStep,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, SlidingGeometry
+from gossamer_fx.mechanics.contact.friction.sliding_geometry import (
+    EDGE_WEIGHTS,
+    BetweenBodies,
+    SlidingGeometry,
+)
 from gossamer_fx.mechanics.contact.friction.start_derivative import (
     add_product_with_start_derivative,
 )
-from gossamer_fx.mechanics.contact.friction.tangent_directions import EDGE_WEIGHTS
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
 from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of

@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.broad_phase.box_tree import Nearness, find_overlaps
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
-from gossamer_fx.mechanics.contact.broad_phase.overlaps import Nearness, find_overlaps
 from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs

@@ -14,8 +14,8 @@ from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, I
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
 from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
-from gossamer_fx.mechanics.contact.geometry.shared_points import SharedPoints
 from gossamer_fx.mechanics.contact.geometry.surface_share import (
+    SharedPoints,
     SurfaceEdges,
     SurfacePoints,
     SurfacePrimitives,

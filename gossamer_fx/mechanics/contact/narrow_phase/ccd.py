@@ -7,8 +7,7 @@ import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.kernels.structs import pair_list
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
 from gossamer_fx.mechanics.contact.stencils import is_wall
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
