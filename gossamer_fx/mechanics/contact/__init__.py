@@ -29,6 +29,21 @@ Numberings:
     block index  of a 3 x 3 block between two block rows, in one step, on one rank
     identifier   of a pair, the same on every rank and in every search
 
+Names of arrays and numbers, in all of contact:
+
+    x, x0, x1        the points (m, 3) [m] that a rank knows; at the start and end of a step
+    v, step, time    their velocities (m, 3) [m/s]; the length of a step and a time [s]
+    μ                adjoint displacements (m, 3) of the points; else a coefficient of friction [-]
+    pairs            a table of n pairs, with their kind (n,) and points (n, 4)
+    parameters       (u, v) (n, 2) [-] of closest points along both sides
+    lower, upper     least and greatest coordinates (m, 3) [m] of points; boxes (n, 6) [m] have both
+    alpha            weight of the end in the configuration where forces act; 1: a state alone
+    found            an array that results are added to
+    w                sliding (n, 2) [m] of pairs, or a vector of the system by which residuals are
+                     multiplied
+
+What exchanges data between ranks is collective.
+
 Distances, all in metres unless they are called squared:
 
     gap                  distance of the two sides of a pair less their radii; of walls it is signed

@@ -37,8 +37,6 @@ class Activation:
     Points of bodies keep theirs with their owner; a search changes which points a rank knows.
 
     Args:
-        mesh: what touches.
-        history: which keeps the activation distances of the points that this rank owns.
         largest: activation distance of the contact [m].
     """
 
@@ -117,8 +115,6 @@ class StepDistances:
     """Distances of all candidates in one step from x0 to x1.
 
     Args:
-        start: at the start.
-        x1: points (m, 3) [m] at the end, predicted or solved for.
         far: gap [m] from which a pair takes no part in a step.
 
     Attributes:
@@ -145,9 +141,7 @@ class StepDistances:
         These are pairs whose gap falls below a tenth of its value at the start, or of the
         activation distance if that is less; see `find_violations`.
 
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-            among: mask (n,) of the pairs that are asked for; walls are left out in any case.
+        `among`: mask (n,) of the pairs that are asked for; walls are left out in any case.
         """
         return find_violations(
             self.start.candidates,
@@ -163,11 +157,7 @@ class StepDistances:
         """Return which contact pairs are near at the start, may be at the end, or would pass
         through.
 
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-
-        Returns:
-            mask (n,) of the candidate pairs.
+        Returns mask (n,) of the candidate pairs.
         """
         start = self.start.gap
         end = self.end.gap
@@ -181,12 +171,8 @@ class StepDistances:
         """Return which contact pairs take no part in the step though they are near at its end or
         would pass through.
 
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-            active: mask (n,) of the pairs that take part in the step.
-
-        Returns:
-            mask (n,) of the candidate pairs.
+        `active`: mask (n,) of the pairs that take part in the step. Returns mask (n,) of the
+        candidate pairs.
         """
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out

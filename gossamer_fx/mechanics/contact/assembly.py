@@ -37,10 +37,6 @@ MAX_BLOCKS = 2**31 - 1
 class BlockAssembly:
     """The blocks that the pairs of one contact add to the tangent in one step.
 
-    Args:
-        points: of the contact, with v block rows.
-        system: to whose tangent the blocks belong.
-
     Attributes:
         blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block
             rows they are sent to that rank.
@@ -80,15 +76,8 @@ class BlockAssembly:
         A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks` is zero
         then.
 
-        Args:
-            groups: arrays (n, w) of block rows, each with its own n and w, one row a pair.
-
-        Returns:
-            for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
-
-        Raises:
-            RuntimeError: more blocks on this rank than 32 bits can number.
-            ValueError: a block row that does not exist.
+        `groups`: arrays (n, w) of block rows, each with its own n and w, one row a pair. Returns
+        for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
         """
         # A search may have changed which points this rank knows.
         if self._points.first_dof is not self._first_dof:
@@ -119,15 +108,8 @@ class BlockAssembly:
     ) -> tuple[Int32Array, Int32Array, Int32Array]:
         """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
 
-        Args:
-            group_size: how many block rows, vectors of three unknowns, each group has, (g,).
-
-        Returns:
-            block index (room,) of each two members of each group; rows and columns (b,) of the
-            blocks.
-
-        Raises:
-            ValueError: a block row that does not exist.
+        `group_size`: how many block rows, vectors of three unknowns, each group has, (g,). Returns
+        block index (room,) of each two members of each group; rows and columns (b,) of the blocks.
         """
         c = library()
         row_count = len(self._position)
@@ -166,9 +148,8 @@ class BlockAssembly:
     def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
         """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
 
-        Args:
-            rows, columns: block rows (b,), vectors of three unknowns, of each block, as this rank
-                numbers them.
+        `rows, columns`: block rows (b,), vectors of three unknowns, of each block, as this rank
+        numbers them.
         """
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
@@ -186,9 +167,8 @@ class BlockAssembly:
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
 
-        Args:
-            coupling: indices (k,) of these blocks.
-            rows, columns: block rows (b,), vectors of three unknowns, of all blocks.
+        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,), vectors of three
+        unknowns, of all blocks.
         """
         # A key names the row and column of a block in the order of the unknowns.
         row_count = len(self._position)
@@ -204,9 +184,8 @@ class BlockAssembly:
         """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
         get; collective.
 
-        Args:
-            coupling: indices (k,) of these blocks.
-            rows, columns: block rows (b,) of all blocks, as this rank numbers them.
+        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,) of all blocks, as
+        this rank numbers them.
         """
         self._sent = coupling.astype(np.int32)
         self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
@@ -244,10 +223,8 @@ class BlockAssembly:
     def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
         """Add blocks on the diagonal to a matrix, in the format that it has.
 
-        Args:
-            block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
-                each once, in the order of their unknowns.
-            blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
+        `block_rows`: row and column (k,) of each block, as numbers of vectors of three unknowns;
+        each once, in the order of their unknowns.
         """
         if not len(block_rows):
             return
@@ -318,15 +295,10 @@ class BlockAssembly:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
         """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
 
-        Args:
-            block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
-                three unknowns.
-            blocks: (k, 9) [N/m], each row by row.
-
-        Returns:
-            the rows that have entries, where the entries of each begin and end, their columns, and
-            their values [N/m].  If the system has no blocks of three, a row of blocks is three
-            rows.
+        `block_rows, block_columns`: of each block (k,), sorted by rows: numbers of vectors of three
+        unknowns. Returns the rows that have entries, where the entries of each begin and end, their
+        columns, and their values [N/m].  If the system has no blocks of three, a row of blocks is
+        three rows.
         """
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
@@ -357,12 +329,7 @@ def _unrolled(
     A block is a 3 x 3 part of the matrix, and a row of blocks stands for three scalar rows. The
     blocks of a row of blocks are consecutive.
 
-    Args:
-        columns: the first column (k,) of each block.
-        blocks: (k, 9), row of blocks after row of blocks.
-
-    Returns:
-        columns and values [N/m].
+    `columns`: the first column (k,) of each block. Returns columns and values [N/m].
     """
     total = len(columns)
     # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
@@ -385,15 +352,7 @@ def _unrolled(
 def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
     """Return which blocks have an entry that is not zero.
 
-    Args:
-        blocks: (b, 9) [N/m].
-        index: numbers (k,) of the blocks that are asked for.
-
-    Returns:
-        positions in `index`, ascending.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the type that C takes.
+    `index`: numbers (k,) of the blocks that are asked for.
     """
     c = library()
     count = len(index)

@@ -100,11 +100,7 @@ class CompiledContact(
     """
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        """Make the pairs of the only term; collective.
-
-        Raises:
-            InputError: all bodies and obstacles of one contact are in another one, too.
-        """
+        """Make the pairs of the only term; collective."""
         (term,) = terms
         _examine_repeated_contacts(term, system)
         # The system has a mass matrix and supports when contacts are asked for them.
@@ -256,9 +252,6 @@ class CompiledContact(
 def _examine_repeated_contacts(term: ContactEnergy, system: Assembly) -> None:
     """Refuse a contact that is in the scene twice; warn of bodies that it and one before it keep
     apart.
-
-    Raises:
-        InputError: all bodies and obstacles of one contact are in another one, too.
     """
     # Bodies are compared as objects, obstacles by their arguments: equal obstacles are one.
     obstacles = [_arguments(obstacle) for obstacle in term.obstacles]

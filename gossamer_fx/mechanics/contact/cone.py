@@ -159,9 +159,6 @@ class Cone(Obstacle):
     def _balls(self) -> tuple[tuple[Array, Array], Array, tuple[float, float]]:
         """Return the centres (3,) [m] of the balls that touch the mantle at its circles, the unit
         vector along the axis, and the radii [m] of the balls.
-
-        Raises:
-            InputError: start and end are the same point.
         """
         between = np.subtract(self.end, self.start)
         axis = unit_vector(between, f"Cone '{self.name}': its axis")

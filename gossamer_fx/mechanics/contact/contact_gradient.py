@@ -3,14 +3,12 @@
 The reversed step of a backward pass gives most of the derivative by the start of a step.  Here is
 what it leaves out, and the derivatives by the numbers of a contact:
 
-    by the start of a step    friction, the origin of pairs' vectors (`origin_derivative`), and the
-                              stiffness that pairs derive from closing speeds (`stiffness_adjoint`)
+    by the start of a step    friction, the origin of pairs' vectors, and the stiffness that pairs
+                              derive from closing speeds
     by a number               friction coefficient, given stiffness, masses of bodies
 
-How contact forces depend on the closest points at the start of a step, for gradients of a run.
-
-The vector r of a pair leads between the closest points (u0, v0) of the start of the step.  The
-energy of the pair does not depend on this origin.  The force of a step does, slightly: the
+Origins.  The vector r of a pair leads between the closest points (u0, v0) of the start of the step.
+The energy of the pair does not depend on this origin.  The force of a step does, slightly: the
 correction along the change of the measures (`contact.potential`, equation 3) is another one for
 another r.  The reversed step of a gradient keeps the origin, so that this derivative is added to
 what the reversed step gives:
@@ -20,12 +18,9 @@ what the reversed step gives:
 It is a part of 1e-9 of a gradient where films touch slowly, and of up to 1e-2 of the derivative of
 a single pair that crosses much of its activation distance in a step.
 
-Derivatives through the stiffness that pairs derive from their closing speed, for gradients of a
-run.
+Stiffness.  Without a given stiffness a pair that begins to touch in a step takes
 
-Problem.  Without a given stiffness a pair that begins to touch in a step takes
-
-    k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (1)
+    k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (2)
 
 σ the area density of both sides and dD/dt the rate of its distance at the start of this step
 (`pair_stiffness`).  It keeps k while it has energy.  So the forces of later steps depend on the
@@ -34,9 +29,9 @@ state at the start of the first one, and on the masses of the bodies.
 Algorithm, backwards over the steps, with one sum for each pair.
 
     1. Add μ·∂f/∂k = μ·f/k of the pair in the step: its forces are proportional to k.
-    2. In the step in which the pair chose k, carry the sum to the start of the step by (1), and
+    2. In the step in which the pair chose k, carry the sum to the start of the step by (2), and
        begin a new one.
-    3. What (1) gives for σ is summed up for each body.
+    3. What (2) gives for σ is summed up for each body.
 
 The reference speed, a lower bound of v that follows from the length of the first step, counts as
 given, and so do the activation distances.
@@ -76,7 +71,6 @@ class StiffnessAdjoint:
 
     Args:
         density: area densities (k,) [kg/m²] of bodies and obstacles.
-        comm: of the contact.
 
     Attributes:
         by_density: derivative of the sums by the density of each body (k,) so far, this rank's
@@ -94,10 +88,6 @@ class StiffnessAdjoint:
         """Add contributions (n,) of this rank's pairs; collective.
 
         All ranks have all sums: in an earlier step another rank may have the pair.
-
-        Args:
-            identifier: global numbers (n,) of the pairs, the same in all steps and on all ranks.
-            contribution: for each pair (n,), the derivative of the objective by its stiffness.
         """
         of_ranks = self._comm.allgather((identifier, contribution))
         identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
@@ -109,9 +99,6 @@ class StiffnessAdjoint:
     def take(self, identifier: Int64Array) -> Array:
         """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
         and forget them on all ranks; collective.
-
-        Args:
-            identifier: global numbers (n,) of the pairs; sums of pairs unknown here are zero.
         """
         found = np.zeros(len(identifier))
         order = np.argsort(identifier)
@@ -129,10 +116,7 @@ class StiffnessAdjoint:
     ) -> None:
         """Add what the stiffness of pairs gives for the densities.
 
-        Args:
-            bodies: numbers (n, 2) of both sides.
-            by_stiffness: the sums (n,) of the pairs.
-            stiffness: k (n,) [J].
+        `by_stiffness`: the sums (n,) of the pairs.
         """
         density = self._density[bodies]
         # k is proportional to 2/(1/σ1 + 1/σ2); an obstacle has an infinite density.
@@ -154,16 +138,8 @@ def closing_derivatives(
     A pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
     [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
 
-    Args:
-        pairs: n pairs that chose their stiffness k [J] in this step, by (1).
-        x0, v: points [m] and velocities [m/s] (m, 3) at its start.
-        by_stiffness: factors (n,).
-        reference_speed: lower bound of v [m/s].
-        step: length of the step [s].
-
-    Returns:
-        derivatives of Σ by_stiffness k by the four points of each pair (n, 4, 3), and by their
-        velocities (n, 4, 3); zero where the lower bound counts.
+    `by_stiffness`: factors (n,). Returns derivatives of Σ by_stiffness k by the four points of each
+    pair (n, 4, 3), and by their velocities (n, 4, 3); zero where the lower bound counts.
     """
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)
@@ -190,14 +166,7 @@ ORIGIN_DIFFERENCE = 1e-4
 def forces_by_origin(
     pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float
 ) -> Array:
-    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step.
-
-    Args:
-        pairs: with the column `start`; zero for walls, which have no parameters.
-        x0, x1: points (m, 3) [m] at the start and at the end.
-        law: of the energy.
-        alpha: weight of the end in the configuration where forces act.
-    """
+    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step."""
     assert pairs.start is not None, "a step has the starts of its pairs"
     found = np.zeros((len(pairs), 2, 4, 3))
     for parameter in range(2):
@@ -215,16 +184,7 @@ def forces_by_origin(
 def add_product_through_origins(
     pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
 ) -> None:
-    """Add (1) of all pairs to `found` (m, 3).
-
-    Args:
-        pairs: with the column `start`.
-        x0, x1: points (m, 3) [m] at the start and at the end of the step.
-        law: of the energy.
-        alpha: weight of the end in the configuration where forces act.
-        μ: displacements (m, 3) of the points.
-        found: to which the product is added.
-    """
+    """Add (1) of all pairs to `found` (m, 3)."""
     state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
     pairs = pairs.rows((state == PairState.TOUCHES) & ~is_wall(pairs.kind))
     if not len(pairs):
@@ -237,11 +197,7 @@ def add_product_through_origins(
 
 
 class ContactGradient:
-    """Derivatives of the forces and of the energy of one contact, in the present step.
-
-    Args:
-        contact_set: whose pairs, points and stiffness are read.
-    """
+    """Derivatives of the forces and of the energy of one contact, in the present step."""
 
     def __init__(self, contact_set: ContactSet) -> None:
         self._set = contact_set
@@ -272,11 +228,6 @@ class ContactGradient:
 
         It is friction, how the force of a pair depends on the origin of its vectors, and the
         stiffness that pairs derive from their closing speed.
-
-        Args:
-            μ: vector of the system with the adjoint displacements, one for each unknown.
-            by_position, by_velocity: vectors of the system to which the products with respect to
-                the start positions q0 and velocities v0 are added.
         """
         contact_set = self._set
         on_points = self._on_points(μ)
@@ -307,10 +258,8 @@ class ContactGradient:
 
         f are the contact forces [N] of the step from q0 with the velocities v0.
 
-        Args:
-            μ: adjoint displacements (m, 3) of the points that this rank knows.
-            found, rates: (m, 3), to which the products with respect to positions and velocities of
-                the points at the start are added.
+        `found, rates`: (m, 3), to which the products with respect to positions and velocities of
+        the points at the start are added.
         """
         adjoint = self._stiffness_adjoint
         pairs = self._set.pairs
@@ -360,8 +309,7 @@ class ContactGradient:
 
         Nothing happens where the stiffness is given as a number.
 
-        Args:
-            share: factor [-] of the derivative, that of the energy in the objective.
+        `share`: factor [-] of the derivative, that of the energy in the objective.
         """
         if self._stiffness_adjoint is None:
             return
@@ -387,12 +335,7 @@ class ContactGradient:
         return dict(zip(mesh.bodies, map(float, by_mass), strict=True))
 
     def work_by_friction(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective.
-
-        Args:
-            w: vector of the system, one number for each unknown, by which the residual r is
-                multiplied.
-        """
+        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective."""
         on_points = self._on_points(w)
         if self._friction is None or self._set.pairs is None:
             return 0.0
@@ -405,13 +348,6 @@ class ContactGradient:
 
         r is the residual of the system. The forces of the pairs are computed again, so that
         `StepForces.point_forces` changes; without pairs the result is zero.
-
-        Args:
-            w: vector of the system, one number for each unknown, by which the residual is
-                multiplied.
-
-        Raises:
-            AssertionError: the stiffness is derived from closing speeds, not given.
         """
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)

@@ -13,13 +13,8 @@ from gossamer_fx.mechanics.contact.potential import evaluate
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
     """Return the contact pressure on the nodes of a body; collective.
 
-    Args:
-        body: film, cable or beam.
-        contact_set: pairs of one contact, at the accepted state.
-
-    Returns:
-        global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank;
-        both are empty if the contact does not have the body.
+    Returns global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one
+    rank; both are empty if the contact does not have the body.
     """
     mesh = contact_set.mesh
     number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
@@ -38,11 +33,7 @@ def pressures(contact_set: ContactSet) -> Array:
     shape for which the point stands: pressures on both sides of a film add up.  The area of cables
     and beams is length times diameter.
 
-    Args:
-        contact_set: pairs of one contact.
-
-    Returns:
-        pressure (n,) [N/m²] of the n points of bodies.
+    Returns pressure (n,) [N/m²] of the n points of bodies.
     """
     contact_set.stored_energy()
     pairs = contact_set.pairs_with_energy()

@@ -80,15 +80,6 @@ TINY = 1e-300
 class ContactSet:
     """The pairs of one contact on this rank, and what a step does with them.
 
-    Args:
-        mesh: what touches.
-        law: of the energy.
-        activation_distance: largest gap [m] at which pairs have energy.
-        stiffness: K [N/m³], or None: derived from the closing speed of each pair.
-        history: history variables, which a checkpoint may set at any time.
-        system: with the step.
-        friction: if there is any.
-
     Attributes:
         mesh, law, activation_distance, history, system: as given.
         pair_stiffness: stiffness of pairs that begin to touch.
@@ -162,11 +153,7 @@ class ContactSet:
     # ---- states ----
 
     def _set_initial_state(self) -> None:
-        """Check the first state of a run, and choose the activation distances of its points.
-
-        Raises:
-            InputError: layers intersect or coincide, or a point of a body is inside a box.
-        """
+        """Check the first state of a run, and choose the activation distances of its points."""
         self._search_at_rest()
         # Intersections first: gaps between layers that intersect mean nothing.
         refuse_intersections(self.mesh, self.x0, self.system.comm)
@@ -465,9 +452,8 @@ class ContactSet:
     def inadmissible(self) -> str:
         """Report what passed through something else in the step, or all but did.
 
-        Returns:
-            a clause that names two bodies and a point [m] near which they meet, or a body that
-            turns too far; empty if the step is admissible.  The same on every rank.
+        Returns a clause that names two bodies and a point [m] near which they meet, or a body that
+        turns too far; empty if the step is admissible.  The same on every rank.
         """
         comm = self.system.comm
         x1 = self.end_points()

@@ -54,9 +54,7 @@ class ContactHistory:
 
         They are the gaps below which pairs of a point have energy.
 
-        Args:
-            comm: ranks of the contact.
-            own_points: numbers (m,) of the points that this rank owns, among those of all ranks.
+        `own_points`: numbers (m,) of the points that this rank owns, among those of all ranks.
         """
         self.comm = comm
         self._own_points = own_points
@@ -89,11 +87,7 @@ class ContactHistory:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore the history variables that `get_state` returned, on any number of ranks.
-
-        Raises:
-            KeyError: an entry is missing.
-        """
+        """Restore the history variables that `get_state` returned, on any number of ranks."""
         of_all_points = np.array(state["activation distance"], dtype=float)
         self.has_begun = len(of_all_points) > 0
         self.activation_distance = of_all_points
@@ -119,12 +113,8 @@ class ContactHistory:
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
         """Return which contact pairs have energy already, and their stiffness.
 
-        Args:
-            identifier: numbers (n,) of pairs, which are the same in every step and on every rank.
-
-        Returns:
-            a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness of
-            the others has no meaning.
+        Returns a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness
+        of the others has no meaning.
         """
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))

@@ -108,10 +108,6 @@ class Obstacle:
         """Check the arguments that all kinds of obstacles share.
 
         Vectors and radii [m] are checked where a kind has an attribute of this name.
-
-        Raises:
-            InputError: a vector that is not three finite numbers, a radius that is not positive, a
-                negative friction, or both a rigid body and a prescribed motion.
         """
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
@@ -360,12 +356,7 @@ class Box(Obstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
-        """Check sizes [m] and axes in addition to what `Obstacle` checks.
-
-        Raises:
-            InputError: a size that is not positive, axes that are not three orthonormal rows, or
-                what `Obstacle` refuses.
-        """
+        """Check sizes [m] and axes in addition to what `Obstacle` checks."""
         super().__post_init__()
         check(
             min(self.sizes) > 0,
@@ -409,10 +400,8 @@ class Box(Obstacle):
     def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
         """Return the six planes around a room, with normals towards its middle.
 
-        Args:
-            axes: unit directions of the edges, orthonormal rows (3, 3).
-            centre: of the box, (3,) [m].
-            half: half of its sizes along the axes, (3,) [m].
+        `axes`: unit directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,)
+        [m]; `half`: half of its sizes along the axes, (3,) [m].
         """
         walls = []
         for k in range(3):

@@ -1,6 +1,5 @@
 """The stiffness of pairs at the beginning of contact: given, or enough to stop what comes.
-
-A warning, given once, if a stiffness that was chosen by hand cannot stop what comes.
+A stiffness that was chosen by hand and cannot stop what comes is warned of once.
 """
 
 from __future__ import annotations
@@ -29,10 +28,7 @@ class StiffnessWarning:
     """Warns if K d² < 4 σ v²: layers then come so near each other that no step is short enough.
 
     Args:
-        stiffness: K [N/m³].
-        activation_distance: d [m].
         names: of bodies and obstacles.
-        comm: of the contact.
 
     Attributes:
         was_given: whether the warning was given.
@@ -57,10 +53,7 @@ class StiffnessWarning:
         Of all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped,
         or if the warning was given before.
 
-        Args:
-            bodies: numbers (n, 2) of the bodies or obstacles of both sides.
-            density: area density of the lighter side (n,) [kg/m²].
-            speed: closing speed (n,) [m/s].
+        `density`: area density of the lighter side (n,) [kg/m²]; `speed`: closing speed (n,) [m/s].
         """
         if self.was_given:
             return
@@ -106,13 +99,6 @@ TINY = 1e-300
 class PairStiffness:
     """Chooses k [J] of pairs that begin to touch.
 
-    Args:
-        mesh: what touches.
-        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A
-            with the area density σ of both sides and the closing speed v.
-        activation_distance: d [m].
-        system: with the masses of the bodies.
-
     Attributes:
         given: K [N/m³], or None.
         static_pressure: pressure [N/m²] of the loads of an equilibrium; zero in dynamics.
@@ -152,14 +138,8 @@ class PairStiffness:
 
         A given stiffness that cannot stop the pairs is warned of once, in the log.
 
-        Args:
-            pairs: n pairs.
-            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m].
-            x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
-            reference_speed: closing speed [m/s] that is assumed at least.
-
-        Returns:
-            (n,) [J], proportional to the area for which each pair stands.
+        `reference_speed`: closing speed [m/s] that is assumed at least. Returns (n,) [J],
+        proportional to the area for which each pair stands.
         """
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
@@ -201,11 +181,6 @@ class PairStiffness:
         close.
 
         It is a difference quotient over a thousandth of the step.
-
-        Args:
-            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
-                rooms minus the squared distance from the middle.
-            x0, v: points [m] and their velocities [m/s], (m, 3).
         """
         duration = SHORT_TIME * self._system.h
         later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))

@@ -5,8 +5,6 @@ Its kind is the number of its stencil, which says in which order its four points
 The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad
 phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the
 energy.
-
-The table of pairs as structures of the C functions.
 """
 
 from __future__ import annotations

@@ -109,14 +109,8 @@ def activate(
 
     With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
 
-    Args:
-        candidates: n pairs that may touch.
-        activation_distance: gap (n,) [m] below which each has energy.
-        law: of the energy.  Barriers of edge pairs are made infinite where the edges cross.
-
-    Returns:
-        the pairs with offset and width of the squared distance [m²], of planes [m], and the
-        stiffness zero.
+    Returns the pairs with offset and width of the squared distance [m²], of planes [m], and the
+    stiffness zero.
     """
     count = len(candidates)
     width = np.empty(count)
@@ -141,18 +135,8 @@ def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameter
     """Return the column `start` of contact pairs: what the energy rule needs from the start of a
     step.
 
-    Args:
-        pairs: n pairs that take part in the step.
-        x: points (m, 3) [m] at the start.
-        squared_distance: of the closest points there (n,) [m²], of planes [m].
-        parameters: (u, v) (n, 2) [-] of these points along the two sides.
-
-    Returns:
-        (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
-        walls is not used.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
+    Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance
+    of walls is not used.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -185,19 +169,8 @@ def energy_of_pairs(
 ) -> tuple[float, Array]:
     """Return the energy of contact pairs in one configuration, and their scaled distances.
 
-    Args:
-        pairs: n pairs with their stiffness [J].
-        x: points (m, 3) [m].
-        law: of the energy.
-        parameters: (u, v) of the closest points at x (n, 2), if they are known; None: computed
-            here.
-
-    Returns:
-        sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one
-        where a pair has energy.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
+    Returns sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below
+    one where a pair has energy.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -215,16 +188,7 @@ def energy_of_pairs(
 
 
 def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -> Array:
-    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness.
-
-    Args:
-        pairs: n pairs, of which only the kinds count.
-        scaled_distance: x (n,) [-] of each, from `energy_of_pairs`.
-        law: of the energy.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness."""
     c = library()
     count = len(pairs)
     energy = np.empty(count)
@@ -254,32 +218,11 @@ def evaluate(
 ) -> PairResponse:
     """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
 
-    Args:
-        pairs: n pairs with the column `start` of their closest points; without it, these are
-            computed.
-        x0, x1: points (m, 3) [m] at the start and at the end.
-        law: of the energy.
-        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient
-            of the energy in the state x1.
-        point_forces: array (m, 3) [N] to which the forces are added.
-        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent
-            between any two points of a pair are added to the rows of `blocks` that block_index
-            names.
-        by_pair: whether forces are returned pair by pair.
-        tangents_by_pair: whether tangents are, too.
-        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
-            indefinite.
-        known_state: of an earlier call for the same step; pairs without contact are then left out.
-        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
-            was accepted, whose pairs are then treated alike in both directions of time.
-
-    Returns:
-        state of each pair (n,); forces (n, 12) [N] and tangents (n, 144) [N/m] as asked for, else
-        None.
-
-    Raises:
-        ValueError: an array is not contiguous, read-only though it is written to, or not of the
-            shape above.
+    `point_forces`: array (m, 3) [N] to which the forces are added; `geometric_share`: share [-] of
+    the geometric stiffness in tangents, which may make them indefinite; `push_back`: stiffness of
+    pairs that passed through, over their own [-]; zero for a step that was accepted, whose pairs
+    are then treated alike in both directions of time. Returns state of each pair (n,); forces (n,
+    12) [N] and tangents (n, 144) [N/m] as asked for, else None.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -325,14 +268,7 @@ def evaluate(
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
-    """Return the C structure of n active pairs with the numbers of the energy law.
-
-    Args:
-        start: column `start` (n, 4); None where the C function does not read it.
-
-    Raises:
-        ValueError: a column is not contiguous, or not of the type that C takes.
-    """
+    """Return the C structure of n active pairs with the numbers of the energy law."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

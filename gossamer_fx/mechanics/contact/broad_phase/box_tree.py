@@ -1,8 +1,5 @@
 """A binary tree of boxes, in which all boxes that overlap with a given one are found in logarithmic
-time.
-
-Pairs of primitives whose boxes overlap, and that can come near: a point and a triangle, or two
-edges.
+time: pairs of a point and a triangle, or of two edges, that can come near.
 """
 
 from __future__ import annotations
@@ -47,12 +44,8 @@ class BoxTree:
     def __init__(self, primitives: FilteredPrimitives) -> None:
         """Sort the boxes along a Morton curve, and build the tree over them from its leaves.
 
-        Args:
-            primitives: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
-                coordinates [m].
-
-        Raises:
-            ValueError: an array is not contiguous, or not of the type that C takes.
+        `primitives`: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
+        coordinates [m].
         """
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
@@ -90,19 +83,8 @@ class BoxTree:
         Primitives with a label in common, which are connected, and those that are both fixed form
         no pair.
 
-        Args:
-            others: primitives that are asked for.
-            which: numbers (q,) of those that are asked for by this rank.
-            in_tree: whether they are the primitives of the tree; pairs (i, j) then have i < j.
-            expected: number of pairs that are likely; zero: not known.
-            near: structure `nearness` of the kernels, by which pairs are left out that cannot come
-                near; None: none is.
-
-        Returns:
-            numbers (k, 2) of the primitive in `others` and of that in the tree.
-
-        Raises:
-            ValueError: an array is not contiguous, or not of the type that C takes.
+        `in_tree`: whether they are the primitives of the tree; pairs (i, j) then have i < j.
+        Returns numbers (k, 2) of the primitive in `others` and of that in the tree.
         """
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
@@ -133,9 +115,7 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
     """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
     asked for.
 
-    Args:
-        primitives: n primitives with boxes (n, 6) [m].
-        which: numbers (q,) of those that are asked for.
+    `primitives`: n primitives with boxes (n, 6) [m].
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -154,9 +134,8 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
 def _filter(primitives: FilteredPrimitives) -> CStruct:
     """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
 
-    Args:
-        primitives: n primitives, with labels (n, w), of which connected ones share one, and with a
-            mark (n,) of those that contact does not move.
+    `primitives`: n primitives, with labels (n, w), of which connected ones share one, and with a
+    mark (n,) of those that contact does not move.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -175,11 +154,7 @@ def morton_order(boxes: Array) -> Int32Array:
     """Return the order of boxes along a Morton curve, on which neighbours in space follow each
     other.
 
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
-
-    Returns:
-        numbers of the boxes (n,) in this order; boxes with the same code stay in theirs.
+    Returns numbers of the boxes (n,) in this order; boxes with the same code stay in theirs.
     """
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
@@ -229,13 +204,8 @@ class Nearness:
     def of(self, kind: int, asked: Int32Array, in_tree: Int32Array) -> CStruct:
         """Return the C structure for pairs of one kind.
 
-        Args:
-            kind: a point and a triangle, or two edges.
-            asked: points (p, 1) or (p, 2) of the primitives that are asked for.
-            in_tree: points (q, 3) or (q, 2) of those in the tree.
-
-        Raises:
-            ValueError: an array is not contiguous, or not of the type that C takes.
+        `asked`: points (p, 1) or (p, 2) of the primitives that are asked for; `in_tree`: points (q,
+        3) or (q, 2) of those in the tree.
         """
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
@@ -270,22 +240,6 @@ def find_overlaps(
     touch.
 
     Pairs that are connected, by a shared point, a tie or a joint, are left out.
-
-    Args:
-        surface: all vertices, edges and triangles that may touch.
-        lower, upper: least and greatest coordinates (m, 3) [m] of the points; a primitive has the
-            box of its points.
-        vertices, edges: numbers of the surface's vertices and edges that this rank asks for;
-            together the ranks ask for all.
-        expected: numbers of vertex-triangle and of edge-edge pairs that are likely; zero: not
-            known.
-        near: which of them to keep; None: all.
-
-    Returns:
-        table of vertex-triangle pairs, then of edge-edge pairs.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the type that C takes.
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)

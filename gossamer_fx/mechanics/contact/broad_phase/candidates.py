@@ -48,10 +48,6 @@ class StepPoints:
 class CandidateSearch:
     """Keeps a list of candidates that is complete as long as points stay within their bounds.
 
-    Args:
-        mesh: what may touch.
-        activation_distance: largest gap [m] at which pairs have energy.
-
     Attributes:
         pairs: the n candidates of this rank.
         bounds: of the trajectories for which they are complete.
@@ -79,14 +75,8 @@ class CandidateSearch:
         Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
         several ranks the mesh takes in the facets of other ranks that may come near.
 
-        Args:
-            read: returns the points (m, 3) [m] of the contact as they are when it is called: a
-                search may change which points this rank knows, and their number m.
-            time: of these points [s].
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
+        `read`: returns the points (m, 3) [m] of the contact as they are when it is called: a search
+        may change which points this rank knows, and their number m.
         """
 
         def at_rest() -> TrajectoryBounds:
@@ -108,17 +98,10 @@ class CandidateSearch:
         rigid drift of all points together, a constant velocity of each point relative to it, and a
         margin.  On several ranks the mesh takes in the facets of other ranks that may come near.
 
-        Args:
-            read: returns the m points of the contact that this rank knows, as they are when it is
-                called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the
-                expected points `end` [m] at its end, (m, 3) each.  It is called again after a
-                search on several ranks has changed which points this rank knows, and m.
-            time: at which the step begins [s].
-            step: its length [s].
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
+        `read`: returns the m points of the contact that this rank knows, as they are when it is
+        called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the expected
+        points `end` [m] at its end, (m, 3) each.  It is called again after a search on several
+        ranks has changed which points this rank knows, and m.
         """
 
         def in_motion() -> TrajectoryBounds:
@@ -156,14 +139,7 @@ class CandidateSearch:
 
         Collective: the drift is that of all ranks' points.
 
-        Args:
-            x, v: points [m] and their velocities [m/s], (m, 3).
-            time: at which they are there [s].
-            duration: for which the velocities count [s].
-
-        Returns:
-            bounds whose margin is half of the activation distance and a part of each point's way;
-            infinite for points of walls, whose pairs are always candidates.
+        `duration`: for which the velocities count [s].
         """
         mesh = self._mesh
         vertices = mesh.surface.vertices
@@ -182,10 +158,6 @@ class CandidateSearch:
         collective.
 
         On several ranks, facets of other ranks that may come near are fetched first.
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
         """
         mesh = self._mesh
         bounds = bounds_of_mesh()
@@ -208,13 +180,7 @@ def searched_boxes(
     Boxes are larger by half of the activation distance and the radius of the point, so that those
     of two points overlap if their gap can fall below the activation distance.
 
-    Args:
-        mesh: with the radii of the m points.
-        bounds: of their trajectories.
-        activation_distance: gap [m] below which pairs have energy.
-
-    Returns:
-        least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
+    Returns least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
     """
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
@@ -236,20 +202,6 @@ def find_candidates(
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
        pairs are the same after a restart.
     4. Each point of a body and each wall are a pair.
-
-    Args:
-        mesh: the points, edges and triangles that may touch.
-        bounds: of the trajectories of the points in the next steps.
-        activation_distance: gap [m] below which pairs have energy.
-        expected: numbers of triangle pairs and edge pairs that will be found; zero: not known.
-
-    Returns:
-        the pairs, and how many triangle pairs and edge pairs there are, which the next search may
-        take as `expected`.
-
-    Raises:
-        ValueError: a pair has a point that does not exist, or an array is not of the type that C
-            takes; both would be errors of this package.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     near = Nearness(
@@ -281,14 +233,6 @@ def find_candidates(
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
     """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
     collective.
-
-    Args:
-        pairs: the n candidates of this rank, contact pairs that may come near.
-        gap: of the candidates (n,) [m]; infinite ones are left out.
-        mesh: with m points.
-
-    Returns:
-        gaps (m,), infinite for points without a pair.
     """
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)

@@ -26,11 +26,7 @@ GROUP_COUNT = 64
 def group_boxes(boxes: Array) -> Array:
     """Return a few boxes that hold all of many boxes, each those of a group of neighbours.
 
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
-
-    Returns:
-        boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes.
+    Returns boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes.
     """
     if not len(boxes):
         return np.zeros((0, 6))
@@ -42,12 +38,7 @@ def group_boxes(boxes: Array) -> Array:
 
 
 class SearchRegions:
-    """Where other ranks search.
-
-    Args:
-        comm: the ranks.
-        boxes: (n, 6) [m] of the primitives for which this rank searches.
-    """
+    """Where other ranks search."""
 
     def __init__(self, comm: MPI.Intracomm, boxes: Array) -> None:
         """Exchange the boxes of groups, so that each rank knows where the others search;
@@ -62,11 +53,7 @@ class SearchRegions:
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
         """Return where to send primitives (edges or triangles): to the ranks that search near them.
 
-        Args:
-            boxes: of this rank's primitives, least, then greatest coordinates (n, 6) [m].
-
-        Returns:
-            which primitive (k,) and to which rank (k,); one may go to several.
+        Returns which primitive (k,) and to which rank (k,); one may go to several.
         """
         none: Int64Array = np.zeros(0, dtype=np.int64)
         if not len(boxes) or not len(self._boxes):
@@ -82,9 +69,6 @@ class SearchRegions:
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
     """Return primitives (boxes) that are connected to nothing and not fixed: each has a label for
     itself.
-
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
     """
     count = len(boxes)
     labels: Int32Array = np.arange(first_label, first_label + count, dtype=np.int32)
@@ -98,11 +82,6 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
 
     After it the points of the mesh are other ones, with other numbers: its own, and those of what
     it has received.
-
-    Args:
-        mesh: bodies and obstacles of a contact; it is changed.
-        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
-            shall be found.
     """
     comm = mesh.comm
     # The only rank has all facets.

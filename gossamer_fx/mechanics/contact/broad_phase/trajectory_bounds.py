@@ -43,18 +43,7 @@ class RigidDrift:
 
     @classmethod
     def of(cls, x: Array, v: Array, time: float, comm: MPI.Intracomm = MPI.COMM_SELF) -> RigidDrift:
-        """Return the rigid motion that is nearest to velocities v of points x; collective.
-
-        Args:
-            x, v: the points [m] and their velocities [m/s], (n, 3), that this rank brings; it may
-                bring none, but all ranks together at least one.
-            time: at which the points are there [s].
-            comm: ranks that bring points; each point is brought by one of them.
-
-        Returns:
-            the motion with the same momentum and angular momentum, each point of mass one.  Points
-            on a line get no spin about it.
-        """
+        """Return the rigid motion that is nearest to velocities v of points x; collective."""
         sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
         sums = comm.allreduce(sums)
         centre = sums[:3] / sums[6]
@@ -75,12 +64,7 @@ class RigidDrift:
     def undone(self, x: Array, time: float) -> Array:
         """Return where points that are at x at a time would be without the drift.
 
-        Args:
-            x: points (n, 3) [m].
-            time: [s].
-
-        Returns:
-            points (n, 3) [m], turned and shifted back to the time at which the drift began.
+        Returns points (n, 3) [m], turned and shifted back to the time at which the drift began.
         """
         duration = time - self.time
         spin_rate = float(np.linalg.norm(self.spin))
@@ -112,12 +96,7 @@ class TrajectoryBounds:
     duration: float
 
     def hold(self, x: Array, time: float) -> bool:
-        """Return whether this rank's points are within their margins at a time.
-
-        Args:
-            x: points (m, 3) [m], in the order of the bounds.
-            time: [s], not before the beginning of the drift.
-        """
+        """Return whether this rank's points are within their margins at a time."""
         elapsed = min(time - self.drift.time, self.duration)
         expected = self.x + elapsed * self.velocities
         missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)

@@ -24,12 +24,9 @@ class Friction:
     """Friction of one contact.
 
     Args:
-        mesh: what touches; obstacles with friction have a frame.
         coefficient: μ of bodies with each other.
         of_obstacles: μ of each obstacle (k,) with bodies; None: that of bodies.
         slip_velocity: v_s [m/s] below which what sticks may creep.
-        law: of the normal forces.
-        system: with the step.
     """
 
     def __init__(
@@ -58,8 +55,7 @@ class Friction:
         A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each of its
         vectors is one block row.
 
-        Returns:
-            (m,) numbers of block rows; those of walls and solids of obstacles are -1, too.
+        Returns (m,) numbers of block rows; those of walls and solids of obstacles are -1, too.
         """
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)
@@ -120,14 +116,7 @@ class Friction:
     def add_product_with_start_derivative(
         self, x0: Array, x1: Array, μ: Array, found: Array
     ) -> None:
-        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
-            found: array (m, 3) to which this rank's products are added.
-        """
+        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import (
             add_product_with_start_derivative,
         )
@@ -140,11 +129,6 @@ class Friction:
         """Return μ·∂f/∂c [J] by the coefficient c of bodies with each other, this rank's share.
 
         Pairs with obstacles that have their own coefficient do not count.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
         """
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
@@ -158,14 +142,6 @@ class Friction:
     def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
         """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
         of each.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
-
-        Returns:
-            identifiers and works of this rank's pairs with friction, those between bodies first.
         """
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
@@ -220,9 +196,6 @@ class Friction:
 
         The result has one row for each pair, all of this rank; `_law` is the energy law of the
         contact.
-
-        Args:
-            x0: points (m, 3) [m] at the start of the step.
         """
         points = pairs.points
         is_edges = (SIDES[pairs.kind] == Sides.EDGE_EDGE)[:, None]
@@ -245,9 +218,6 @@ class Friction:
         The vector r of a pair, whose products with the two directions measure its sliding, leads
         from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
         frame: so a ball on a rigid body rolls.
-
-        Args:
-            x0: points (m, 3) [m] at the start of the step.
         """
         is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
@@ -274,13 +244,8 @@ class Friction:
         """Return how the four points of contact pairs with obstacles follow the unknowns that
         friction couples.
 
-        Args:
-            points: numbers (n, 8) of the four points of each pair and the four of its obstacle's
-                frame.
-
-        Returns:
-            weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the vectors
-            of its rigid body, and is zero where nothing moves it.
+        Returns weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the
+        vectors of its rigid body, and is zero where nothing moves it.
         """
         own = points[:, :4]
         is_of_body = own < self._points.body_count

@@ -149,9 +149,6 @@ class FrictionPairs:
         S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
         w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
         a speed [m/s]. Only pairs of this rank count.
-
-        Args:
-            step: start and end of the step, and its creep h v_s [m].
         """
         w = self.sliding(step).w
         normal_force, _ = self.normal_forces(step)
@@ -184,12 +181,8 @@ class FrictionPairs:
         in the material.  The change of a product is computed from its factors in the middle,
         without cancellation.
 
-        Args:
-            step: with the points at the start and at the end.
-
-        Returns:
-            w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
-            the end.
+        Returns w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and
+        at the end.
         """
         r_start, t_start = self.vectors_at(step.x0)
         r_end, t_end = self.vectors_at(step.x1)
@@ -200,12 +193,7 @@ class FrictionPairs:
         return Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
 
     def rows(self, which: Any) -> FrictionPairs:
-        """Return some of the pairs, given by indices or by a mask (n,), without their blocks.
-
-        Args:
-            which: indices, or a mask (n,), of the pairs to be kept; the block index is not taken
-                along.
-        """
+        """Return some of the pairs, given by indices or by a mask (n,), without their blocks."""
         return FrictionPairs(
             pairs=self.pairs.rows(which),
             law=self.law,
@@ -230,10 +218,9 @@ class FrictionPairs:
         N is the force along the unit normal at the start of the step, with which the body on one
         side presses. Normal forces are those of the energy rule of the contact, without friction.
 
-        Returns:
-            N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
-            respect to the k points of each pair at the end, or an empty array without `tangents`;
-            and the forces (n, 4, 3) [N] of the contact potential.
+        Returns N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
+        respect to the k points of each pair at the end, or an empty array without `tangents`; and
+        the forces (n, 4, 3) [N] of the contact potential.
         """
         response = evaluate(
             self.pairs,
@@ -264,11 +251,7 @@ class FrictionPairs:
         """Return the friction forces on the k points of each pair: a stress times the gradient of
         sliding.
 
-        Args:
-            stress: S (n, 2) [N] in the two directions of sliding.
-
-        Returns:
-            (n, k, 3) [N].
+        `stress`: S (n, 2) [N] in the two directions of sliding. Returns (n, k, 3) [N].
         """
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
@@ -318,12 +301,9 @@ class FrictionPairs:
     ) -> None:
         """Add the derivative [N/m] of the friction forces with respect to the end of the step.
 
-        Args:
-            step: start and end of the step, and its creep h v_s [m].
-            normal_force: N (n,) [N].
-            of_normal_force: its derivative (n, k, 3) [N/m] with respect to the k points of each
-                pair at the end of the step.
-            is_moved: 1 for points (m,) with unknowns, 0 for those without.
+        `normal_force`: N (n,) [N]; `of_normal_force`: its derivative (n, k, 3) [N/m] with respect
+        to the k points of each pair at the end of the step; `is_moved`: 1 for points (m,) with
+        unknowns, 0 for those without.
         """
         grip = grip_of(sliding.w, step.creep)
         pressing = self.coefficient * normal_force
@@ -356,13 +336,7 @@ class FrictionPairs:
         sliding; r (n, 3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions
         of sliding. h [s] is the step, v_s [m/s] a speed.
 
-        Args:
-            grip: the factor g [1/m] and its derivative by |w|.
-            pressing: μ N (n,) [N].
-            creep: h v_s [m], sliding up to which friction grows.
-
-        Returns:
-            (n, k, k, 3, 3) [N/m] between the k points of each pair.
+        `pressing`: μ N (n,) [N]. Returns (n, k, k, 3, 3) [N/m] between the k points of each pair.
         """
         w = sliding.w
         # Beyond the creep, friction is constant and its slope negative: a full Newton step
@@ -409,12 +383,7 @@ def grip_of(w: Array, creep: float) -> Grip:
     μ is the coefficient of friction [-], N the normal force of a pair [N], h the length of the step
     [s] and v_s the speed of sliding [m/s] up to which friction grows.
 
-    Args:
-        w: sliding (n, 2) [m].
-        creep: h v_s [m], positive: the sliding up to which friction grows.
-
-    Returns:
-        |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite also for w = 0.
+    Returns |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite also for w = 0.
     """
     ratio = np.linalg.norm(w, axis=1) / creep
     beyond = np.maximum(ratio, 1)

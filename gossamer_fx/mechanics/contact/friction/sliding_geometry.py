@@ -2,10 +2,7 @@
 
 All of it is computed from the points at the start of a step.  The functions accept complex points,
 so that a complex step differentiates them: lengths are square roots of sums of squares, and nothing
-takes an absolute value.
-
-Directions across the normal of a pair, as combinations of vectors that are fixed in the
-material.
+takes an absolute value.  Directions are combinations of vectors that are fixed in the material.
 """
 
 from __future__ import annotations
@@ -53,13 +50,9 @@ def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
     The vector that has kept more of its length comes first; of the other one what is along the
     first is taken away.
 
-    Args:
-        vectors: parts across the normal of two edges (n, 2, 3) [m].
-        lengths: of the edges (n, 2) [m].  A part that is shorter than a thousandth of its edge
-            gives no direction, and its combination is zero.
-
-    Returns:
-        coefficients (n, 2, 2) [1/m]: row i has those of both vectors in direction i.
+    `lengths`: of the edges (n, 2) [m].  A part that is shorter than a thousandth of its edge gives
+    no direction, and its combination is zero. Returns coefficients (n, 2, 2) [1/m]: row i has those
+    of both vectors in direction i.
     """
     count = len(vectors)
     combinations = np.zeros((count, 2, 2), dtype=vectors.dtype)
@@ -128,12 +121,7 @@ class BetweenBodies:
         return BetweenBodies(np.repeat(self.kind, times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry.
-
-        Args:
-            x: points (n, 4, 3) [m] of the pairs at the start of the step.
-            parameters: (u, v) (n, 2) of the closest points there.
-        """
+        """Return the geometry."""
         r = gap_weights_of(self.kind, parameters)
         edge_weights = EDGE_WEIGHTS[SIDES[self.kind]]
         gap = np.einsum("nk,nkc->nc", r, x)
@@ -176,13 +164,7 @@ class WithObstacles:
         return self.rows(np.repeat(np.arange(len(self.pairs)), times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry.
-
-        Args:
-            x: points (n, 8, 3) [m] at the start of the step: the four of each pair, then the origin
-                and the three axes of the obstacle's frame.
-            parameters: (u, v) (n, 2) of the closest points there.
-        """
+        """Return the geometry."""
         pair_points = x[:, :4]
         origin = x[:, 4]
         axes = x[:, 5:]

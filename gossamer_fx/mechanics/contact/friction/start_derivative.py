@@ -49,12 +49,6 @@ def add_product_with_start_derivative(
 
     x0 (m, 3) [m] are the points at the start of the step. Only pairs of this rank add; pairs
     without a normal force add nothing.
-
-    Args:
-        group: pairs of a step.
-        step: the step, solved.
-        μ: displacements (m, 3) of the points.
-        found: array (m, 3), to which the product is added.
     """
     normal_force, forces = group.normal_forces(step)
     presses = normal_force > 0
@@ -78,9 +72,6 @@ class _Product:
     """W of (1), and its derivatives.
 
     Args:
-        group: n pairs.
-        step: the step.
-        μ: displacements (m, 3) of all points.
         normal_force: N (n,) [N].
         forces: of the contact potential on the four points of the pairs (n, 4, 3) [N].
     """
@@ -187,8 +178,7 @@ class _Product:
         times weights, and the weights and the unit normal are functions of the points x0 at the
         start of the step.  W is differentiated by the weights and normal, then these by x0.
 
-        Returns:
-            (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs.
+        Returns (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs.
         """
         group = self._group
         step = self._step
@@ -222,11 +212,6 @@ class _Product:
 
         W is the product of the adjoint displacements and the friction forces; x0 (n, k, 3) [m] are
         the k points of each of n pairs at the start of the step.
-
-        Args:
-            by_gap_weights: derivatives of W by the weights of the vector between the sides (n, k).
-            by_directions: derivatives of W by the weights of both directions of sliding (n, 2, k).
-            by_normal: derivatives of W by the unit normals (n, 3).
         """
         group = self._group
         x0 = self._step.x0[group.points]

@@ -47,12 +47,8 @@ class TiedLabels:
         """Return the labels of points; two points with one in common are connected and form no
         contact pair.
 
-        Args:
-            numbers: of the points (m,), the same on all ranks.
-
-        Returns:
-            labels (m, w), which are numbers of points; those of a point that is not tied are its
-            own number.
+        `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w), which are
+        numbers of points; those of a point that is not tied are its own number.
         """
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
@@ -67,14 +63,6 @@ def tied_labels(
 
     Two points with a label in common form no contact pair.  Collective.  Ties are along lines:
     unlike facets, all ranks know them.
-
-    Args:
-        system: with the constraints of the scene.
-        bodies: those of the contact.
-        points: of bodies that this rank knows; together the ranks know all.
-
-    Returns:
-        the labels, or None if nothing is tied.
     """
     ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
@@ -111,10 +99,6 @@ def _ties(
 
     A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
     left out.
-
-    Returns:
-        for each tie the numbers of the points of both sides, the shorter list first.  A side is one
-        node, or the nodes of an edge between which the tied point lies.
     """
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
@@ -122,9 +106,6 @@ def _ties(
 
         Empty if the port is a direction, a point of the ground, or of a body that is not in the
         contact.
-
-        Args:
-            port: point that is tied, a weighted sum of nodes of one body.
         """
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
@@ -160,11 +141,7 @@ def _ties(
 def _numbers_of(
     wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
-    """Return the numbers of points that are some nodes of bodies; collective.
-
-    Returns:
-        number over all ranks by body and node; -1: no rank has a point there.
-    """
+    """Return the numbers of points that are some nodes of bodies; collective."""
     if not wanted:
         return {}
     order = np.lexsort((points.node, points.body))
@@ -198,12 +175,8 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
     """Return the labels of points as one array, of the width of the longest row.
 
-    Args:
-        rows: boolean matrix (m, k), true where a point has a label.
-        own: a label (m,) of each point, which fills the rows of those with fewer labels.
-
-    Returns:
-        labels (m, w), the columns that are true.
+    `own`: a label (m,) of each point, which fills the rows of those with fewer labels. Returns
+    labels (m, w), the columns that are true.
     """
     widths = np.diff(rows.indptr)
     labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)

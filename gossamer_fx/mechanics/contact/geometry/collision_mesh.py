@@ -56,10 +56,6 @@ class CollisionMesh:
     frame.
 
     Args:
-        bodies: films, cables and beams.
-        obstacles: what they touch.
-        radii: of each body [m], zero for films without a radius.
-        system: to which the bodies belong.
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
 
     Attributes:
@@ -96,9 +92,6 @@ class CollisionMesh:
         """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
 
         Collective.
-
-        Raises:
-            InputError: an obstacle has a direction without a length.
         """
         self.comm = system.comm
         self.bodies = list(bodies)
@@ -137,10 +130,6 @@ class CollisionMesh:
 
         It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
         numbers the points: first those of bodies, then those of all obstacles.
-
-        Args:
-            known: points, edges and triangles of bodies, with all points of each; at least those
-                that this rank owns.
         """
         rank = self.comm.rank
         self.known = known
@@ -196,9 +185,6 @@ class CollisionMesh:
 
         A wall has three points, a solid one for each corner, a frame four: an origin and three
         axes.
-
-        Returns:
-            vertices, edges and triangles of the solids, as numbers of points.
         """
         self.walls: list[NumberedWall] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
@@ -244,8 +230,8 @@ class CollisionMesh:
         """Return for which points this rank keeps history variables: those of bodies that it owns,
         and all points of obstacles.
 
-        Returns:
-            their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
+        Returns their indices (k,) among the points that are known, and their numbers (k,) on all
+        ranks.
         """
         is_own = np.ones(self.points.count, dtype=bool)
         is_own[: self.points.body_count] = self.shared.is_own
@@ -354,9 +340,7 @@ class CollisionMesh:
         Both sides of a film are covered twice, by its points and by those of the other film, so
         that each takes a half.  The areas of edges and points overlap in the same way.
 
-        Args:
-            kind, points: of the pairs: (n,), and numbers (n, 4) of their points.
-            primitives: indices (n, 2) of the two primitives of each pair.
+        `primitives`: indices (n, 2) of the two primitives of each pair.
         """
         area: Array = self.area[points[:, 0]] * 0.5
         edges = kind == EdgeEdge.number
@@ -369,11 +353,7 @@ class CollisionMesh:
         A body has the same density everywhere: its mass over its area in the stress-free shape,
         that of cables and beams being length times diameter.
 
-        Args:
-            system: with the mass matrix [kg], which is assembled.
-
-        Returns:
-            densities (k,); infinite for obstacles.
+        Returns densities (k,); infinite for obstacles.
         """
         mass = self.body_masses(system)
         density = np.full(len(self.names), np.inf)
@@ -387,9 +367,6 @@ class CollisionMesh:
         """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective.
 
         A body whose nodes have no mass has the mass zero. The result is the same on all ranks.
-
-        Args:
-            system: the compiled scene, with the mass matrix [kg].
         """
         numbering = system.numbering
         direction = numbering.vector()
@@ -438,8 +415,7 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
     """Return the numbers over all ranks of primitives: points, edges or triangles.
 
-    Args:
-        indices: (n,) among the primitives that this rank knows, those of obstacles last.
+    `indices`: (n,) among the primitives that this rank knows, those of obstacles last.
     """
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.

@@ -51,14 +51,9 @@ class CollisionPrimitives:
         """Return vertices, edges or triangles with their boxes and with what forms no pairs with
         them.
 
-        Args:
-            primitives: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers of
-                points.
-            lower, upper: least and greatest coordinates (m, 3) [m] of each point.
-
-        Returns:
-            the primitives with the boxes (n, 6) [m] of their points, with their labels, of which
-            connected primitives share one, and fixed where all of their points are.
+        `primitives`: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers of
+        points. Returns the primitives with the boxes (n, 6) [m] of their points, with their labels,
+        of which connected primitives share one, and fixed where all of their points are.
         """
         least = lower[primitives].min(axis=1)
         greatest = upper[primitives].max(axis=1)
@@ -71,8 +66,7 @@ class CollisionPrimitives:
 
         Two primitives with a label in common are connected and form no pair.
 
-        Args:
-            primitives: numbers (n, k) of their points, which are the labels if nothing is tied.
+        `primitives`: numbers (n, k) of their points, which are the labels if nothing is tied.
         """
         if self.labels is None:
             return np.ascontiguousarray(primitives)

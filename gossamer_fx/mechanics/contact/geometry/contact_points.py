@@ -6,8 +6,7 @@ obstacles follow: they stay, move as prescribed, or are combinations of the vect
     x = W q + c(t)        points x (m, 3), block rows q (v, 3), weights W (m, v), prescribed part c
 
 A *block row* is a vector of three unknowns.  Block row i of the first n is the position of point i.
-
-Prescribed motions of obstacles: functions of the user, asked for on all ranks and checked.
+Prescribed motions are functions of the user, asked for on all ranks and checked.
 """
 
 from __future__ import annotations
@@ -44,9 +43,7 @@ class ObstacleMotion:
     """The displacement of one obstacle over the time.
 
     Args:
-        name: of the obstacle, for messages.
         function: displacement (3,) [m] at a time [s].
-        comm: the ranks, which have to agree.
 
     Raises:
         InputError: on all ranks, when a displacement is asked for: the function raises, or returns
@@ -65,9 +62,6 @@ class ObstacleMotion:
 
         The function of the user is called once for each of the last few times.
 
-        Args:
-            time: [s].
-
         Raises:
             InputError: on all ranks, if the function of the user raises, or returns something other
                 than three finite numbers, the same on all ranks.
@@ -85,10 +79,6 @@ class ObstacleMotion:
 
         A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
         below any limit.  A jump deviates by at least half of its length, however short the step is.
-
-        Args:
-            time: at the start of the step [s].
-            step: its length [s].
 
         Raises:
             InputError: on all ranks, if the function of the user raises, or returns something other
@@ -124,11 +114,7 @@ class _Map:
     """The rows of W and c for the points of obstacles, as they are added one by one."""
 
     def __init__(self, system: Assembly) -> None:
-        """Start without points and block rows.
-
-        Args:
-            system: with the numbering of the unknowns, of which block rows are made.
-        """
+        """Start without points and block rows."""
         self._system = system
         self._block_row_of: dict[int, int] = {}
         self.first_dofs: list[int] = []
@@ -140,9 +126,8 @@ class _Map:
     def add(self, vector: Attached) -> int:
         """Add a point or direction of an obstacle; return its number among those of obstacles.
 
-        Args:
-            vector: of the ground, which becomes a constant [m], or a combination of the vectors of
-                a rigid body, which becomes a row of weights [-].
+        `vector`: of the ground, which becomes a constant [m], or a combination of the vectors of a
+        rigid body, which becomes a row of weights [-].
         """
         number = len(self.constants)
         if isinstance(vector, Ground):
@@ -171,11 +156,6 @@ class _Map:
 
 class ContactPoints:
     """The m points of a contact that this rank knows, of which the first n are nodes of bodies.
-
-    Args:
-        bodies: films, cables and beams.
-        obstacles: points and directions of obstacles.
-        system: whose unknowns move them.
 
     Attributes:
         body_count: n.
@@ -231,9 +211,7 @@ class ContactPoints:
         It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
         x.
 
-        Args:
-            body: number (n,) of the body of each node, ascending.
-            node: global number (n,) among the nodes of the body.
+        `node`: global number (n,) among the nodes of the body.
         """
         of_obstacles = self._of_obstacles
         self.body_count = len(node)
@@ -263,12 +241,7 @@ class ContactPoints:
     def at(self, q: PETSc.Vec, time: float) -> Array:
         """Return the points of a contact for given coordinates of the system at a time; collective.
 
-        Args:
-            q: coordinates of the whole system.
-            time: [s], at which prescribed obstacles are.
-
-        Returns:
-            positions (m, 3) [m]; directions of obstacles among them have no unit.
+        Returns positions (m, 3) [m]; directions of obstacles among them have no unit.
 
         Raises:
             InputError: on all ranks, the motion of an obstacle raises or returns other than three
@@ -289,12 +262,6 @@ class ContactPoints:
         """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
         coordinates; collective.
 
-        Args:
-            v: rates of the coordinates of the whole system.
-            time: start of the interval [s] over which prescribed obstacles have their mean
-                velocity.
-            step: its length [s].
-
         Raises:
             InputError: on all ranks, the motion of an obstacle raises or returns other than three
                 numbers.
@@ -308,10 +275,7 @@ class ContactPoints:
         """Refuse a step in which the motion of an obstacle is far from straight and uniform;
         collective.
 
-        Args:
-            time: at the start of the step [s].
-            step: its length [s].
-            limit: largest deviation [m].
+        `limit`: largest deviation [m].
 
         Raises:
             Inadmissible: names the obstacle, its deviation and the limit; the step is then tried in
@@ -337,9 +301,7 @@ class ContactPoints:
 
         W are the weights of the unknowns in the points.
 
-        Args:
-            force: (m, 3) [N], this rank's share.
-            r: residual of the system, changed in place; the shares of several ranks add up.
+        `force`: (m, 3) [N], this rank's share.
         """
         on_block_rows = force[: self.body_count]
         if not self._are_block_rows:
@@ -356,13 +318,9 @@ class ContactPoints:
         """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
         and how.
 
-        Args:
-            points: numbers (n, 4) of the points of n pairs.
-
-        Returns:
-            block rows (n, 4 w), where w is the largest number of block rows of a point, and the
-            weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
-            block rows repeat one of the pair with weight zero.
+        Returns block rows (n, 4 w), where w is the largest number of block rows of a point, and the
+        weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer block
+        rows repeat one of the pair with weight zero.
         """
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))

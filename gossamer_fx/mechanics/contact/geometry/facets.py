@@ -1,8 +1,8 @@
 """The surface of a body as points and plane triangles, or straight lines: the share of each
 rank.
 
-Rows of integers that name points, edges or triangles, numbered over all ranks without gathering
-them.
+Points, edges and triangles are named by rows of integers, and numbered over all ranks without
+gathering them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ class DistributedRows:
     counted once; numbers, sums and owners come back.
 
     Args:
-        comm: the ranks.
-        rows: (n, k) of this rank; each entry is at least 0.
         bound: more than any first entry.
 
     Attributes:
@@ -58,11 +56,7 @@ class DistributedRows:
         A row consists of the integers that name a point, edge or triangle; several ranks may have
         equal rows. On each of them the sum is the same.
 
-        Args:
-            values: (n,), one for each row of this rank.
-
-        Returns:
-            sums (n,), in the unit of the values.
+        `values`: (n,), one for each row of this rank. Returns sums (n,), in the unit of the values.
         """
         met = self._exchange.send(values)
         total = np.bincount(self._row_of, met, self._met_count).astype(float)
@@ -109,12 +103,6 @@ class Facets:
 def facets_of(body: MeshBody) -> Facets:
     """Return this rank's points of a film, cable or beam and the flat pieces between them;
     collective.
-
-    Args:
-        body: on a mesh of lines or triangles, of order 1 or 2.
-
-    Raises:
-        KeyError: cells of another shape or order.
     """
     space = body.space
     mesh = space.mesh
@@ -156,8 +144,7 @@ def _names_of_dofs(
 
     They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
 
-    Args:
-        vertices: numbers (c, k) of the cells' vertices in the mesh file.
+    `vertices`: numbers (c, k) of the cells' vertices in the mesh file.
     """
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)

@@ -4,8 +4,7 @@ triangles.
 Every primitive has a number that is the same on all ranks, and an owner, which searches for its
 pairs. Rows of a table can be sent to other ranks and united with theirs, in the order of the
 numbers.
-
-Points that several ranks know: values of their owner are spread, and minima over all ranks are
+Of points that several ranks know, values of the owner are spread, and minima over all ranks are
 found.
 """
 
@@ -43,10 +42,6 @@ class SurfacePrimitives:
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
         """Return a table of the points, edges or triangles that other ranks send to this one;
         collective.
-
-        Args:
-            which: indices (k,) of the rows that this rank sends.
-            exchange: with the rank that gets each of them.
         """
         columns = self._columns()
         return type(self)(
@@ -56,9 +51,6 @@ class SurfacePrimitives:
     def united(self, *others: Self) -> Self:
         """Return a table with the rows of all tables of points, edges or triangles, each once, by
         number.
-
-        Args:
-            others: tables of the same kind; rows with the same number are equal.
         """
         tables = [self, *others]
         numbers = np.concatenate([table.number for table in tables])
@@ -152,13 +144,7 @@ class SurfaceShare:
     def of(
         cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
     ) -> SurfaceShare:
-        """Number the points, edges and triangles of bodies, one body after the other; collective.
-
-        Args:
-            bodies: films, cables and beams.
-            radii: of each [m]; a cable stands for the area length times diameter.
-            comm: the ranks.
-        """
+        """Number the points, edges and triangles of bodies, one body after the other."""
         # Bodies are numbered one after the other, so that each kind of primitive has one range of
         # numbers.
         points: list[SurfacePoints] = []
@@ -184,13 +170,9 @@ def _surface_of(
 ) -> tuple[SurfaceTables, list[int]]:
     """Return the points, edges and triangles of one body, numbered over all ranks; collective.
 
-    Args:
-        radius: [m].
-        first: the lowest numbers (3,) of its points, edges and triangles.
-
-    Returns:
-        tables of this rank's primitives with their areas [m²], and how many of each kind the body
-        has on all ranks: points, edges, triangles.
+    `first`: the lowest numbers (3,) of its points, edges and triangles. Returns tables of this
+    rank's primitives with their areas [m²], and how many of each kind the body has on all ranks:
+    points, edges, triangles.
     """
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
@@ -228,11 +210,7 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
     A triangle gives each of its sides and corners a third of its area.  A line stands for the area
     of its shadow, length times diameter, and gives each end a half.
 
-    Args:
-        radius: of a cable or beam [m]; not used for films.
-
-    Returns:
-        edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
+    Returns edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
     """
     count = len(facets.nodes)
     if len(facets.lines):
@@ -257,10 +235,6 @@ def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
 
 class SharedPoints:
     """Exchanges values of the n points that a rank knows with the owners of those points.
-
-    Args:
-        comm: the ranks.
-        points: that this rank knows; the owner of a point always knows it.
 
     Attributes:
         is_own: which points (n,) this rank owns.
@@ -287,8 +261,7 @@ class SharedPoints:
     def take_minimum(self, values: Array) -> None:
         """Replace values by the least that any rank has for the same point; collective.
 
-        Args:
-            values: (n,) of the points that this rank knows, in any unit; changed in place.
+        `values`: (n,) of the points that this rank knows, in any unit; changed in place.
         """
         if self._comm.size > 1:
             # The owner sees the values of all ranks, and spreads what it finds.

@@ -42,11 +42,7 @@ def parameter_derivatives(
     The closest points minimise |z|² with z = r + u a + v b, the vector between the sides [m]. H (n,
     2, 2) [m²] is the matrix of products of a and b.
 
-    Args:
-        sides: of all pairs: a point and a triangle, or two edges.
-        x: points (n, 4, 3) [m].
-        parameters: (u, v) (n, 2) of the closest points there.
-        taper: T (n,) [m] of cones, which minimise |z| - T v instead.
+    `taper`: T (n,) [m] of cones, which minimise |z| - T v instead.
     """
     # r, a, b as combinations of the points (3, 4), then as vectors (n, 3, 3).
     weights = VECTORS[sides]

@@ -25,16 +25,8 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
     The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
     0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
 
-    Args:
-        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
-        x: points (m, 3) [m].
-
-    Returns:
-        s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres
-        and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
+    Returns s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside
+    spheres and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
     """
     c = library()
     count = len(pairs)
@@ -52,15 +44,7 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
     """Return by how much contact pairs can come closer on straight lines, at most.
 
-    Args:
-        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
-        x0, x1: points (m, 3) [m] at the start and at the end.
-
-    Returns:
-        bounds (n,) [m]; infinite for walls.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
+    Returns bounds (n,) [m]; infinite for walls.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -90,10 +74,7 @@ class PairDistances:
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
         """Start with lower bounds of the gaps; `make_exact` replaces some of them.
 
-        Args:
-            candidates: the n pairs.
-            x: points (m, 3) [m].
-            lower_bound: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
+        `lower_bound`: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
         """
         count = len(candidates)
         self.candidates = candidates
@@ -111,11 +92,7 @@ class PairDistances:
         return found
 
     def make_exact(self, rows: Any) -> None:
-        """Compute the gaps [m] of some contact pairs, of which lower bounds were known.
-
-        Args:
-            rows: which pairs, as indices, a mask (n,) or a slice.
-        """
+        """Compute the gaps [m] of some contact pairs, of which lower bounds were known."""
         geometry = self._compute(rows)
         radius = self.candidates.radius[rows]
         self.gap[rows] = gaps_of(geometry, self._squared_distance[rows], radius)
@@ -123,12 +100,8 @@ class PairDistances:
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distance and parameters of the closest points of some contact pairs.
 
-        Args:
-            rows: mask (n,) of the pairs, k of which are asked for.
-
-        Returns:
-            squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along the
-            two sides.
+        Returns squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along
+        the two sides.
         """
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):

@@ -18,12 +18,6 @@ COINCIDENT = 1e-6
 def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> None:
     """Raise `InputError` on all ranks where edges intersect triangles; collective.
 
-    Args:
-        mesh: bodies and obstacles of a contact; edges and triangles that are connected are left
-            out.
-        x: its points (m, 3) [m] at the start.
-        comm: the ranks.
-
     Raises:
         InputError: names the number of intersecting edges, and of the first one both bodies and its
             middle.
@@ -56,11 +50,7 @@ def refuse_coincident(
     """Raise `InputError` where body points touch something at the start, or are within it;
     collective.
 
-    Args:
-        mesh: bodies and obstacles of a contact, with m points.
-        x: points (m, 3) [m].
-        nearest: gap (m,) [m] of each point to what is nearest on any rank.
-        activation_distance: gap [m] at which contact begins; a millionth of it counts as none.
+    `nearest`: gap (m,) [m] of each point to what is nearest on any rank.
 
     Raises:
         InputError: names a body, the number of such points and the first of them.
@@ -84,10 +74,6 @@ def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
     The surface of a box keeps points apart on both sides, so that a body within it would be taken
     for one that is kept there.  Spheres and cylinders are a radius round a point or an axis:
     `refuse_coincident` finds their points.
-
-    Args:
-        mesh: bodies and obstacles of a contact.
-        x: its points (m, 3) [m] at the start.
 
     Raises:
         InputError: names a body, the box, the number of such points and the first of them.
@@ -121,13 +107,9 @@ def _count_and_first(
 ) -> tuple[int, tuple[str, Array]]:
     """Return how many points of bodies are wrong on all ranks, and the first one; collective.
 
-    Args:
-        x: points (m, 3) [m].
-        is_wrong: mask of the points of bodies (n,) that this rank knows.
-
-    Returns:
-        their number, each point counted once, and name of the body and position (3,) [m] of the one
-        with the lowest number; an empty name and zeros if there is none.
+    `is_wrong`: mask of the points of bodies (n,) that this rank knows. Returns their number, each
+    point counted once, and name of the body and position (3,) [m] of the one with the lowest
+    number; an empty name and zeros if there is none.
     """
     wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
     first: list[tuple[int, str, Array]] = []

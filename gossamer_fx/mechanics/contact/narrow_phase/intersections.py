@@ -30,16 +30,8 @@ def find_intersections(
 
     Signs that round-off makes uncertain are computed again in exact fractions.
 
-    Args:
-        surface: all edges and triangles.
-        x: points (m, 3) [m].
-        edges: numbers (q,) of the edges that are asked for; None: all.
-
-    Returns:
-        numbers (k, 2) of edge and triangle; empty if nothing intersects.
-
-    Raises:
-        ValueError: an edge or triangle has a point that does not exist.
+    `edges`: numbers (q,) of the edges that are asked for; None: all. Returns numbers (k, 2) of edge
+    and triangle; empty if nothing intersects.
     """
     if edges is None:
         edges = np.arange(len(surface.edges), dtype=np.int32)
@@ -59,16 +51,8 @@ def find_intersections(
 def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
     """Return for pairs of edges and triangles whether they intersect, as far as doubles can decide.
 
-    Args:
-        x: points (m, 3) [m].
-        near: numbers (k, 2) of edge and triangle.
-
-    Returns:
-        (k,): 0, `INTERSECTS`, or `UNSURE` where a sign is within round-off.
-
-    Raises:
-        ValueError: an edge or triangle has a point that does not exist, or an array is not
-            contiguous.
+    `near`: numbers (k, 2) of edge and triangle. Returns (k,): 0, `INTERSECTS`, or `UNSURE` where a
+    sign is within round-off.
     """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
@@ -98,9 +82,7 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
 
     An edge that only touches the triangle does not intersect it.
 
-    Args:
-        ends: of the edge (2, 3) [m].
-        corners: of the triangle (3, 3) [m].
+    `ends`: of the edge (2, 3) [m]; `corners`: of the triangle (3, 3) [m].
     """
     below = sign_of_volume(np.vstack([corners, ends[:1]]))
     above = sign_of_volume(np.vstack([corners, ends[1:]]))
@@ -117,8 +99,7 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
 def sign_of_volume(corners: Array) -> int:
     """Return the exact sign, -1, 0 or 1, of the volume (b - a) × (c - a) · (d - a).
 
-    Args:
-        corners: the points a, b, c, d as rows (4, 3), finite numbers.
+    `corners`: the points a, b, c, d as rows (4, 3), finite numbers.
     """
     rows = [[Fraction(float(value)) for value in corner] for corner in corners]
     origin = rows[0]

@@ -44,11 +44,7 @@ class _Turn:
     centre: Array
 
     def angle_to(self, other: _Turn) -> float:
-        """Return the angle [rad], 0 to π, by which one body turns relative to another one.
-
-        Args:
-            other: rotation of the other body in the same step.
-        """
+        """Return the angle [rad], 0 to π, by which one body turns relative to another one."""
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
         return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
@@ -57,13 +53,7 @@ STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
 
 
 class LargeTurns:
-    """Finds bodies that turn past others in a step.
-
-    Args:
-        mesh: bodies and obstacles of a contact.
-        activation_distance: gap [m] at which contact begins.
-        system: with the rigid bodies of which obstacles are parts.
-    """
+    """Finds bodies that turn past others in a step."""
 
     def __init__(
         self, mesh: CollisionMesh, activation_distance: float, system: ContactAssembly
@@ -91,14 +81,8 @@ class LargeTurns:
         rotation in space is more than half of that, and it may meet the other one on its way.  Two
         obstacles are not compared.
 
-        Args:
-            distances: gaps of the contact pairs that may touch, and the m points of the contact
-                that this rank knows, (m, 3) [m], at the start of the step.
-            x1: the same points (m, 3) [m] at the end of the step, in the same order.
-
-        Returns:
-            a clause with the names of the first two that are found, and the angle in degrees; empty
-            if nothing turns too far.
+        `distances`: gaps of the contact pairs that may touch, and the m points of the contact that
+        this rank knows, (m, 3) [m], at the start of the step.
         """
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
@@ -130,10 +114,6 @@ class LargeTurns:
 
         A body on a mesh turns by the best rotation of its points, an obstacle with its rigid body;
         other obstacles do not turn.
-
-        Args:
-            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
-                at the end of the step.
         """
         if k < len(self._mesh.bodies):
             points = self._points[k]
@@ -154,9 +134,6 @@ class LargeTurns:
 
         It may if a wall of the other one is within its radius from the centre of the turn, or if
         the box round the other one is.
-
-        Args:
-            x1: the same points (m, 3) [m] at its end.
         """
         touching = min(one, other)  # a body on a mesh
         gap = self._gap_to_walls(touching, max(one, other), distances)
@@ -183,10 +160,6 @@ class LargeTurns:
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
         """Return the largest distance [m] of the points of a body or obstacle from the centre of a
         turn, at the start or the end of the step; collective.
-
-        Args:
-            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
-                at the end of the step.
         """
         points = self._points[k]
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
@@ -195,11 +168,7 @@ class LargeTurns:
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective.
-
-        Returns:
-            the gap on all ranks; infinite if the obstacle has no walls.
-        """
+        """Return the least gap [m] of a body to the walls of an obstacle at the start."""
         if not self._has_walls[obstacle]:
             return np.inf
         pairs = distances.candidates
@@ -213,12 +182,6 @@ def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
     """Return the rotation that brings the points of all ranks nearest to their end; collective.
 
     W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
-
-    Args:
-        start, end: points (n, 3) [m] of this rank; n may be 0 on some ranks.
-
-    Returns:
-        the rotation about the mean of the points.  Points on a line do not turn about it.
     """
     sums = comm.allreduce(np.concatenate([start.sum(axis=0), end.sum(axis=0), [len(start)]]))
     centre = sums[:6].reshape(2, 3) / sums[6]
