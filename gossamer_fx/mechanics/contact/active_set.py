@@ -54,19 +54,15 @@ class Activation:
         self._of_pairs: Array = np.zeros(0)
 
     def begin(self, nearest: Array) -> None:
-        """Choose the distances of a run, given the gap (m,) [m] of points to what is nearest.
-
-        They are nine tenths of the gap where layers are nearer to each other than that, so that
-        they have no energy at first.
-        """
+        """Choose the distances of a run, given the gap (m,) [m] of points to what is nearest. They
+        are nine tenths of the gap where layers are nearer to each other than that, so that they
+        have no energy at first."""
         self._keep(np.minimum(self._largest, INITIAL_ACTIVATION * nearest))
         self._history.has_begun = True
 
     def grow(self, nearest: Array) -> None:
-        """Let the distances grow with the gaps (m,) [m] of points to what is nearest.
-
-        No pair has energy between the present distance and its gap, so that growth costs none.
-        """
+        """Let the distances grow with the gaps (m,) [m] of points to what is nearest. No pair has
+        energy between the present distance and its gap, so that growth costs none."""
         possible = np.minimum(self._largest, GROWN_ACTIVATION * nearest)
         grown = np.maximum(self._of_points, possible)
         # Without growth the array stays the same object, for which pairs' distances are known.
@@ -96,11 +92,8 @@ class Activation:
 
     def of(self, candidates: CandidatePairs) -> Array:
         """Return the gap (n,) [m] below which each pair has energy: the least of those of its
-        points.
-
-        Of a point and a wall that of the point counts alone.  The same array is returned as long as
-        nothing has changed.
-        """
+        points. Of a point and a wall that of the point counts alone.  The same array is returned as
+        long as nothing has changed."""
         if candidates is not self._candidates or self._of_points is not self._used:
             self._candidates = candidates
             self._used = self._of_points
@@ -136,13 +129,9 @@ class StepDistances:
 
     def violations(self, activation_distance: Array, among: MaskArray) -> np.ndarray:
         """Return the indices (k,) of contact pairs that all but pass through each other in the
-        step.
-
-        These are pairs whose gap falls below a tenth of its value at the start, or of the
-        activation distance if that is less; see `find_violations`.
-
-        `among`: mask (n,) of the pairs that are asked for; walls are left out in any case.
-        """
+        step. These are pairs whose gap falls below a tenth of its value at the start, or of the
+        activation distance if that is less; see `find_violations`. `among`: mask (n,) of the pairs
+        that are asked for; walls are left out in any case."""
         return find_violations(
             self.start.candidates,
             self.start.x,
@@ -155,10 +144,7 @@ class StepDistances:
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
         """Return which contact pairs are near at the start, may be at the end, or would pass
-        through.
-
-        Returns mask (n,) of the candidate pairs.
-        """
+        through. Returns mask (n,) of the candidate pairs."""
         start = self.start.gap
         end = self.end.gap
         is_near = start < NEAR_AT_START * activation_distance
@@ -169,11 +155,8 @@ class StepDistances:
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
         """Return which contact pairs take no part in the step though they are near at its end or
-        would pass through.
-
-        `active`: mask (n,) of the pairs that take part in the step. Returns mask (n,) of the
-        candidate pairs.
-        """
+        would pass through. `active`: mask (n,) of the pairs that take part in the step. Returns
+        mask (n,) of the candidate pairs."""
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True

@@ -162,10 +162,8 @@ class CompiledContact(
         return ContactGradient(self)
 
     def without_gradient(self) -> str:
-        """Return in one sentence why the contact has no gradient; empty if it has one.
-
-        In a run it has one.  At an equilibrium it takes a given stiffness.
-        """
+        """Return in one sentence why the contact has no gradient; empty if it has one. In a run it
+        has one.  At an equilibrium it takes a given stiffness."""
         if self.system.rule.alpha < 1 or self.pair_stiffness.given is not None:
             return ""
         return (
@@ -235,11 +233,8 @@ class CompiledContact(
         return pressures_on(body, self)
 
     def solids(self) -> list[Solid]:
-        """Return the obstacles as solids for pictures; collective.
-
-        Planes, which have no end, are drawn near the bodies; kinds of obstacles without a picture
-        are left out.
-        """
+        """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
+        drawn near the bodies; kinds of obstacles without a picture are left out."""
         x = self.x0[: self.points.body_count]
         # The box round the bodies, of all ranks together.
         corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
@@ -251,8 +246,7 @@ class CompiledContact(
 
 def _examine_repeated_contacts(term: ContactEnergy, system: Assembly) -> None:
     """Refuse a contact that is in the scene twice; warn of bodies that it and one before it keep
-    apart.
-    """
+    apart."""
     # Bodies are compared as objects, obstacles by their arguments: equal obstacles are one.
     obstacles = [_arguments(obstacle) for obstacle in term.obstacles]
     for other in system.terms:

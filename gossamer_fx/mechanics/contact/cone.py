@@ -158,8 +158,7 @@ class Cone(Obstacle):
 
     def _balls(self) -> tuple[tuple[Array, Array], Array, tuple[float, float]]:
         """Return the centres (3,) [m] of the balls that touch the mantle at its circles, the unit
-        vector along the axis, and the radii [m] of the balls.
-        """
+        vector along the axis, and the radii [m] of the balls."""
         between = np.subtract(self.end, self.start)
         axis = unit_vector(between, f"Cone '{self.name}': its axis")
         slope = (self.radii[0] - self.radii[1]) / float(np.linalg.norm(between))

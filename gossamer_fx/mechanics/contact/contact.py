@@ -90,9 +90,8 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
-        """Check the arguments, and sort bodies from obstacles.
-
-        Collective where films are given: the shortest edge of each is that of all ranks."""
+        """Check the arguments, and sort bodies from obstacles. Collective where films are given:
+        the shortest edge of each is that of all ranks."""
         self.name = name
         self.distance = distance
         self.stiffness = stiffness

@@ -85,10 +85,8 @@ class StiffnessAdjoint:
         self.by_density: Array = np.zeros(len(density))
 
     def add(self, identifier: Int64Array, contribution: Array) -> None:
-        """Add contributions (n,) of this rank's pairs; collective.
-
-        All ranks have all sums: in an earlier step another rank may have the pair.
-        """
+        """Add contributions (n,) of this rank's pairs; collective. All ranks have all sums: in an
+        earlier step another rank may have the pair."""
         of_ranks = self._comm.allgather((identifier, contribution))
         identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
         contributions = np.concatenate([self._sum, *(part for _, part in of_ranks)])
@@ -98,8 +96,7 @@ class StiffnessAdjoint:
 
     def take(self, identifier: Int64Array) -> Array:
         """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
-        and forget them on all ranks; collective.
-        """
+        and forget them on all ranks; collective."""
         found = np.zeros(len(identifier))
         order = np.argsort(identifier)
         known = np.isin(self._identifier, identifier)
@@ -114,10 +111,8 @@ class StiffnessAdjoint:
     def add_densities(
         self, bodies: Int32Array | Int64Array, by_stiffness: Array, stiffness: Array
     ) -> None:
-        """Add what the stiffness of pairs gives for the densities.
-
-        `by_stiffness`: the sums (n,) of the pairs.
-        """
+        """Add what the stiffness of pairs gives for the densities. `by_stiffness`: the sums (n,) of
+        the pairs."""
         density = self._density[bodies]
         # k is proportional to 2/(1/σ1 + 1/σ2); an obstacle has an infinite density.
         both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
@@ -133,14 +128,11 @@ def closing_derivatives(
     reference_speed: float,
     step: float,
 ) -> tuple[Array, Array]:
-    """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step.
-
-    A pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
+    """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step. A
+    pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
     [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
-
     `by_stiffness`: factors (n,). Returns derivatives of Σ by_stiffness k by the four points of each
-    pair (n, 4, 3), and by their velocities (n, 4, 3); zero where the lower bound counts.
-    """
+    pair (n, 4, 3), and by their velocities (n, 4, 3); zero where the lower bound counts."""
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)
     # D and its derivatives at both times.
@@ -224,11 +216,8 @@ class ContactGradient:
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of what the reversed step leaves out of the forces f;
-        collective.
-
-        It is friction, how the force of a pair depends on the origin of its vectors, and the
-        stiffness that pairs derive from their closing speed.
-        """
+        collective. It is friction, how the force of a pair depends on the origin of its vectors,
+        and the stiffness that pairs derive from their closing speed."""
         contact_set = self._set
         on_points = self._on_points(μ)
         found = np.zeros((self._points.count, 3))
@@ -254,13 +243,9 @@ class ContactGradient:
 
     def _add_product_through_stiffness(self, μ: Array, found: Array, rates: Array) -> None:
         """Add the part of (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ that the derived stiffness of pairs gives;
-        collective.
-
-        f are the contact forces [N] of the step from q0 with the velocities v0.
-
-        `found, rates`: (m, 3), to which the products with respect to positions and velocities of
-        the points at the start are added.
-        """
+        collective. f are the contact forces [N] of the step from q0 with the velocities v0. `found,
+        rates`: (m, 3), to which the products with respect to positions and velocities of the points
+        at the start are added."""
         adjoint = self._stiffness_adjoint
         pairs = self._set.pairs
         assert adjoint is not None and pairs is not None
@@ -305,12 +290,8 @@ class ContactGradient:
 
     def add_energy_by_stiffness(self, share: float) -> None:
         """Add a share of the derivative of the energy at q0 by the derived stiffness of pairs;
-        collective.
-
-        Nothing happens where the stiffness is given as a number.
-
-        `share`: factor [-] of the derivative, that of the energy in the objective.
-        """
+        collective. Nothing happens where the stiffness is given as a number. `share`: factor [-] of
+        the derivative, that of the energy in the objective."""
         if self._stiffness_adjoint is None:
             return
         self._set.stored_energy()
@@ -342,13 +323,10 @@ class ContactGradient:
         return self._friction.work_by_coefficient(self._set.x0, self._set.end_points(), on_points)
 
     def work_by_stiffness(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
-
-        All forces are proportional to it, those of friction included.
-
-        r is the residual of the system. The forces of the pairs are computed again, so that
-        `StepForces.point_forces` changes; without pairs the result is zero.
-        """
+        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective. All forces
+        are proportional to it, those of friction included. r is the residual of the system. The
+        forces of the pairs are computed again, so that `StepForces.point_forces` changes; without
+        pairs the result is zero."""
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)
         if self._set.pairs is None:

@@ -205,11 +205,9 @@ class ContactSet:
         history.restored += 1
 
     def save_active_set(self) -> ActivePairs | None:
-        """Return the pairs of the last accepted step that have energy at one of its ends.
-
-        The others have neither force nor tangent.  The column `start` is left out: it follows from
-        the points.
-        """
+        """Return the pairs of the last accepted step that have energy at one of its ends. The
+        others have neither force nor tangent.  The column `start` is left out: it follows from the
+        points."""
         pairs = self._accepted_pairs
         # On several ranks a search changes which points a rank knows, and with them the rows of
         # pairs.
@@ -265,11 +263,9 @@ class ContactSet:
         return None
 
     def stored_energy(self) -> float:
-        """Return the energy [J] of this rank's pairs in the accepted state.
-
-        After a checkpoint was restored, candidates are searched again, and the pairs of this rank
-        are taken from those of all ranks.
-        """
+        """Return the energy [J] of this rank's pairs in the accepted state. After a checkpoint was
+        restored, candidates are searched again, and the pairs of this rank are taken from those of
+        all ranks."""
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
@@ -334,11 +330,9 @@ class ContactSet:
         return np.ascontiguousarray(self.x0 + self.system.h * self._v)
 
     def _search(self, end: Callable[[], Array]) -> None:
-        """Find candidates for the present step, of which `end` returns the points (m, 3) [m].
-
-        The search may change which points this rank knows: whatever has a row for each point is
-        asked for again.
-        """
+        """Find candidates for the present step, of which `end` returns the points (m, 3) [m]. The
+        search may change which points this rank knows: whatever has a row for each point is asked
+        for again."""
         system = self.system
 
         def read() -> StepPoints:
@@ -400,11 +394,9 @@ class ContactSet:
         self.forces.set_pairs(pairs, self.x0)
 
     def exchange_ends(self) -> None:
-        """Reverse the step: the accepted state and time of the system are its new start.
-
-        Gradients need the reversed step: its force is the same if pairs, stiffness and activation
-        distances are.  Friction differs, and is left out: `ContactGradient` has it.
-        """
+        """Reverse the step: the accepted state and time of the system are its new start. Gradients
+        need the reversed step: its force is the same if pairs, stiffness and activation distances
+        are.  Friction differs, and is left out: `ContactGradient` has it."""
         pairs = self.pairs
         if pairs is None:
             return
@@ -414,11 +406,8 @@ class ContactSet:
         self.pairs = self.forces.reverse(pairs, self.x0)
 
     def extend_active_set(self) -> bool:
-        """Add pairs that are near at the end of a step, or were passed on the way.
-
-        They were left out because the end was predicted only.  A step with recorded pairs is
-        complete.
-        """
+        """Add pairs that are near at the end of a step, or were passed on the way. They were left
+        out because the end was predicted only.  A step with recorded pairs is complete."""
         if self._is_recorded:
             return False
         x1 = self.end_points()
@@ -450,11 +439,9 @@ class ContactSet:
         return self.points.at(self.system.q1, self._end_time)
 
     def inadmissible(self) -> str:
-        """Report what passed through something else in the step, or all but did.
-
-        Returns a clause that names two bodies and a point [m] near which they meet, or a body that
-        turns too far; empty if the step is admissible.  The same on every rank.
-        """
+        """Report what passed through something else in the step, or all but did. Returns a clause
+        that names two bodies and a point [m] near which they meet, or a body that turns too far;
+        empty if the step is admissible.  The same on every rank."""
         comm = self.system.comm
         x1 = self.end_points()
         # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
@@ -502,7 +489,6 @@ class ContactSet:
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent [N/m]; `coupling_matrices` has the others.
-
         Between steps zeros reserve these blocks in the pattern."""
         if self.pairs is None:
             self.forces.reserve(A)

@@ -50,12 +50,8 @@ class ContactHistory:
 
     def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
         """Let this rank keep the activation distances [m] of some points only; together the ranks
-        keep all.
-
-        They are the gaps below which pairs of a point have energy.
-
-        `own_points`: numbers (m,) of the points that this rank owns, among those of all ranks.
-        """
+        keep all. They are the gaps below which pairs of a point have energy. `own_points`: numbers
+        (m,) of the points that this rank owns, among those of all ranks."""
         self.comm = comm
         self._own_points = own_points
         # A state that was set before is that of all points.
@@ -111,11 +107,9 @@ class ContactHistory:
         self.stiffness = self.stiffness[which]
 
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
-        """Return which contact pairs have energy already, and their stiffness.
-
-        Returns a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness
-        of the others has no meaning.
-        """
+        """Return which contact pairs have energy already, and their stiffness. Returns a mask (n,)
+        of those that have energy, and their stiffness (n,) [J]; the stiffness of the others has no
+        meaning."""
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
         row = np.searchsorted(self.identifier, identifier)

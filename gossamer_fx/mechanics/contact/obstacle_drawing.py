@@ -27,12 +27,9 @@ DrawnSurface = tuple[Array, Indices, Indices]  # points (n, 3), triangles (t, 3)
 
 
 def grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
-    """Return a square grid of lines on a plane.
-
-    `point`: of the plane, (3,) [m]; `normal`: unit vector (3,); `near`: points (n, 3) [m], in the
-    middle of which the grid is drawn. Returns ends of the lines (k, 3) [m], no triangles, and the
-    lines (l, 2) as indices of these points.
-    """
+    """Return a square grid of lines on a plane. `point`: of the plane, (3,) [m]; `normal`: unit
+    vector (3,); `near`: points (n, 3) [m], in the middle of which the grid is drawn. Returns ends
+    of the lines (k, 3) [m], no triangles, and the lines (l, 2) as indices of these points."""
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
     # Projected onto the plane.
     middle = middle - (middle - point) @ normal * normal
@@ -55,11 +52,9 @@ def rounded_cone(
     ends: tuple[Array, Array], axis: Array, radii: tuple[float, float], inside: bool
 ) -> DrawnSurface:
     """Return the surface around two balls: a cone, or with equal radii a cylinder, with round ends.
-
     Its lines are the circles where the balls touch the mantle, and `MERIDIANS` lines along it.  The
     ends are the centres (3,) [m] of the balls, the axis a unit vector (3,) from one to the other,
-    and the radii [m] theirs.  A room has no triangles.
-    """
+    and the radii [m] theirs.  A room has no triangles."""
     angles = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
     # Unit vectors u and v across the axis, orthogonal to each other
     u, v = perpendicular_pair(axis)

@@ -105,10 +105,8 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        """Check the arguments that all kinds of obstacles share.
-
-        Vectors and radii [m] are checked where a kind has an attribute of this name.
-        """
+        """Check the arguments that all kinds of obstacles share. Vectors and radii [m] are checked
+        where a kind has an attribute of this name."""
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
             check_friction(owner, self.friction)
@@ -398,11 +396,9 @@ class Box(Obstacle):
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
     def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
-        """Return the six planes around a room, with normals towards its middle.
-
-        `axes`: unit directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,)
-        [m]; `half`: half of its sizes along the axes, (3,) [m].
-        """
+        """Return the six planes around a room, with normals towards its middle. `axes`: unit
+        directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,) [m]; `half`:
+        half of its sizes along the axes, (3,) [m]."""
         walls = []
         for k in range(3):
             for sign in (-1, 1):
@@ -415,11 +411,8 @@ class Box(Obstacle):
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return the 12 triangles of a box, two for each face, as numbers of its corners.
-
-    The number of a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive
-    side.
-    """
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners. The number of
+    a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive side."""
     triangles = []
     for bit in AXIS_BITS:
         first, second = (other for other in AXIS_BITS if other != bit)

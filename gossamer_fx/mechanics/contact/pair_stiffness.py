@@ -48,13 +48,10 @@ class StiffnessWarning:
         self.was_given = False
 
     def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
-        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective.
-
-        Of all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped,
-        or if the warning was given before.
-
-        `density`: area density of the lighter side (n,) [kg/m²]; `speed`: closing speed (n,) [m/s].
-        """
+        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective. Of
+        all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped, or
+        if the warning was given before. `density`: area density of the lighter side (n,) [kg/m²];
+        `speed`: closing speed (n,) [m/s]."""
         if self.was_given:
             return
         needed = STOPPING_FACTOR * density * speed**2
@@ -134,13 +131,10 @@ class PairStiffness:
         v: Array,
         reference_speed: float,
     ) -> Array:
-        """Return the stiffness k [J] of contact pairs that begin to touch; collective.
-
-        A given stiffness that cannot stop the pairs is warned of once, in the log.
-
-        `reference_speed`: closing speed [m/s] that is assumed at least. Returns (n,) [J],
-        proportional to the area for which each pair stands.
-        """
+        """Return the stiffness k [J] of contact pairs that begin to touch; collective. A given
+        stiffness that cannot stop the pairs is warned of once, in the log. `reference_speed`:
+        closing speed [m/s] that is assumed at least. Returns (n,) [J], proportional to the area for
+        which each pair stands."""
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
         density = self.densities()[bodies]
@@ -178,10 +172,7 @@ class PairStiffness:
         self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
     ) -> Array:
         """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
-        close.
-
-        It is a difference quotient over a thousandth of the step.
-        """
+        close. It is a difference quotient over a thousandth of the step."""
         duration = SHORT_TIME * self._system.h
         later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
         rate = np.empty(len(pairs))

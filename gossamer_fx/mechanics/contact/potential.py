@@ -105,13 +105,9 @@ def activate(
     candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
 ) -> ActivePairs:
     """Return n contact pairs with the numbers of their energy, which reaches up to an activation
-    distance.
-
-    With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
-
+    distance. With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
     Returns the pairs with offset and width of the squared distance [m²], of planes [m], and the
-    stiffness zero.
-    """
+    stiffness zero."""
     count = len(candidates)
     width = np.empty(count)
     offset = np.empty(count)
@@ -133,11 +129,8 @@ def activate(
 
 def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
     """Return the column `start` of contact pairs: what the energy rule needs from the start of a
-    step.
-
-    Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance
-    of walls is not used.
-    """
+    step. Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The
+    distance of walls is not used."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -153,11 +146,9 @@ def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameter
 
 
 def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
-    """Return pairs of the reversed step, which starts at the points x (m, 3) [m].
-
-    The closest points of the original start stay the origin of their vectors: the force depends on
-    that origin where it is corrected along the change of the measures.
-    """
+    """Return pairs of the reversed step, which starts at the points x (m, 3) [m]. The closest
+    points of the original start stay the origin of their vectors: the force depends on that origin
+    where it is corrected along the change of the measures."""
     start = pair_starts(pairs, x, *closest_points(pairs, x))
     if pairs.start is not None:
         start[:, :2] = pairs.start[:, :2]
@@ -167,11 +158,9 @@ def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
 def energy_of_pairs(
     pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
 ) -> tuple[float, Array]:
-    """Return the energy of contact pairs in one configuration, and their scaled distances.
-
-    Returns sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below
-    one where a pair has energy.
-    """
+    """Return the energy of contact pairs in one configuration, and their scaled distances. Returns
+    sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one where
+    a pair has energy."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -217,13 +206,11 @@ def evaluate(
     push_back: float = PUSH_BACK,
 ) -> PairResponse:
     """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
-
     `point_forces`: array (m, 3) [N] to which the forces are added; `geometric_share`: share [-] of
     the geometric stiffness in tangents, which may make them indefinite; `push_back`: stiffness of
     pairs that passed through, over their own [-]; zero for a step that was accepted, whose pairs
     are then treated alike in both directions of time. Returns state of each pair (n,); forces (n,
-    12) [N] and tangents (n, 144) [N/m] as asked for, else None.
-    """
+    12) [N] and tangents (n, 144) [N/m] as asked for, else None."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

@@ -76,26 +76,20 @@ class Stencil:
     def energy_range(
         self, reach: Array, radius: Array, shape: Array, is_barrier: bool
     ) -> tuple[Array, Array]:
-        """Return width and offset (n,) of x = (s - offset)/width, in the unit of s.
-
-        x is zero where the sides meet, and one where the gap is the activation distance.
-        """
+        """Return width and offset (n,) of x = (s - offset)/width, in the unit of s. x is zero where
+        the sides meet, and one where the gap is the activation distance."""
         # With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
         width: Array = (radius + reach) ** 2 - radius**2
         return width, radius**2
 
     def gap_weights(self, parameters: Array) -> Array:
         """Return the weights (n, 4) of the points in the vector from the second side to the first.
-
-        It leads between the closest points; of walls it is the first point.
-        """
+        It leads between the closest points; of walls it is the first point."""
         raise NotImplementedError
 
     def derivatives(self, x: Array, parameters: Array, shape: Array) -> tuple[Array, Array]:
-        """Return the distance D (n,) [m] and its derivatives (n, 4, 3) by the points.
-
-        That by the first point of a wall's pair is the unit normal, towards the body.
-        """
+        """Return the distance D (n,) [m] and its derivatives (n, 4, 3) by the points. That by the
+        first point of a wall's pair is the unit normal, towards the body."""
         # Closest points are stationary, so that their parameters count as constant.
         weights = self.gap_weights(parameters)
         between = np.einsum("nk,nkc->nc", weights, x)
@@ -259,10 +253,8 @@ def gaps_of(pairs: PairTable, s: Array, radius: Array) -> Array:
 
 def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     """Return the weights (n, 4) of pairs' points in the vector from their second side to the first.
-
     It leads between the closest points, which have the parameters (u, v) (n, 2); of walls it is the
-    first point.
-    """
+    first point."""
     weights = np.empty((len(kind), 4), dtype=parameters.dtype)
     for stencil, rows in stencils_of(kind):
         weights[rows] = stencil.gap_weights(parameters[rows])
@@ -292,10 +284,7 @@ def parameter_derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> A
 
 
 def lengths_of(vectors: Array) -> Array:
-    """Return the lengths (...) of vectors (..., k).
-
-    Of complex vectors it is the analytic function of them, and not the norm: a complex step
-    differentiates it.
-    """
+    """Return the lengths (...) of vectors (..., k). Of complex vectors it is the analytic function
+    of them, and not the norm: a complex step differentiates it."""
     length: Array = np.sqrt((vectors * vectors).sum(axis=-1))
     return length

@@ -73,11 +73,8 @@ class StepForces:
 
     def set_pairs(self, pairs: ActivePairs, x0: Array) -> None:
         """Take the active pairs of a step, and choose the sparsity pattern of their tangent;
-        collective.
-
-        Pairs between bodies couple their four points.  Points of obstacles are combinations of
-        block rows, vectors of three unknowns, which are coupled instead.
-        """
+        collective. Pairs between bodies couple their four points.  Points of obstacles are
+        combinations of block rows, vectors of three unknowns, which are coupled instead."""
         is_of_bodies = between_bodies(pairs.points, self._points.body_count)
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
@@ -94,11 +91,9 @@ class StepForces:
         self._last_states = None
 
     def reverse(self, pairs: ActivePairs, x0: Array) -> ActivePairs:
-        """Return the pairs of the reversed step, whose forces are computed from now on.
-
-        The sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is
-        left out.
-        """
+        """Return the pairs of the reversed step, whose forces are computed from now on. The
+        sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is left
+        out."""
         table = reversed_pairs(pairs, x0)
         start = table.start
         assert start is not None, "reversed pairs have the starts of the reversed step"
@@ -112,11 +107,9 @@ class StepForces:
         return table
 
     def compute(self, x0: Array, x1: Array) -> None:
-        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
-
-        The forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums,
-        over the pairs of this rank.
-        """
+        """Compute the forces of this rank's pairs, with friction, and note what each pair does. The
+        forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums, over
+        the pairs of this rank."""
         # Pairs add to the rows of their points.
         self.clear()
         of_bodies, of_obstacles = (
@@ -183,14 +176,10 @@ class StepForces:
 
     def _add_through_block_rows(self, tangents: Array) -> None:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
-        their points.
-
-        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
-        [N/m] between these vectors, those of the assembly, are changed in place.
-
+        their points. A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3
+        x 3 blocks [N/m] between these vectors, those of the assembly, are changed in place.
         `tangents`: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
-        point coordinates, row by row.
-        """
+        point coordinates, row by row."""
         weights = self._row_weights
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
@@ -213,8 +202,6 @@ class StepForces:
 
     def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
         """Return what both tables of pairs do in a step to x1, if it is the last residual's.
-
         Returns a `PairState` of each pair between bodies (n,), and of each pair with an obstacle
-        (k,); None: no residual was computed for this end.
-        """
+        (k,); None: no residual was computed for this end."""
         return self._last_states if np.array_equal(x1, self._last_end) else None

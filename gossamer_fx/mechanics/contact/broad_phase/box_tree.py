@@ -43,10 +43,8 @@ class BoxTree:
 
     def __init__(self, primitives: FilteredPrimitives) -> None:
         """Sort the boxes along a Morton curve, and build the tree over them from its leaves.
-
         `primitives`: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
-        coordinates [m].
-        """
+        coordinates [m]."""
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         count = len(primitives.boxes)
@@ -78,14 +76,10 @@ class BoxTree:
         near: CStruct | None = None,
     ) -> Int32Array:
         """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
-        whose boxes overlap.
-
-        Primitives with a label in common, which are connected, and those that are both fixed form
-        no pair.
-
-        `in_tree`: whether they are the primitives of the tree; pairs (i, j) then have i < j.
-        Returns numbers (k, 2) of the primitive in `others` and of that in the tree.
-        """
+        whose boxes overlap. Primitives with a label in common, which are connected, and those that
+        are both fixed form no pair. `in_tree`: whether they are the primitives of the tree; pairs
+        (i, j) then have i < j. Returns numbers (k, 2) of the primitive in `others` and of that in
+        the tree."""
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         query = _query(others, which, in_tree)
@@ -113,10 +107,7 @@ class BoxTree:
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
     """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
-    asked for.
-
-    `primitives`: n primitives with boxes (n, 6) [m].
-    """
+    asked for. `primitives`: n primitives with boxes (n, 6) [m]."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(primitives.boxes)
@@ -133,10 +124,8 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
 
 def _filter(primitives: FilteredPrimitives) -> CStruct:
     """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
-
     `primitives`: n primitives, with labels (n, w), of which connected ones share one, and with a
-    mark (n,) of those that contact does not move.
-    """
+    mark (n,) of those that contact does not move."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count, label_count = primitives.labels.shape
@@ -152,10 +141,8 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
 
 def morton_order(boxes: Array) -> Int32Array:
     """Return the order of boxes along a Morton curve, on which neighbours in space follow each
-    other.
-
-    Returns numbers of the boxes (n,) in this order; boxes with the same code stay in theirs.
-    """
+    other. Returns numbers of the boxes (n,) in this order; boxes with the same code stay in
+    theirs."""
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
     middle = (boxes[:, :3] + boxes[:, 3:]) / 2
@@ -202,11 +189,8 @@ class Nearness:
     distance: float
 
     def of(self, kind: int, asked: Int32Array, in_tree: Int32Array) -> CStruct:
-        """Return the C structure for pairs of one kind.
-
-        `asked`: points (p, 1) or (p, 2) of the primitives that are asked for; `in_tree`: points (q,
-        3) or (q, 2) of those in the tree.
-        """
+        """Return the C structure for pairs of one kind. `asked`: points (p, 1) or (p, 2) of the
+        primitives that are asked for; `in_tree`: points (q, 3) or (q, 2) of those in the tree."""
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         points = len(self.x0)
@@ -237,10 +221,7 @@ def find_overlaps(
     near: Nearness | None = None,
 ) -> OverlappingPairs:
     """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
-    touch.
-
-    Pairs that are connected, by a shared point, a tie or a joint, are left out.
-    """
+    touch. Pairs that are connected, by a shared point, a tie or a joint, are left out."""
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)
     # Cables and beams have edges only.

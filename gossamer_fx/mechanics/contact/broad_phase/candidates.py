@@ -70,14 +70,11 @@ class CandidateSearch:
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance while each point
-        stays within half of that distance from where it is; collective.
-
-        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
-        several ranks the mesh takes in the facets of other ranks that may come near.
-
-        `read`: returns the points (m, 3) [m] of the contact as they are when it is called: a search
-        may change which points this rank knows, and their number m.
-        """
+        stays within half of that distance from where it is; collective. Sets `pairs`, the
+        candidates of this rank, and `bounds`, within which they are complete; on several ranks the
+        mesh takes in the facets of other ranks that may come near. `read`: returns the points (m,
+        3) [m] of the contact as they are when it is called: a search may change which points this
+        rank knows, and their number m."""
 
         def at_rest() -> TrajectoryBounds:
             x = read()
@@ -88,21 +85,16 @@ class CandidateSearch:
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the present
-        step and some after it; collective.
-
-        The search is made for 4 steps at first (`FIRST_HORIZON`).  This number doubles, up to 32
-        (`MAX_HORIZON`), after a search that served for all its steps; after one that served for
-        fewer, but at least for one, it is the number of these.
-
-        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete: a
-        rigid drift of all points together, a constant velocity of each point relative to it, and a
-        margin.  On several ranks the mesh takes in the facets of other ranks that may come near.
-
-        `read`: returns the m points of the contact that this rank knows, as they are when it is
-        called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the expected
-        points `end` [m] at its end, (m, 3) each.  It is called again after a search on several
-        ranks has changed which points this rank knows, and m.
-        """
+        step and some after it; collective. The search is made for 4 steps at first
+        (`FIRST_HORIZON`).  This number doubles, up to 32 (`MAX_HORIZON`), after a search that
+        served for all its steps; after one that served for fewer, but at least for one, it is the
+        number of these. Sets `pairs`, the candidates of this rank, and `bounds`, within which they
+        are complete: a rigid drift of all points together, a constant velocity of each point
+        relative to it, and a margin.  On several ranks the mesh takes in the facets of other ranks
+        that may come near. `read`: returns the m points of the contact that this rank knows, as
+        they are when it is called: points `x` [m] and velocities `v` [m/s] at the start of the
+        step, and the expected points `end` [m] at its end, (m, 3) each.  It is called again after a
+        search on several ranks has changed which points this rank knows, and m."""
 
         def in_motion() -> TrajectoryBounds:
             points = read()
@@ -135,12 +127,8 @@ class CandidateSearch:
 
     def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
         """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
-        motion.
-
-        Collective: the drift is that of all ranks' points.
-
-        `duration`: for which the velocities count [s].
-        """
+        motion. Collective: the drift is that of all ranks' points. `duration`: for which the
+        velocities count [s]."""
         mesh = self._mesh
         vertices = mesh.surface.vertices
         own = vertices[mesh.own_vertices]
@@ -155,10 +143,7 @@ class CandidateSearch:
 
     def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
         """Find the candidates, contact pairs that can come near while points stay within bounds;
-        collective.
-
-        On several ranks, facets of other ranks that may come near are fetched first.
-        """
+        collective. On several ranks, facets of other ranks that may come near are fetched first."""
         mesh = self._mesh
         bounds = bounds_of_mesh()
         if mesh.comm.size > 1:
@@ -175,13 +160,10 @@ class CandidateSearch:
 def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
 ) -> tuple[Array, Array]:
-    """Return a box round the trajectory of each point, within which pairs are searched.
-
-    Boxes are larger by half of the activation distance and the radius of the point, so that those
-    of two points overlap if their gap can fall below the activation distance.
-
-    Returns least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
-    """
+    """Return a box round the trajectory of each point, within which pairs are searched. Boxes are
+    larger by half of the activation distance and the radius of the point, so that those of two
+    points overlap if their gap can fall below the activation distance. Returns least and greatest
+    coordinates (m, 3) [m] of each point, without the rigid drift of all."""
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
     return lower - reach, upper + reach
@@ -232,8 +214,7 @@ def find_candidates(
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
     """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
-    collective.
-    """
+    collective."""
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)
     points = pairs.points[rows]

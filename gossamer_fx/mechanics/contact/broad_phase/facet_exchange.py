@@ -24,10 +24,8 @@ GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return a few boxes that hold all of many boxes, each those of a group of neighbours.
-
-    Returns boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes.
-    """
+    """Return a few boxes that hold all of many boxes, each those of a group of neighbours. Returns
+    boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes."""
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
@@ -52,9 +50,7 @@ class SearchRegions:
 
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
         """Return where to send primitives (edges or triangles): to the ranks that search near them.
-
-        Returns which primitive (k,) and to which rank (k,); one may go to several.
-        """
+        Returns which primitive (k,) and to which rank (k,); one may go to several."""
         none: Int64Array = np.zeros(0, dtype=np.int64)
         if not len(boxes) or not len(self._boxes):
             return none, none
@@ -68,8 +64,7 @@ class SearchRegions:
 
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
     """Return primitives (boxes) that are connected to nothing and not fixed: each has a label for
-    itself.
-    """
+    itself."""
     count = len(boxes)
     labels: Int32Array = np.arange(first_label, first_label + count, dtype=np.int32)
     is_fixed: ByteArray = np.zeros(count, dtype=np.uint8)
@@ -78,11 +73,8 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     """Let this rank know the edges and triangles of other ranks that may come near its own;
-    collective.
-
-    After it the points of the mesh are other ones, with other numbers: its own, and those of what
-    it has received.
-    """
+    collective. After it the points of the mesh are other ones, with other numbers: its own, and
+    those of what it has received."""
     comm = mesh.comm
     # The only rank has all facets.
     if comm.size == 1:

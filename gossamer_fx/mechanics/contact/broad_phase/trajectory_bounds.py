@@ -62,10 +62,8 @@ class RigidDrift:
         return self.velocity + np.cross(self.spin, x - self.centre)
 
     def undone(self, x: Array, time: float) -> Array:
-        """Return where points that are at x at a time would be without the drift.
-
-        Returns points (n, 3) [m], turned and shifted back to the time at which the drift began.
-        """
+        """Return where points that are at x at a time would be without the drift. Returns points
+        (n, 3) [m], turned and shifted back to the time at which the drift began."""
         duration = time - self.time
         spin_rate = float(np.linalg.norm(self.spin))
         # Vectors from the moved centre to the points (n, 3) [m]

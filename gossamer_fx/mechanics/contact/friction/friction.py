@@ -50,13 +50,9 @@ class Friction:
 
     def _block_row_of_points(self) -> Int64Array:
         """Return the block row, a vector of three unknowns, that moves each point; -1 where none
-        does.
-
-        A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each of its
-        vectors is one block row.
-
-        Returns (m,) numbers of block rows; those of walls and solids of obstacles are -1, too.
-        """
+        does. A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each
+        of its vectors is one block row. Returns (m,) numbers of block rows; those of walls and
+        solids of obstacles are -1, too."""
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)
         block_row[: self._points.body_count] = np.arange(self._points.body_count)
@@ -71,11 +67,9 @@ class Friction:
 
     def begin_step(self, pairs: ActivePairs, x0: Array) -> list[Int64Array]:
         """Choose the contact pairs of a step that have friction, and the two directions in which
-        each slides.
-
-        Block rows are vectors of three unknowns. The friction of this step's pairs is stored, all
-        those of this rank whose coefficient is above zero; their blocks of the tangent have to be
-        set by `set_block_index` before tangents are asked for."""
+        each slides. Block rows are vectors of three unknowns. The friction of this step's pairs is
+        stored, all those of this rank whose coefficient is above zero; their blocks of the tangent
+        have to be set by `set_block_index` before tangents are asked for."""
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
         self._is_moved = (self._block_row >= 0).astype(float)
@@ -127,9 +121,7 @@ class Friction:
 
     def work_by_coefficient(self, x0: Array, x1: Array, μ: Array) -> float:
         """Return μ·∂f/∂c [J] by the coefficient c of bodies with each other, this rank's share.
-
-        Pairs with obstacles that have their own coefficient do not count.
-        """
+        Pairs with obstacles that have their own coefficient do not count."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
@@ -141,8 +133,7 @@ class Friction:
 
     def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
         """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
-        of each.
-        """
+        of each."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
@@ -192,11 +183,8 @@ class Friction:
 
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs between bodies, which slide along two edges of the
-        pair.
-
-        The result has one row for each pair, all of this rank; `_law` is the energy law of the
-        contact.
-        """
+        pair. The result has one row for each pair, all of this rank; `_law` is the energy law of
+        the contact."""
         points = pairs.points
         is_edges = (SIDES[pairs.kind] == Sides.EDGE_EDGE)[:, None]
         geometry = BetweenBodies(pairs.kind)
@@ -214,11 +202,9 @@ class Friction:
 
     def _with_obstacles(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs with an obstacle, which slide along two of its axes.
-
         The vector r of a pair, whose products with the two directions measure its sliding, leads
         from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
-        frame: so a ball on a rigid body rolls.
-        """
+        frame: so a ball on a rigid body rolls."""
         is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
         geometry = WithObstacles(pairs.geometry(slice(None)), is_of_body)
@@ -242,11 +228,8 @@ class Friction:
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
         """Return how the four points of contact pairs with obstacles follow the unknowns that
-        friction couples.
-
-        Returns weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the
-        vectors of its rigid body, and is zero where nothing moves it.
-        """
+        friction couples. Returns weights (n, 4, 8) [-]: a point of a body follows itself, one of an
+        obstacle the vectors of its rigid body, and is zero where nothing moves it."""
         own = points[:, :4]
         is_of_body = own < self._points.body_count
         weights = np.zeros((*own.shape, 4 + FRAME_SIZE))

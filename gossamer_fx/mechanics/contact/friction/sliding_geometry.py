@@ -45,15 +45,11 @@ def unit_vectors(vectors: Array) -> Array:
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
-    """Return combinations of two vectors that are orthonormal.
-
-    The vector that has kept more of its length comes first; of the other one what is along the
-    first is taken away.
-
-    `lengths`: of the edges (n, 2) [m].  A part that is shorter than a thousandth of its edge gives
-    no direction, and its combination is zero. Returns coefficients (n, 2, 2) [1/m]: row i has those
-    of both vectors in direction i.
-    """
+    """Return combinations of two vectors that are orthonormal. The vector that has kept more of its
+    length comes first; of the other one what is along the first is taken away. `lengths`: of the
+    edges (n, 2) [m].  A part that is shorter than a thousandth of its edge gives no direction, and
+    its combination is zero. Returns coefficients (n, 2, 2) [1/m]: row i has those of both vectors
+    in direction i."""
     count = len(vectors)
     combinations = np.zeros((count, 2, 2), dtype=vectors.dtype)
     if not count:
@@ -191,11 +187,9 @@ class WithObstacles:
         return SlidingGeometry(normal, np.hstack([of_body, from_frame]), directions)
 
     def _towards_body(self, weights: Array, x: Array, parameters: Array) -> Array:
-        """Return a vector (n, 3) from each pair's obstacle towards its body.
-
-        The weights (n, 4) are those of the vector between closest points x (n, 4, 3) [m], for pairs
-        that are not of walls.
-        """
+        """Return a vector (n, 3) from each pair's obstacle towards its body. The weights (n, 4) are
+        those of the vector between closest points x (n, 4, 3) [m], for pairs that are not of
+        walls."""
         found = np.einsum("nk,nkc->nc", weights, x)
         shapes = self.pairs.shapes
         for stencil, rows in stencils_of(self.pairs.kind):

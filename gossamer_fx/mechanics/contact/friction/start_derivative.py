@@ -45,11 +45,8 @@ COMPLEX_STEP = 1e-30
 def add_product_with_start_derivative(
     group: FrictionPairs, step: FrictionStep, μ: Array, found: Array
 ) -> None:
-    """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs.
-
-    x0 (m, 3) [m] are the points at the start of the step. Only pairs of this rank add; pairs
-    without a normal force add nothing.
-    """
+    """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs. x0 (m, 3) [m] are the points at the start
+    of the step. Only pairs of this rank add; pairs without a normal force add nothing."""
     normal_force, forces = group.normal_forces(step)
     presses = normal_force > 0
     # Most active pairs are near without a force.
@@ -79,14 +76,11 @@ class _Product:
     def __init__(
         self, group: FrictionPairs, step: FrictionStep, μ: Array, normal_force: Array, forces: Array
     ) -> None:
-        """Compute sliding and power of all pairs.
-
-        [U] is the unit of the objective of the gradient; W = c N g(|w|) w·P [U], the product of μ
-        and the friction forces, is (1) of the module.  For each pair, r [m] is the vector from
-        a point of one side to a point of the other, t_1 and t_2 [-] are two directions along the
-        surface.  They are sums of the positions of k points times weights, which are fixed at the
-        start of the step; r(μ) and t(μ) are the same sums of μ.
-
+        """Compute sliding and power of all pairs. [U] is the unit of the objective of the gradient;
+        W = c N g(|w|) w·P [U], the product of μ and the friction forces, is (1) of the module.  For
+        each pair, r [m] is the vector from a point of one side to a point of the other, t_1 and t_2
+        [-] are two directions along the surface.  They are sums of the positions of k points times
+        weights, which are fixed at the start of the step; r(μ) and t(μ) are the same sums of μ.
         `_μ` (n, k, 3) [U/N] has μ at the points of each pair; `_N` (n,) [N] the normal forces; `_P`
         (n, 2) [U/N] the change P of the measures r·t with μ; `_power` (n,) [m U/N] is w·P;
         `_grip.factor` (n,) [1/m] is g; `_by_P` (n, 2) [N] and `_by_w` (n, 2) [U/m] are ∂W/∂P and
@@ -123,10 +117,8 @@ class _Product:
         return found
 
     def at_constant_weights(self) -> Array:
-        """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step.
-
-        The weights of r and t, the normals and the normal forces are held constant.
-        """
+        """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step. The
+        weights of r and t, the normals and the normal forces are held constant."""
         group = self._group
         r_start, t_start = group.vectors_at(self._step.x0)
         # ∂w_i/∂x0 = -(weights of r ⊗ t_i + weights of t_i ⊗ r), both at the start.
@@ -170,16 +162,13 @@ class _Product:
         return found
 
     def through_geometry(self) -> Array:
-        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal.
-
-        The whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the
-        unit of the objective, is the product of the adjoint displacements μ and the friction forces
+        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal. The
+        whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the unit
+        of the objective, is the product of the adjoint displacements μ and the friction forces
         (`__init__` describes r, t, r(μ), t(μ) and the attributes).  r and t are sums of the points
         times weights, and the weights and the unit normal are functions of the points x0 at the
-        start of the step.  W is differentiated by the weights and normal, then these by x0.
-
-        Returns (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs.
-        """
+        start of the step.  W is differentiated by the weights and normal, then these by x0. Returns
+        (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs."""
         group = self._group
         step = self._step
         sliding = self._sliding
@@ -208,11 +197,8 @@ class _Product:
         self, by_gap_weights: Array, by_directions: Array, by_normal: Array
     ) -> Array:
         """Derivative (n, k, 3) by the points of what is derived by weights (n, k), (n, 2, k) and
-        normals (n, 3).
-
-        W is the product of the adjoint displacements and the friction forces; x0 (n, k, 3) [m] are
-        the k points of each of n pairs at the start of the step.
-        """
+        normals (n, 3). W is the product of the adjoint displacements and the friction forces; x0
+        (n, k, 3) [m] are the k points of each of n pairs at the start of the step."""
         group = self._group
         x0 = self._step.x0[group.points]
         count, width, _ = x0.shape

@@ -45,11 +45,8 @@ class TiedLabels:
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
         """Return the labels of points; two points with one in common are connected and form no
-        contact pair.
-
-        `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w), which are
-        numbers of points; those of a point that is not tied are its own number.
-        """
+        contact pair. `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w),
+        which are numbers of points; those of a point that is not tied are its own number."""
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
         own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
@@ -59,11 +56,9 @@ class TiedLabels:
 def tied_labels(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> TiedLabels | None:
-    """Return the labels of all points that ties or joints connect, the same on every rank.
-
-    Two points with a label in common form no contact pair.  Collective.  Ties are along lines:
-    unlike facets, all ranks know them.
-    """
+    """Return the labels of all points that ties or joints connect, the same on every rank. Two
+    points with a label in common form no contact pair.  Collective.  Ties are along lines: unlike
+    facets, all ranks know them."""
     ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
@@ -95,18 +90,13 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the ties between bodies of a contact, the same on every rank; collective.
-
-    A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
-    left out.
-    """
+    """Return the ties between bodies of a contact, the same on every rank; collective. A tie is a
+    constraint that two points coincide.  Points of the ground and of other bodies are left out."""
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
-        """Return number of the body and node, for each node on whose position a port depends.
-
-        Empty if the port is a direction, a point of the ground, or of a body that is not in the
-        contact.
-        """
+        """Return number of the body and node, for each node on whose position a port depends. Empty
+        if the port is a direction, a point of the ground, or of a body that is not in the
+        contact."""
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []
@@ -173,11 +163,9 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the labels of points as one array, of the width of the longest row.
-
-    `own`: a label (m,) of each point, which fills the rows of those with fewer labels. Returns
-    labels (m, w), the columns that are true.
-    """
+    """Return the labels of points as one array, of the width of the longest row. `own`: a label
+    (m,) of each point, which fills the rows of those with fewer labels. Returns labels (m, w), the
+    columns that are true."""
     widths = np.diff(rows.indptr)
     labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]

@@ -90,9 +90,7 @@ class CollisionMesh:
         has_friction: Sequence[bool] = (),
     ) -> None:
         """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
-
-        Collective.
-        """
+        Collective."""
         self.comm = system.comm
         self.bodies = list(bodies)
         self.obstacles = list(obstacles)
@@ -126,11 +124,9 @@ class CollisionMesh:
     # ---- what this rank knows ----
 
     def show(self, known: SurfaceTables) -> None:
-        """Set the points, edges and triangles of bodies that this rank knows; collective.
-
-        It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
-        numbers the points: first those of bodies, then those of all obstacles.
-        """
+        """Set the points, edges and triangles of bodies that this rank knows; collective. It
+        computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
+        numbers the points: first those of bodies, then those of all obstacles."""
         rank = self.comm.rank
         self.known = known
         points = known.points
@@ -181,11 +177,9 @@ class CollisionMesh:
         self._wall_vertices = own_body_vertices.astype(np.int32)
 
     def _add_obstacles(self, start: int) -> CollisionPrimitives:
-        """Number the points of obstacles; set walls, frames, radii and owners of these points.
-
-        A wall has three points, a solid one for each corner, a frame four: an origin and three
-        axes.
-        """
+        """Number the points of obstacles; set walls, frames, radii and owners of these points. A
+        wall has three points, a solid one for each corner, a frame four: an origin and three
+        axes."""
         self.walls: list[NumberedWall] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
         vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
@@ -228,11 +222,8 @@ class CollisionMesh:
 
     def own_points(self) -> tuple[Int64Array, Int64Array]:
         """Return for which points this rank keeps history variables: those of bodies that it owns,
-        and all points of obstacles.
-
-        Returns their indices (k,) among the points that are known, and their numbers (k,) on all
-        ranks.
-        """
+        and all points of obstacles. Returns their indices (k,) among the points that are known, and
+        their numbers (k,) on all ranks."""
         is_own = np.ones(self.points.count, dtype=bool)
         is_own[: self.points.body_count] = self.shared.is_own
         own = np.flatnonzero(is_own)
@@ -253,12 +244,10 @@ class CollisionMesh:
     # ---- identifiers of pairs ----
 
     def identifiers(self, sides: ByteArray, primitives: Int64Array) -> Int64Array:
-        """Return numbers (n,) of pairs that are the same on every rank and in every search.
-
-        History variables, such as the stiffness of a pair, are found by them.  The pairs have some
-        `Sides` (n,), and primitives (n, 2) among what this rank knows: vertex and triangle, two
-        edges, or wall and point.
-        """
+        """Return numbers (n,) of pairs that are the same on every rank and in every search. History
+        variables, such as the stiffness of a pair, are found by them.  The pairs have some `Sides`
+        (n,), and primitives (n, 2) among what this rank knows: vertex and triangle, two edges, or
+        wall and point."""
         known = self.known
         share = self.share
         found = np.empty(len(sides), dtype=np.int64)
@@ -316,10 +305,8 @@ class CollisionMesh:
 
     def kinds_of(self, kind: ByteArray, primitives: Int64Array) -> tuple[ByteArray, Array]:
         """Return kind and shape (n,) of pairs that the broad phase found between primitives (n, 2).
-
         Some edges of obstacles have a stencil of their own.  They stand behind those of bodies, and
-        two obstacles form no pair, so that they are always second.
-        """
+        two obstacles form no pair, so that they are always second."""
         shape = np.zeros(len(kind))
         # Edges of obstacles have a number of at least zero here, those of bodies are below.
         of_obstacle = primitives[:, 1] - len(self.known.edges)
@@ -335,26 +322,19 @@ class CollisionMesh:
 
     def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
         """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
-        stands.
-
-        Both sides of a film are covered twice, by its points and by those of the other film, so
-        that each takes a half.  The areas of edges and points overlap in the same way.
-
-        `primitives`: indices (n, 2) of the two primitives of each pair.
-        """
+        stands. Both sides of a film are covered twice, by its points and by those of the other
+        film, so that each takes a half.  The areas of edges and points overlap in the same way.
+        `primitives`: indices (n, 2) of the two primitives of each pair."""
         area: Array = self.area[points[:, 0]] * 0.5
         edges = kind == EdgeEdge.number
         area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
         return area
 
     def body_densities(self, system: ContactAssembly) -> Array:
-        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective.
-
-        A body has the same density everywhere: its mass over its area in the stress-free shape,
-        that of cables and beams being length times diameter.
-
-        Returns densities (k,); infinite for obstacles.
-        """
+        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective. A
+        body has the same density everywhere: its mass over its area in the stress-free shape, that
+        of cables and beams being length times diameter. Returns densities (k,); infinite for
+        obstacles."""
         mass = self.body_masses(system)
         density = np.full(len(self.names), np.inf)
         own = self.shared.is_own
@@ -364,10 +344,8 @@ class CollisionMesh:
         return density
 
     def body_masses(self, system: ContactAssembly) -> Array:
-        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective.
-
-        A body whose nodes have no mass has the mass zero. The result is the same on all ranks.
-        """
+        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective. A body
+        whose nodes have no mass has the mass zero. The result is the same on all ranks."""
         numbering = system.numbering
         direction = numbering.vector()
         momentum = numbering.vector()
@@ -413,10 +391,8 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers over all ranks of primitives: points, edges or triangles.
-
-    `indices`: (n,) among the primitives that this rank knows, those of obstacles last.
-    """
+    """Return the numbers over all ranks of primitives: points, edges or triangles. `indices`: (n,)
+    among the primitives that this rank knows, those of obstacles last."""
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.
     if not known_count:

@@ -49,12 +49,9 @@ class CollisionPrimitives:
 
     def filtered(self, primitives: Int32Array, lower: Array, upper: Array) -> FilteredPrimitives:
         """Return vertices, edges or triangles with their boxes and with what forms no pairs with
-        them.
-
-        `primitives`: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers of
-        points. Returns the primitives with the boxes (n, 6) [m] of their points, with their labels,
-        of which connected primitives share one, and fixed where all of their points are.
-        """
+        them. `primitives`: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers
+        of points. Returns the primitives with the boxes (n, 6) [m] of their points, with their
+        labels, of which connected primitives share one, and fixed where all of their points are."""
         least = lower[primitives].min(axis=1)
         greatest = upper[primitives].max(axis=1)
         boxes = np.ascontiguousarray(np.hstack([least, greatest]))
@@ -62,12 +59,9 @@ class CollisionPrimitives:
         return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
 
     def _labels_of(self, primitives: Int32Array) -> Int32Array:
-        """Return the labels (n, l) of vertices, edges or triangles: those of all their points.
-
-        Two primitives with a label in common are connected and form no pair.
-
-        `primitives`: numbers (n, k) of their points, which are the labels if nothing is tied.
-        """
+        """Return the labels (n, l) of vertices, edges or triangles: those of all their points. Two
+        primitives with a label in common are connected and form no pair. `primitives`: numbers (n,
+        k) of their points, which are the labels if nothing is tied."""
         if self.labels is None:
             return np.ascontiguousarray(primitives)
         count = primitives.shape[1] * self.labels.shape[1]

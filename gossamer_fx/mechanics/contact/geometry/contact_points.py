@@ -125,10 +125,8 @@ class _Map:
 
     def add(self, vector: Attached) -> int:
         """Add a point or direction of an obstacle; return its number among those of obstacles.
-
         `vector`: of the ground, which becomes a constant [m], or a combination of the vectors of a
-        rigid body, which becomes a row of weights [-].
-        """
+        rigid body, which becomes a row of weights [-]."""
         number = len(self.constants)
         if isinstance(vector, Ground):
             self.constants.append(np.array(vector.vector, dtype=float))
@@ -206,13 +204,8 @@ class ContactPoints:
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
         """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
-        Collective.
-
-        It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
-        x.
-
-        `node`: global number (n,) among the nodes of the body.
-        """
+        Collective. It also sets the map x = W q + c(t) from block rows q, vectors of three
+        unknowns, to points x. `node`: global number (n,) among the nodes of the body."""
         of_obstacles = self._of_obstacles
         self.body_count = len(node)
         self.count = self.body_count + self.obstacle_count
@@ -298,11 +291,7 @@ class ContactPoints:
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
         """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
-
-        W are the weights of the unknowns in the points.
-
-        `force`: (m, 3) [N], this rank's share.
-        """
+        W are the weights of the unknowns in the points. `force`: (m, 3) [N], this rank's share."""
         on_block_rows = force[: self.body_count]
         if not self._are_block_rows:
             on_block_rows = np.asarray(self.weights.T @ force)
@@ -316,12 +305,9 @@ class ContactPoints:
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
         """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
-        and how.
-
-        Returns block rows (n, 4 w), where w is the largest number of block rows of a point, and the
-        weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer block
-        rows repeat one of the pair with weight zero.
-        """
+        and how. Returns block rows (n, 4 w), where w is the largest number of block rows of a
+        point, and the weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with
+        fewer block rows repeat one of the pair with weight zero."""
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))
         block_rows = np.zeros((count, 4, width), dtype=np.int64)

@@ -51,13 +51,9 @@ class DistributedRows:
 
     def sums(self, values: Array) -> Array:
         """Return for each row of integers the sum of the values that all ranks have for it;
-        collective.
-
-        A row consists of the integers that name a point, edge or triangle; several ranks may have
-        equal rows. On each of them the sum is the same.
-
-        `values`: (n,), one for each row of this rank. Returns sums (n,), in the unit of the values.
-        """
+        collective. A row consists of the integers that name a point, edge or triangle; several
+        ranks may have equal rows. On each of them the sum is the same. `values`: (n,), one for each
+        row of this rank. Returns sums (n,), in the unit of the values."""
         met = self._exchange.send(values)
         total = np.bincount(self._row_of, met, self._met_count).astype(float)
         return self._exchange.answer(total[self._row_of])
@@ -102,8 +98,7 @@ class Facets:
 
 def facets_of(body: MeshBody) -> Facets:
     """Return this rank's points of a film, cable or beam and the flat pieces between them;
-    collective.
-    """
+    collective."""
     space = body.space
     mesh = space.mesh
     dimension = mesh.topology.dim
@@ -141,11 +136,8 @@ def _names_of_dofs(
     vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
 ) -> Int64Array:
     """Return two numbers (c, d, 2) for each degree of freedom of cells, by which ranks name it.
-
     They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
-
-    `vertices`: numbers (c, k) of the cells' vertices in the mesh file.
-    """
+    `vertices`: numbers (c, k) of the cells' vertices in the mesh file."""
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)
     names[:, :vertex_count] = vertices[:, :, None]

@@ -41,8 +41,7 @@ class SurfacePrimitives:
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
         """Return a table of the points, edges or triangles that other ranks send to this one;
-        collective.
-        """
+        collective."""
         columns = self._columns()
         return type(self)(
             **{column: exchange.send(values[which]) for column, values in columns.items()}
@@ -50,8 +49,7 @@ class SurfacePrimitives:
 
     def united(self, *others: Self) -> Self:
         """Return a table with the rows of all tables of points, edges or triangles, each once, by
-        number.
-        """
+        number."""
         tables = [self, *others]
         numbers = np.concatenate([table.number for table in tables])
         # Rows with the same number are equal, whichever rank they come from.
@@ -169,11 +167,9 @@ def _surface_of(
     facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
 ) -> tuple[SurfaceTables, list[int]]:
     """Return the points, edges and triangles of one body, numbered over all ranks; collective.
-
     `first`: the lowest numbers (3,) of its points, edges and triangles. Returns tables of this
     rank's primitives with their areas [m²], and how many of each kind the body has on all ranks:
-    points, edges, triangles.
-    """
+    points, edges, triangles."""
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
     # Names of edges and triangles are numbers of points, which are the same on all ranks.
@@ -205,13 +201,10 @@ def _surface_of(
 
 
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
-    """Return the edges of facets, and the areas for which edges and points stand.
-
-    A triangle gives each of its sides and corners a third of its area.  A line stands for the area
-    of its shadow, length times diameter, and gives each end a half.
-
-    Returns edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
-    """
+    """Return the edges of facets, and the areas for which edges and points stand. A triangle gives
+    each of its sides and corners a third of its area.  A line stands for the area of its shadow,
+    length times diameter, and gives each end a half. Returns edges (e, 2) as indices of points;
+    areas [m²] of edges (e,) and of points (n,)."""
     count = len(facets.nodes)
     if len(facets.lines):
         ends = facets.X[facets.lines]
@@ -259,10 +252,8 @@ class SharedPoints:
             values[self._borrowed] = self._exchange.answer(values[self._lent])
 
     def take_minimum(self, values: Array) -> None:
-        """Replace values by the least that any rank has for the same point; collective.
-
-        `values`: (n,) of the points that this rank knows, in any unit; changed in place.
-        """
+        """Replace values by the least that any rank has for the same point; collective. `values`:
+        (n,) of the points that this rank knows, in any unit; changed in place."""
         if self._comm.size > 1:
             # The owner sees the values of all ranks, and spreads what it finds.
             received = self._exchange.send(values[self._borrowed])

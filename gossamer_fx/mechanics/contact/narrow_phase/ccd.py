@@ -31,12 +31,9 @@ def find_violations(
     approach: Array,
     among: MaskArray,
 ) -> np.ndarray:
-    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1.
-
-    `approach`: by how much pairs can come closer in the step (n,) [m]; `among`: mask (n,) of the
-    pairs that are asked for. Returns indices (k,) of the pairs, ascending; empty if none loses its
-    gap.
-    """
+    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1. `approach`: by
+    how much pairs can come closer in the step (n,) [m]; `among`: mask (n,) of the pairs that are
+    asked for. Returns indices (k,) of the pairs, ascending; empty if none loses its gap."""
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
     rows = np.flatnonzero(can_come_near & ~is_wall(candidates.kind) & among)
@@ -54,14 +51,11 @@ def find_violations(
 def find_collisions(
     pairs: PairTable, x0: Array, x1: Array, radius: Array, gap: Array, min_gap: Array
 ) -> np.ndarray:
-    """Return the contact pairs that come nearer than their least gap on the way, or may.
-
-    Additive continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental
-    potential contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
-
-    `min_gap`: to be kept on the way (n,) [m]. Returns indices (k,) of the pairs; also of those for
-    which `MAX_ADVANCES` evaluations could not decide.
-    """
+    """Return the contact pairs that come nearer than their least gap on the way, or may. Additive
+    continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental potential
+    contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767. `min_gap`: to
+    be kept on the way (n,) [m]. Returns indices (k,) of the pairs; also of those for which
+    `MAX_ADVANCES` evaluations could not decide."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

@@ -36,14 +36,9 @@ def parameter_derivatives(
     sides: Sides, x: Array, parameters: Array, taper: Array | None = None
 ) -> Array:
     """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) with respect to the points of n pairs.
-
-    Zero where the closest points are corners.
-
-    The closest points minimise |z|² with z = r + u a + v b, the vector between the sides [m]. H (n,
-    2, 2) [m²] is the matrix of products of a and b.
-
-    `taper`: T (n,) [m] of cones, which minimise |z| - T v instead.
-    """
+    Zero where the closest points are corners. The closest points minimise |z|² with z = r + u a + v
+    b, the vector between the sides [m]. H (n, 2, 2) [m²] is the matrix of products of a and b.
+    `taper`: T (n,) [m] of cones, which minimise |z| - T v instead."""
     # r, a, b as combinations of the points (3, 4), then as vectors (n, 3, 3).
     weights = VECTORS[sides]
     vectors = np.einsum("ik,nkc->nic", weights, x)
@@ -72,11 +67,9 @@ def parameter_derivatives(
 
 
 def inverse_on_free_directions(sides: Sides, H: Array, parameters: Array) -> Array:
-    """Return D (Dᵀ H D)⁻¹ Dᵀ (n, 2, 2) of (1) for H (n, 2, 2) and parameters (n, 2).
-
-    D (2, f) are the directions in which the parameters (u, v) of the closest points are free; the
-    result is zero at corners. H [m²] has the products of the vectors a and b of a pair.
-    """
+    """Return D (Dᵀ H D)⁻¹ Dᵀ (n, 2, 2) of (1) for H (n, 2, 2) and parameters (n, 2). D (2, f) are
+    the directions in which the parameters (u, v) of the closest points are free; the result is zero
+    at corners. H [m²] has the products of the vectors a and b of a pair."""
     u = parameters[:, 0]
     v = parameters[:, 1]
     aa = H[:, 0, 0]

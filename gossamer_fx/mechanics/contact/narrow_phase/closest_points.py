@@ -21,13 +21,10 @@ from gossamer_fx.mechanics.contact.stencils import gaps_of
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
     """Return the squared distances of contact pairs, and the parameters of their closest points.
-
     The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
-    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
-
-    Returns s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside
-    spheres and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
-    """
+    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros. Returns
+    s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres and
+    cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-]."""
     c = library()
     count = len(pairs)
     squared_distance = np.empty(count)
@@ -42,10 +39,8 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
-    """Return by how much contact pairs can come closer on straight lines, at most.
-
-    Returns bounds (n,) [m]; infinite for walls.
-    """
+    """Return by how much contact pairs can come closer on straight lines, at most. Returns bounds
+    (n,) [m]; infinite for walls."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     points = len(x0)
@@ -72,10 +67,8 @@ class PairDistances:
     """
 
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
-        """Start with lower bounds of the gaps; `make_exact` replaces some of them.
-
-        `lower_bound`: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
-        """
+        """Start with lower bounds of the gaps; `make_exact` replaces some of them. `lower_bound`:
+        of each gap (n,) [m]; the array becomes `gap` and is changed in place."""
         count = len(candidates)
         self.candidates = candidates
         self.x = x
@@ -99,10 +92,8 @@ class PairDistances:
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distance and parameters of the closest points of some contact pairs.
-
         Returns squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along
-        the two sides.
-        """
+        the two sides."""
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):
             self._compute(missing)

@@ -106,11 +106,9 @@ def _count_and_first(
     mesh: CollisionMesh, x: Array, is_wrong: MaskArray
 ) -> tuple[int, tuple[str, Array]]:
     """Return how many points of bodies are wrong on all ranks, and the first one; collective.
-
     `is_wrong`: mask of the points of bodies (n,) that this rank knows. Returns their number, each
     point counted once, and name of the body and position (3,) [m] of the one with the lowest
-    number; an empty name and zeros if there is none.
-    """
+    number; an empty name and zeros if there is none."""
     wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
     first: list[tuple[int, str, Array]] = []
     if len(wrong):

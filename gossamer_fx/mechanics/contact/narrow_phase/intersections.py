@@ -26,13 +26,10 @@ UNSURE = 2
 def find_intersections(
     surface: CollisionPrimitives, x: Array, edges: Int32Array | None = None
 ) -> Int32Array:
-    """Return the pairs of an edge and a triangle that intersect and are not connected.
-
-    Signs that round-off makes uncertain are computed again in exact fractions.
-
-    `edges`: numbers (q,) of the edges that are asked for; None: all. Returns numbers (k, 2) of edge
-    and triangle; empty if nothing intersects.
-    """
+    """Return the pairs of an edge and a triangle that intersect and are not connected. Signs that
+    round-off makes uncertain are computed again in exact fractions. `edges`: numbers (q,) of the
+    edges that are asked for; None: all. Returns numbers (k, 2) of edge and triangle; empty if
+    nothing intersects."""
     if edges is None:
         edges = np.arange(len(surface.edges), dtype=np.int32)
     if not len(edges) or not len(surface.triangles):
@@ -50,10 +47,8 @@ def find_intersections(
 
 def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
     """Return for pairs of edges and triangles whether they intersect, as far as doubles can decide.
-
     `near`: numbers (k, 2) of edge and triangle. Returns (k,): 0, `INTERSECTS`, or `UNSURE` where a
-    sign is within round-off.
-    """
+    sign is within round-off."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     check_indices("The points of edges", surface.edges, len(x))
@@ -78,12 +73,9 @@ def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32A
 
 
 def intersects_exactly(ends: Array, corners: Array) -> bool:
-    """Return whether an edge intersects a triangle, decided in exact fractions.
-
-    An edge that only touches the triangle does not intersect it.
-
-    `ends`: of the edge (2, 3) [m]; `corners`: of the triangle (3, 3) [m].
-    """
+    """Return whether an edge intersects a triangle, decided in exact fractions. An edge that only
+    touches the triangle does not intersect it. `ends`: of the edge (2, 3) [m]; `corners`: of the
+    triangle (3, 3) [m]."""
     below = sign_of_volume(np.vstack([corners, ends[:1]]))
     above = sign_of_volume(np.vstack([corners, ends[1:]]))
     # Both ends are on one side of the plane, or one end is on it.
@@ -97,10 +89,8 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
 
 
 def sign_of_volume(corners: Array) -> int:
-    """Return the exact sign, -1, 0 or 1, of the volume (b - a) × (c - a) · (d - a).
-
-    `corners`: the points a, b, c, d as rows (4, 3), finite numbers.
-    """
+    """Return the exact sign, -1, 0 or 1, of the volume (b - a) × (c - a) · (d - a). `corners`: the
+    points a, b, c, d as rows (4, 3), finite numbers."""
     rows = [[Fraction(float(value)) for value in corner] for corner in corners]
     origin = rows[0]
     # u, v and w are the exact edge vectors b - a, c - a and d - a.

@@ -73,17 +73,13 @@ class LargeTurns:
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
-        """Report a body or obstacle that turns too far past another one in a step; collective.
-
-        A deformable body turns by the rotation that brings all its points nearest to where they are
+        """Report a body or obstacle that turns too far past another one in a step; collective. A
+        deformable body turns by the rotation that brings all its points nearest to where they are
         at the end of the step, an obstacle on a rigid body by that of the rigid body.  A body turns
         too far if its rotation relative to the other one is more than `MAX_TURN` [rad], its
         rotation in space is more than half of that, and it may meet the other one on its way.  Two
-        obstacles are not compared.
-
-        `distances`: gaps of the contact pairs that may touch, and the m points of the contact that
-        this rank knows, (m, 3) [m], at the start of the step.
-        """
+        obstacles are not compared. `distances`: gaps of the contact pairs that may touch, and the m
+        points of the contact that this rank knows, (m, 3) [m], at the start of the step."""
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
         # Without a second body or an obstacle there is nothing to turn past.
@@ -110,11 +106,9 @@ class LargeTurns:
         return ""
 
     def _turn(self, k: int, x0: Array, x1: Array) -> _Turn:
-        """Return how a body or obstacle turns in a step; collective.
-
-        A body on a mesh turns by the best rotation of its points, an obstacle with its rigid body;
-        other obstacles do not turn.
-        """
+        """Return how a body or obstacle turns in a step; collective. A body on a mesh turns by the
+        best rotation of its points, an obstacle with its rigid body; other obstacles do not
+        turn."""
         if k < len(self._mesh.bodies):
             points = self._points[k]
             return _best_turn(x0[points], x1[points], self._mesh.comm)
@@ -130,11 +124,9 @@ class LargeTurns:
     def _may_meet(
         self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
     ) -> bool:
-        """Return whether a body or obstacle that turns may meet another on its way; collective.
-
-        It may if a wall of the other one is within its radius from the centre of the turn, or if
-        the box round the other one is.
-        """
+        """Return whether a body or obstacle that turns may meet another on its way; collective. It
+        may if a wall of the other one is within its radius from the centre of the turn, or if the
+        box round the other one is."""
         touching = min(one, other)  # a body on a mesh
         gap = self._gap_to_walls(touching, max(one, other), distances)
         if gap < self._radius(touching, turn, distances.x, x1):
@@ -159,8 +151,7 @@ class LargeTurns:
 
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
         """Return the largest distance [m] of the points of a body or obstacle from the centre of a
-        turn, at the start or the end of the step; collective.
-        """
+        turn, at the start or the end of the step; collective."""
         points = self._points[k]
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
         end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
@@ -179,10 +170,8 @@ class LargeTurns:
 
 
 def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
-    """Return the rotation that brings the points of all ranks nearest to their end; collective.
-
-    W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
-    """
+    """Return the rotation that brings the points of all ranks nearest to their end; collective. W.
+    Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873."""
     sums = comm.allreduce(np.concatenate([start.sum(axis=0), end.sum(axis=0), [len(start)]]))
     centre = sums[:6].reshape(2, 3) / sums[6]
     moments = comm.allreduce((end - centre[1]).T @ (start - centre[0]))
