@@ -58,15 +58,16 @@ STIFFNESS = "stiffness"
 
 
 class ContactItem(Protocol):
-    """The item of a scene to which a contact belongs.
-
-    Attributes:
-        name: in messages and outputs.
-        obstacles: that take part.
-    """
+    """The item of a scene that is compiled: a `Contact`, whose attributes these are."""
 
     name: str
+    bodies: list[MeshBody]
     obstacles: list[Obstacle]
+    radii: list[float]
+    distance: float
+    stiffness: float | None
+    friction: float
+    slip_velocity: float
 
 
 class CompiledContact(
@@ -102,28 +103,24 @@ class CompiledContact(
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         """Make the pairs of the only term; collective."""
         (term,) = terms
+        item = term.item
         _examine_repeated_contacts(term, system)
         # The system has a mass matrix and supports when contacts are asked for them.
         whole = cast(ContactAssembly, system)
-        own_coefficients = [obstacle.friction for obstacle in term.obstacles]
-        of_obstacles = [term.friction if own is None else own for own in own_coefficients]
-        mesh = CollisionMesh(
-            term.bodies,
-            term.obstacles,
-            term.radii,
-            whole,
-            has_friction=[coefficient > 0 for coefficient in of_obstacles],
-        )
+        own_coefficients = [obstacle.friction for obstacle in item.obstacles]
+        of_obstacles = [item.friction if own is None else own for own in own_coefficients]
+        has_friction = [coefficient > 0 for coefficient in of_obstacles]
+        mesh = CollisionMesh(item.bodies, item.obstacles, item.radii, whole, has_friction)
         friction = None
         # An equilibrium (alpha = 1) has no sliding, and no friction.
-        if (term.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+        if (item.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
             from gossamer_fx.mechanics.contact.friction.friction import Friction
 
             friction = Friction(
                 mesh,
-                coefficient=term.friction,
+                coefficient=item.friction,
                 of_obstacles=own_coefficients,
-                slip_velocity=term.slip_velocity,
+                slip_velocity=item.slip_velocity,
                 law=term.law,
                 system=whole,
             )
@@ -131,15 +128,15 @@ class CompiledContact(
             self,
             mesh,
             law=term.law,
-            activation_distance=term.activation_distance,
-            stiffness=term.stiffness,
+            activation_distance=item.distance,
+            stiffness=item.stiffness,
             history=term.history,
             system=whole,
             friction=friction,
         )
-        self.item = term.item
+        self.item = item
         self._term = term
-        self.losses = [] if friction is None else [term.item.name]
+        self.losses = [] if friction is None else [item.name]
         self.has_plateaus = friction is not None
 
     @classmethod
@@ -183,7 +180,7 @@ class CompiledContact(
         if key == FRICTION:
             # An equilibrium has no friction, whatever its coefficient.
             friction = self.friction
-            return np.array([term.friction if friction is None else friction.coefficient])
+            return np.array([term.item.friction if friction is None else friction.coefficient])
         return np.array([self.pair_stiffness.given])
 
     def set_number(self, term: ContactEnergy, key: str, value: Array) -> None:
@@ -248,18 +245,19 @@ def _examine_repeated_contacts(term: ContactEnergy, system: Assembly) -> None:
     """Refuse a contact that is in the scene twice; warn of bodies that it and one before it keep
     apart."""
     # Bodies are compared as objects, obstacles by their arguments: equal obstacles are one.
-    obstacles = [_arguments(obstacle) for obstacle in term.obstacles]
+    bodies = term.item.bodies
+    obstacles = [_arguments(obstacle) for obstacle in term.item.obstacles]
     for other in system.terms:
         if other is term:
             return
         if not isinstance(other, ContactEnergy):
             continue
         names = f"'{other.item.name}' and '{term.item.name}'"
-        shared = [body for body in term.bodies if body in other.bodies]
-        others = [_arguments(obstacle) for obstacle in other.obstacles]
+        shared = [body for body in bodies if body in other.item.bodies]
+        others = [_arguments(obstacle) for obstacle in other.item.obstacles]
         # o is an obstacle, given by its arguments.
-        has_all = len(shared) == len(term.bodies) and all(o in others for o in obstacles)
-        is_in_all = len(shared) == len(other.bodies) and all(o in obstacles for o in others)
+        has_all = len(shared) == len(bodies) and all(o in others for o in obstacles)
+        is_in_all = len(shared) == len(other.item.bodies) and all(o in obstacles for o in others)
         check(
             not has_all and not is_in_all,
             f"Contacts {names} are the same: all of one is in the other, so that pairs would repel "
@@ -287,27 +285,13 @@ class ContactEnergy:
 
     Attributes:
         item: of the scene.
-        bodies: films, cables and beams.
-        obstacles: what they touch.
-        radii: of the bodies [m].
         law: of the energy.
-        activation_distance: largest gap [m] at which pairs have energy.
-        stiffness: K [N/m³]; None: derived from the closing speed.
-        friction: coefficient of bodies with each other, and with obstacles without a coefficient.
-        slip_velocity: speed [m/s] below which what sticks may creep.
-        history: history variables.
         parameters: by which results may be derived.
+        history: history variables.
     """
 
     item: ContactItem
-    bodies: Sequence[MeshBody]
-    obstacles: Sequence[Obstacle]
-    radii: Sequence[float]
     law: ContactLaw
-    activation_distance: float
-    stiffness: float | None
-    friction: float = 0.0
-    slip_velocity: float = 1e-3
-    history: ContactHistory = field(default_factory=ContactHistory)
     parameters: tuple[Parameter, ...] = ()
+    history: ContactHistory = field(default_factory=ContactHistory)
     compiler: ClassVar[Compiler] = CompiledContact

@@ -184,18 +184,7 @@ class Contact:
             yield from obstacle.requires()
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield ContactEnergy(
-            item=self,
-            bodies=self.bodies,
-            obstacles=self.obstacles,
-            radii=self.radii,
-            law=LAWS[self.law],
-            activation_distance=self.distance,
-            stiffness=self.stiffness,
-            friction=self.friction,
-            slip_velocity=self.slip_velocity,
-            parameters=tuple(self._parameters()),
-        )
+        yield ContactEnergy(self, LAWS[self.law], tuple(self._parameters()))
 
     def _parameters(self) -> Iterable[Parameter]:
         """Yield the numbers by which results may be derived: those that the user gave."""

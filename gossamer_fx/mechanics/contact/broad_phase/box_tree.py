@@ -221,7 +221,12 @@ def find_overlaps(
     near: Nearness | None = None,
 ) -> OverlappingPairs:
     """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
-    touch. Pairs that are connected, by a shared point, a tie or a joint, are left out."""
+    touch.
+
+    Pairs that are connected, by a shared point, a tie or a joint, are left out.  `vertices` and
+    `edges` are the numbers of those that this rank asks for, `expected` how many pairs of both
+    kinds are likely (zero: not known), and `near` tells which to keep.
+    """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)
     # Cables and beams have edges only.
@@ -232,7 +237,7 @@ def find_overlaps(
             surface.filtered(vertex_points, lower, upper),
             vertices,
             expected=expected[0],
-            near=_nearness(near, PointTriangle.number, vertex_points, surface.triangles),
+            near=near and near.of(PointTriangle.number, vertex_points, surface.triangles),
         )
     all_edges = surface.filtered(surface.edges, lower, upper)
     with_edges = BoxTree(all_edges).overlaps(
@@ -240,7 +245,7 @@ def find_overlaps(
         edges,
         in_tree=True,
         expected=expected[1],
-        near=_nearness(near, EdgeEdge.number, surface.edges, surface.edges),
+        near=near and near.of(EdgeEdge.number, surface.edges, surface.edges),
     )
 
     triangle_pairs = np.hstack(
@@ -256,12 +261,3 @@ def find_overlaps(
         points=np.ascontiguousarray(points, dtype=np.int32),
         primitives=np.vstack([with_triangles, with_edges]).astype(np.int64),
     )
-
-
-def _nearness(
-    near: Nearness | None, kind: int, asked: Int32Array, in_tree: Int32Array
-) -> CStruct | None:
-    """Return the C structure of `near` for pairs of one kind; None if all pairs are wanted."""
-    if near is None:
-        return None
-    return near.of(kind, asked, in_tree)
