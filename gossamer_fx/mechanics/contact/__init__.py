@@ -13,9 +13,13 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     assembly         blocks of the tangent
     step_forces      forces and tangents of the active pairs of a step
     history          what is taken over from step to step
-    contact_set      one contact in a step, which calls the stages; `compiled` has all of a scene
+    contact_set      one contact in a step, which calls the stages; `compiled` adds what gradients
+                     and outputs ask
     contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
     pair_table       the table of pairs that the stages hand on, one row a pair
+    stencils         what is different from one kind of pair to the next: distance, derivatives,
+                     range of the energy
+    obstacles, cone  what bodies touch: of which stencils it is made, and how it is drawn
     kernels/         what is done pair by pair, in C
 
 Numberings:

@@ -2,8 +2,8 @@
 
    A pair is four points, from which it has three vectors r, a, b.  Its stencil says what the
    distance function s of these vectors is, with its derivatives by the six measures e.  Everything
-   else (broad phase, continuous collision, energy, forces, tangents) asks the stencil.  A new kind is
-   a row of STENCILS in stencils.c, and the class of the same name and number in Python. */
+   else (broad phase, continuous collision, energy, forces, tangents) asks the stencil.  A new kind
+   is a row of STENCILS in stencils.c, and the class of the same name and number in Python. */
 #ifndef GOSSAMER_STENCIL_H
 #define GOSSAMER_STENCIL_H
 
@@ -23,19 +23,19 @@ typedef struct {
 struct stencil {
     const char *name;
     double coefficients[3][4]; /* r, a, b as combinations of the four points */
-    int first_count;           /* points of the first side; with two the domain of (u, v) is a square */
+    int first_count; /* points of the first side; with two the domain of (u, v) is a square */
     int is_rounded; /* whether the distance is rounded, as that of edges, which may be parallel */
     int is_linear;  /* whether energies are those of a ratio of distances, not of their squares */
     double (*length_of)(double s); /* the distance [m] that belongs to s; negative in rooms */
 
     /* A wall: a point cannot get behind it, so that it has no (u, v) and needs no continuous
-       collision detection.  s at some measures, with ds/de, of which other entries are zero before; if
+       collision detection.  s at some measures, and the entries of ds/de that are not zero; if
        `hessian` is not NULL, weight times d2s/de2 is added to it. */
-    double (*wall)(double shape, const double measures[6], double gradient[6], double (*hessian)[6],
-                   double weight);
+    double (*wall)(double shape, const double measures[6], double gradient[6],
+                   double (*hessian)[6], double weight);
 
     /* Two surfaces: s of the vectors and the parameters (u, v) of the closest points, not rounded;
-       s of the vectors in a frame and ds/de; and the derivatives at some measures, as those of a wall. */
+       s of the vectors in a frame and ds/de; and the derivatives at some measures. */
     double (*closest)(const pair_vectors *vectors, double shape, double parameters[2]);
     double (*distance)(const pair_frame *frame, const pair_vectors *vectors, double gradient[6]);
     void (*derivatives)(const pair_frame *frame, const double measures[6], double gradient[6],

@@ -37,10 +37,12 @@ static inline void distance_weights(double u, double v, double weights[6])
 }
 
 /* |r + u a + v b|^2 with the rounding term. */
-static inline double rounded_square(const pair_frame *frame, const pair_vectors *vectors, double u, double v)
+static inline double rounded_square(const pair_frame *frame, const pair_vectors *vectors,
+                                    double u, double v)
 {
     const double from_u = u - frame->corner[0] - 0.5, from_v = v - frame->corner[1] - 0.5;
-    return squared_length_between(vectors, u, v) + frame->rounding * (from_u * from_u + from_v * from_v);
+    const double rounding = frame->rounding * (from_u * from_u + from_v * from_v);
+    return squared_length_between(vectors, u, v) + rounding;
 }
 
 INLINED double closest_of_surfaces(int is_square, const pair_vectors *vectors, double parameters[2])
@@ -51,7 +53,8 @@ INLINED double closest_of_surfaces(int is_square, const pair_vectors *vectors, d
     return squared_length_between(vectors, closest.u, closest.v);
 }
 
-INLINED double distance_of_surfaces(int is_square, const pair_frame *frame, const pair_vectors *vectors,
+INLINED double distance_of_surfaces(int is_square, const pair_frame *frame,
+                                    const pair_vectors *vectors,
                                     double gradient[6])
 {
     double measures[6];
@@ -78,7 +81,8 @@ static inline void add_free_direction(const closest_point *closest, double du, d
 
 /* The closest points move with e in each direction in which they are free, and s then bends by the
    square of that over the form's curvature. */
-INLINED void derivatives_of_surfaces(int is_square, const pair_frame *frame, const double measures[6],
+INLINED void derivatives_of_surfaces(int is_square, const pair_frame *frame,
+                                     const double measures[6],
                                      double gradient[6], double (*hessian)[6], double weight)
 {
     double rounded[6];
@@ -101,12 +105,14 @@ static double closest_of_triangle(const pair_vectors *vectors, double shape, dou
     return closest_of_surfaces(0, vectors, parameters);
 }
 
-static double distance_of_triangle(const pair_frame *frame, const pair_vectors *vectors, double gradient[6])
+static double distance_of_triangle(const pair_frame *frame, const pair_vectors *vectors,
+                                   double gradient[6])
 {
     return distance_of_surfaces(0, frame, vectors, gradient);
 }
 
-static void derivatives_of_triangle(const pair_frame *frame, const double measures[6], double gradient[6],
+static void derivatives_of_triangle(const pair_frame *frame, const double measures[6],
+                                    double gradient[6],
                                     double (*hessian)[6], double weight)
 {
     derivatives_of_surfaces(0, frame, measures, gradient, hessian, weight);
@@ -118,12 +124,14 @@ static double closest_of_edges(const pair_vectors *vectors, double shape, double
     return closest_of_surfaces(1, vectors, parameters);
 }
 
-static double distance_of_edges(const pair_frame *frame, const pair_vectors *vectors, double gradient[6])
+static double distance_of_edges(const pair_frame *frame, const pair_vectors *vectors,
+                                double gradient[6])
 {
     return distance_of_surfaces(1, frame, vectors, gradient);
 }
 
-static void derivatives_of_edges(const pair_frame *frame, const double measures[6], double gradient[6],
+static void derivatives_of_edges(const pair_frame *frame, const double measures[6],
+                                 double gradient[6],
                                  double (*hessian)[6], double weight)
 {
     derivatives_of_surfaces(1, frame, measures, gradient, hessian, weight);
@@ -136,7 +144,8 @@ static double length_of_distance(double s) { return s; }
 /* In a room s is minus a squared distance from the middle. */
 static double length_in_room(double s) { return -sqrt(-s); }
 
-static double plane(double shape, const double measures[6], double gradient[6], double (*hessian)[6],
+static double plane(double shape, const double measures[6], double gradient[6],
+                    double (*hessian)[6],
                     double weight)
 {
     (void)shape, (void)hessian, (void)weight;
@@ -165,7 +174,7 @@ static double inside_cylinder(double shape, const double measures[6], double gra
     return -measures[1] * measures[1] - measures[2] * measures[2];
 }
 
-/* ---- an edge and a cone: s is the distance of the edge from balls along the axis, (1) of cone.py ---- */
+/* ---- an edge and a cone: s is the distance from balls along the axis, (1) of cone.py ---- */
 
 /* The square |r + u a + v b|^2, with the rounding of the measures if there are no vectors. */
 INLINED double square_at(const distance_form *form, double u, double v)
@@ -175,8 +184,8 @@ INLINED double square_at(const distance_form *form, double u, double v)
     return e[0] + u * (2 * e[1] + u * e[3] + 2 * v * e[4]) + v * (2 * e[2] + v * e[5]);
 }
 
-/* By how much the minimum of sqrt(square + curvature w^2) - taper w is beyond w = 0; infinite if there
-   is none. */
+/* By how much the minimum of sqrt(square + curvature w^2) - taper w is beyond w = 0; infinite if
+   there is none. */
 static inline double shift_of_taper(double taper, double square, double curvature)
 {
     if (taper == 0 && curvature > 0) return 0;
@@ -185,7 +194,8 @@ static inline double shift_of_taper(double taper, double square, double curvatur
 }
 
 /* Set `found` to the closest point of one side of the square, if its distance is below `best`. */
-INLINED void closest_on_tapered_side(const distance_form *form, const domain_side *side, double taper,
+INLINED void closest_on_tapered_side(const distance_form *form, const domain_side *side,
+                                     double taper,
                                      double *best, closest_point *found)
 {
     const double *e = form->measures;
@@ -196,7 +206,8 @@ INLINED void closest_on_tapered_side(const distance_form *form, const domain_sid
     const double foot = curvature > 0 ? -slope / curvature : 0;
     const double square = square_at(form, u + foot * du, v + foot * dv);
     const double t = clip_to_unit(foot + shift_of_taper(dv * taper, square, curvature));
-    const double distance = sqrt(fmax(square_at(form, u + t * du, v + t * dv), 0)) - taper * (side->v + t * dv);
+    const double distance = sqrt(fmax(square_at(form, u + t * du, v + t * dv), 0)) -
+        taper * (side->v + t * dv);
     if (!(distance < *best)) return;
     *best = distance;
     found->u = u + t * du;
@@ -219,10 +230,12 @@ INLINED closest_point closest_tapered_point(const distance_form *form, double ta
         v += shift;
         u -= shift * e[4] / e[3];
         if (is_in_domain(1, u - form->corner[0], v - form->corner[1]))
-            return (closest_point){.u = u, .v = v, .direction = {1, 0}, .curvature = 1, .shear = e[4] / e[3],
+            return (closest_point){.u = u, .v = v, .direction = {1, 0}, .curvature = 1,
+                                   .shear = e[4] / e[3],
                                    .last_curvature = 1};
     }
-    for (int i = 0; i < 4; ++i) closest_on_tapered_side(form, SQUARE_SIDES + i, taper, &best, &found);
+    for (int i = 0; i < 4; ++i)
+        closest_on_tapered_side(form, SQUARE_SIDES + i, taper, &best, &found);
     return found;
 }
 
@@ -239,18 +252,21 @@ static double closest_of_cone(const pair_vectors *vectors, double taper, double 
 /* The closest point of the rounded distance at some measures, which become the rounded ones. */
 static closest_point closest_in_frame(const pair_frame *frame, double measures[6])
 {
-    distance_form form = {.vectors = NULL, .corner = {frame->corner[0], frame->corner[1]}, .is_square = 1};
+    distance_form form = {.vectors = NULL, .corner = {frame->corner[0], frame->corner[1]},
+                          .is_square = 1};
     add_rounding(frame, measures);
     memcpy(form.measures, measures, sizeof form.measures);
     return closest_tapered_point(&form, frame->shape);
 }
 
-static double distance_of_cone(const pair_frame *frame, const pair_vectors *vectors, double gradient[6])
+static double distance_of_cone(const pair_frame *frame, const pair_vectors *vectors,
+                               double gradient[6])
 {
     double measures[6];
     measures_of(vectors, measures);
     const closest_point closest = closest_in_frame(frame, measures);
-    const double length = fmax(sqrt(rounded_square(frame, vectors, closest.u, closest.v)), SHORTEST_LENGTH);
+    const double length = fmax(sqrt(rounded_square(frame, vectors, closest.u, closest.v)),
+                               SHORTEST_LENGTH);
     distance_weights(closest.u, closest.v, gradient);
     for (int m = 0; m < 6; ++m) gradient[m] /= 2 * length;
     return length - frame->shape * (closest.v - frame->corner[1]);
@@ -270,13 +286,15 @@ static void add_tapered_direction(const closest_point *closest, double du, doubl
         slope += along[m] * e[m];
     }
     for (int m = 0; m < 6; ++m) h[m] = along[m] / (2 * length) - phi[m] * slope / cube;
-    const double curvature = (du * du * e[3] + 2 * du * dv * e[4] + dv * dv * e[5]) / length - slope * slope / cube;
+    const double curvature = (du * du * e[3] + 2 * du * dv * e[4] + dv * dv * e[5]) / length -
+        slope * slope / cube;
     if (!(curvature > 0)) return;
     for (int m = 0; m < 6; ++m)
         for (int k = 0; k < 6; ++k) hessian[m][k] -= weight * h[m] * h[k] / curvature;
 }
 
-static void derivatives_of_cone(const pair_frame *frame, const double measures[6], double gradient[6],
+static void derivatives_of_cone(const pair_frame *frame, const double measures[6],
+                                double gradient[6],
                                 double (*hessian)[6], double weight)
 {
     double e[6], phi[6];
@@ -288,16 +306,18 @@ static void derivatives_of_cone(const pair_frame *frame, const double measures[6
     const double length = fmax(sqrt(fmax(square, 0)), SHORTEST_LENGTH);
     for (int m = 0; m < 6; ++m) gradient[m] = phi[m] / (2 * length);
     if (!hessian) return;
+    const double cube = 4 * length * length * length;
     for (int m = 0; m < 6; ++m)
-        for (int k = 0; k < 6; ++k) hessian[m][k] -= weight * phi[m] * phi[k] / (4 * length * length * length);
+        for (int k = 0; k < 6; ++k) hessian[m][k] -= weight * phi[m] * phi[k] / cube;
     if (closest.curvature > 0)
-        add_tapered_direction(&closest, closest.direction[0], closest.direction[1], length, e, weight, hessian);
+        add_tapered_direction(&closest, closest.direction[0], closest.direction[1], length, e,
+                              weight, hessian);
     if (closest.last_curvature > 0)
         add_tapered_direction(&closest, -closest.shear, 1, length, e, weight, hessian);
 }
 
-/* Inside a cone s = height sin(alpha) - distance from the axis cos(alpha), (2) of cone.py, in terms of
-   directions of the length cos(alpha): sqrt(Q) - sqrt(p), p = (r.a)^2 + (r.b)^2,
+/* Inside a cone s = height sin(alpha) - distance from the axis cos(alpha), (2) of cone.py.  With
+   directions of the length cos(alpha) it is sqrt(Q) - sqrt(p), where p = (r.a)^2 + (r.b)^2 and
    Q = (1 - a.a) r.r - p/a.a + p. */
 static double inside_cone(double shape, const double measures[6], double gradient[6],
                           double (*hessian)[6], double weight)
@@ -307,7 +327,8 @@ static double inside_cone(double shape, const double measures[6], double gradien
     const double p = e[1] * e[1] + e[2] * e[2], Q = (1 - square) * e[0] - p / square + p;
     const double across = fmax(sqrt(p), SHORTEST_LENGTH), height = sqrt(fmax(Q, SHORTEST_LENGTH));
     const double factor = 2 * (1 - 1 / square), ratio = 2 / (square * square);
-    const double of_Q[6] = {1 - square, factor * e[1], factor * e[2], p / (square * square) - e[0], 0, 0};
+    const double of_square = p / (square * square) - e[0];
+    const double of_Q[6] = {1 - square, factor * e[1], factor * e[2], of_square, 0, 0};
     const double of_across[6] = {0, e[1] / across, e[2] / across, 0, 0, 0};
     for (int m = 0; m < 6; ++m) gradient[m] = of_Q[m] / (2 * height) - of_across[m];
     if (!hessian) return height - sqrt(p);
@@ -317,7 +338,8 @@ static double inside_cone(double shape, const double measures[6], double gradien
                                  {-1, ratio * e[1], ratio * e[2], -ratio * p / square}};
     for (int m = 0; m < 4; ++m)
         for (int k = 0; k < 4; ++k) {
-            const double bend = second[m][k] / (2 * height) - of_Q[m] * of_Q[k] / (4 * height * height * height);
+            const double bend = second[m][k] / (2 * height) -
+                of_Q[m] * of_Q[k] / (4 * height * height * height);
             const double of_axis = (m == k && (m == 1 || m == 2)) - of_across[m] * of_across[k];
             hessian[m][k] += weight * (bend - of_axis / across);
         }
