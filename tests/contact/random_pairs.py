@@ -14,6 +14,12 @@ from gossamer_fx.mechanics.contact.stencils import (
     PointTriangle,
 )
 
+# The kinds of which there are random pairs here; those of cones are in test_cone.py.
+KINDS = tuple(
+    stencil.number
+    for stencil in (PointTriangle, EdgeEdge, PointPlane, PointInSphere, PointInCylinder)
+)
+
 
 def near_pairs(
     kind: int,

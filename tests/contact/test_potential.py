@@ -18,14 +18,14 @@ from gossamer_fx.mechanics.contact.potential import (
 )
 from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
 from tests.contact.pairs_twin import PairTwin
-from tests.contact.random_pairs import near_pairs
+from tests.contact.random_pairs import KINDS, near_pairs
 
 BARRIER = ContactLaw.BARRIER
 EDGE_EDGE = EdgeEdge.number
 POINT_TRIANGLE = PointTriangle.number
 every_kind = pytest.mark.parametrize(
     "kind",
-    list(STENCILS),
+    KINDS,
     ids=lambda kind: type(STENCILS[kind]).__name__,
 )
 every_law = pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 
 import gossamer_fx
 from gossamer_fx.core.forms.c_source import declarations_of
+from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
 from gossamer_fx.mechanics.contact.kernels.library import HEADER, SOURCES, library
 from gossamer_fx.mechanics.contact.narrow_phase import intersections
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState
@@ -35,6 +36,8 @@ def test_numbers_of_python_are_those_of_the_header(enumeration: type[IntEnum]) -
 def test_each_stencil_has_the_row_of_its_name() -> None:
     """The table in C and the classes of Python name the same kinds, in the same order."""
     c = library()
+    # Those of cones are known once their module is loaded.
+    assert {EdgeCone.number, PointInCone.number} <= STENCILS.keys()
     names = [
         c.ffi.string(c.lib.kind_name(number)).decode().replace("_", "")
         for number in range(c.lib.kind_count())

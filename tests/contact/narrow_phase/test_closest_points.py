@@ -12,8 +12,8 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     closest_points,
 )
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
-from tests.contact.random_pairs import near_pairs, table_of
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
+from tests.contact.random_pairs import KINDS, near_pairs, table_of
 
 EDGES = EdgeEdge.number
 TRIANGLE = PointTriangle.number
@@ -46,7 +46,7 @@ def test_degenerate_pairs(
     assert found[0] == pytest.approx(squared_distance, rel=1e-14)
 
 
-@pytest.mark.parametrize("kind", list(STENCILS))
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 300, seed=9)
     # Five times the step, so that some pairs pass through each other.
