@@ -67,13 +67,8 @@ class EdgeCone(EdgeEdge):
         length, gradient = super().derivatives(x, parameters, shape)
         return length - shape * parameters[:, 1], gradient
 
-    def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
-        # Loaded for gradients of runs.
-        from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
-            parameter_derivatives,
-        )
-
-        return parameter_derivatives(self.sides, x, parameters, taper=shape)
+    def taper(self, shape: Array) -> Array:
+        return shape
 
 
 class PointInCone(Wall):

@@ -97,13 +97,17 @@ class Stencil:
         direction = between / np.maximum(distance, TINY)[:, None]
         return distance, weights[:, :, None] * direction[:, None]
 
+    def taper(self, shape: Array) -> Array | None:
+        """Return T (n,) [m] if closest points minimise |z| - T v; None: the distance |z| alone."""
+        return None
+
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
         """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for walls."""
         from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
             parameter_derivatives,
         )
 
-        return parameter_derivatives(self.sides, x, parameters)
+        return parameter_derivatives(self.sides, x, parameters, self.taper(shape))
 
 
 # The stencil of each kind, and its sides, by the number of the kind.
