@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
 from gossamer_fx.mechanics.contact.stencils import (
     EdgeEdge,

@@ -16,8 +16,7 @@ from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.contact.compiled import FRICTION, STIFFNESS, ContactEnergy
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import TRIANGLE_SIDES
-from gossamer_fx.mechanics.contact.geometry.facets import facets_of
+from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 

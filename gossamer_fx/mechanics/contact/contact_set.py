@@ -37,7 +37,7 @@ from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
-from gossamer_fx.mechanics.contact.narrow_phase.initial_check import (
+from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     refuse_coincident,
     refuse_intersections,
     refuse_points_inside,

@@ -10,8 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.broad_phase.candidates import find_candidates
-from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import TrajectoryBounds
+from gossamer_fx.mechanics.contact.broad_phase.candidates import TrajectoryBounds, find_candidates
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.meshes.sheet import sheet

@@ -10,7 +10,7 @@ from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     OverlappingPairs,
     find_overlaps,
 )
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     approach_bounds,
     closest_points,

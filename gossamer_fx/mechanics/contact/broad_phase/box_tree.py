@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.core.forms.c_source import CStruct, check_indices
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import (
+from gossamer_fx.mechanics.contact.geometry.facets import (
     CollisionPrimitives,
     FilteredPrimitives,
 )

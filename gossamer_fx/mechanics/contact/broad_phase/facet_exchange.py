@@ -15,7 +15,7 @@ from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import BoxTree, morton_order
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import FilteredPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import FilteredPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import SurfaceTables
 
 # Boxes by which a rank describes where it searches.  In a folded sail the one box round all

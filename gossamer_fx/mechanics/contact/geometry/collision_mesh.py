@@ -12,8 +12,8 @@ from mpi4py import MPI
 from gossamer_fx.core.model.body import Attached, MeshBody
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import (
     SharedPoints,
     SurfaceEdges,

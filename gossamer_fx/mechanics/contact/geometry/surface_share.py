@@ -20,8 +20,12 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import TRIANGLE_SIDES
-from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows, Facets, facets_of
+from gossamer_fx.mechanics.contact.geometry.facets import (
+    TRIANGLE_SIDES,
+    DistributedRows,
+    Facets,
+    facets_of,
+)
 
 
 @dataclass(frozen=True)
