@@ -18,8 +18,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.free_molecular import coefficients
-from gossamer_fx.mechanics.orbit.surface_forces import Rows
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, coefficients
 from gossamer_fx.records.outputs.output import Output
 
 ALTITUDE = 4e5  # m

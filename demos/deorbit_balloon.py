@@ -27,8 +27,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, save, triangles
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.free_molecular import coefficients
-from gossamer_fx.mechanics.orbit.surface_forces import Rows
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, coefficients
 from gossamer_fx.meshes.airbag import CORNERS, airbag
 from gossamer_fx.presets.films import MYLAR
 from gossamer_fx.presets.gases import NITROGEN

@@ -47,8 +47,7 @@ import gossamer_fx as gx
 from demos import ikaros
 from demos.windmill import DISTANCE, FLIGHT, OPTICS
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.eclipse import AU
-from gossamer_fx.mechanics.orbit.sky import MU_SUN
+from gossamer_fx.mechanics.orbit.sky import AU, MU_SUN
 from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 from gossamer_fx.meshes.sails import trapezoids
 

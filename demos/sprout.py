@@ -62,7 +62,7 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
-from gossamer_fx.build.fold.folded import Folded
+from gossamer_fx.build.fold.fold_map import Folded
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.creased import creased_film, creased_tube

@@ -18,8 +18,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
-from gossamer_fx.mechanics.orbit.eclipse import AU
-from gossamer_fx.mechanics.orbit.sky import MU_SUN
+from gossamer_fx.mechanics.orbit.sky import AU, MU_SUN
 from gossamer_fx.records.outputs.output import Output
 
 AREA = 173.0  # of the sail [m²]

@@ -7,7 +7,7 @@ Algorithm.
 
 1. A node is identified by its point on the mesh, rounded to a cube of a small edge (`_names`).
 2. Each rank reads a share of the points and displacements of each file (`_Part`).
-3. Ranks exchange displacements by the names of their nodes (`algebra.rendezvous.fetch`).
+3. Ranks exchange displacements by the names of their nodes (`algebra.rank_exchange.fetch`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.rendezvous import Names, fetch, hash_rows
+from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, on_rank_zero
 from gossamer_fx.core.model.body import Array

@@ -23,8 +23,8 @@ from gossamer_fx.analysis.vibration.natural_modes import Mode
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
-from gossamer_fx.core.model.roles import NodeFields
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.assembly import Shown
 from gossamer_fx.records.outputs.file_locks import FileLocks
 from gossamer_fx.records.outputs.output import Output, Writing, begin
 from gossamer_fx.records.outputs.recording import Recording
@@ -188,9 +188,7 @@ class ModeRun(StaticRun):
                 },
             },
         }
-        # Fields are collected from all that plays the role `NodeFields`.
-        compiled: list[Any] = system.compiled
-        compiled.append(_ModeAmplitude(self))
+        system.shown.append(_ModeAmplitude(self))
 
     def show(self, step: int) -> None:
         """Put the state of a step into the system: coordinates [m], velocities [m/s] and time [s].
@@ -212,7 +210,7 @@ class ModeRun(StaticRun):
     def end(self) -> None:
         """Put the equilibrium back."""
         system = self.system
-        system.compiled.pop()
+        system.shown.pop()
         system.q0.array[:] = self._q0
         system.v0.array[:] = self._v0
         system.time = self._time0
@@ -251,7 +249,7 @@ class ModeRun(StaticRun):
         )
 
 
-class _ModeAmplitude(NodeFields):
+class _ModeAmplitude(Shown):
     """The field "mode_amplitude" while a mode is recorded."""
 
     def __init__(self, run: ModeRun) -> None:

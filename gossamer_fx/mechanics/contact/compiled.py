@@ -13,30 +13,9 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ActiveSet,
-    Dissipation,
-    Drawable,
-    ExchangesEnds,
-    Forces,
-    GradientLimits,
-    GradientNotes,
-    HistoryAdjoint,
-    MassDependence,
-    NodeFields,
-    PointParameters,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    StepCheck,
-    StepHistory,
-    StoredEnergies,
-    Supply,
-    Tangents,
-)
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
@@ -44,7 +23,14 @@ from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    ActiveSet,
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    Shown,
+)
 
 if TYPE_CHECKING:
     # A run without a gradient does not load it.
@@ -70,35 +56,15 @@ class ContactItem(Protocol):
     slip_velocity: float
 
 
-class CompiledContact(
-    ContactSet,
-    ActiveSet,
-    StateObserver,
-    StepCheck,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Dissipation,
-    NodeFields,
-    Drawable,
-    PointParameters,
-    GradientLimits,
-    GradientNotes,
-    StartDerivatives,
-    HistoryAdjoint,
-    MassDependence,
-    StepHistory,
-    ExchangesEnds,
-    Reversible,
-    CompiledTerms["ContactEnergy"],
-):
+class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerms["ContactEnergy"]):
     """One contact of a scene as the system sees it: its pairs, and what outputs and gradients ask.
 
     Attributes:
         item: of the scene.
         losses: its name, if it has friction.
     """
+
+    reversible = False
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         """Make the pairs of the only term; collective."""
@@ -112,8 +78,8 @@ class CompiledContact(
         has_friction = [coefficient > 0 for coefficient in of_obstacles]
         mesh = CollisionMesh(item.bodies, item.obstacles, item.radii, whole, has_friction)
         friction = None
-        # An equilibrium (alpha = 1) has no sliding, and no friction.
-        if (item.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+        # An equilibrium has no sliding, and no friction.
+        if (item.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
             from gossamer_fx.mechanics.contact.friction.friction import Friction
 
             friction = Friction(
@@ -161,7 +127,7 @@ class CompiledContact(
     def without_gradient(self) -> str:
         """Return in one sentence why the contact has no gradient; empty if it has one. In a run it
         has one.  At an equilibrium it takes a given stiffness."""
-        if self.system.rule.alpha < 1 or self.pair_stiffness.given is not None:
+        if not self.system.rule.is_static or self.pair_stiffness.given is not None:
             return ""
         return (
             f"'{self.item.name}' derives its stiffness from the loads of the equilibrium, without "

@@ -109,6 +109,7 @@ class ContactSet:
         self.activation_distance = activation_distance
         self.history = history
         self.system = system
+        self._is_static = system.rule.is_static
         self.search = CandidateSearch(mesh, activation_distance)
         self.pair_stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
         self.activation = Activation(mesh, history, activation_distance)
@@ -144,11 +145,6 @@ class ContactSet:
     def candidates(self) -> CandidatePairs:
         """The candidate pairs of this rank."""
         return self.search.pairs
-
-    @property
-    def _is_static(self) -> bool:
-        # Forces act at the end of a step, which has the weight 1.
-        return self.system.rule.alpha == 1
 
     # ---- states ----
 

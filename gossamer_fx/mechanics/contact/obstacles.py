@@ -19,9 +19,8 @@ import numpy as np
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, is_vector
-from gossamer_fx.core.drawing.solids import Solid
-from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.geometry.contact_points import PrescribedMotion

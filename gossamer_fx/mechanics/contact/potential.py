@@ -65,6 +65,7 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
 from gossamer_fx.mechanics.contact.stencils import ROUNDING, stencils_of
+from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the
 # parabola of the pair, so that the next iterate comes back to the right side.
@@ -216,8 +217,9 @@ def evaluate(
     count = len(pairs)
     points = len(x0)
     start = pairs.start
-    if start is None or alpha == 1:
-        base = x1 if alpha == 1 else x0
+    is_state = acts_at_end(alpha)
+    if start is None or is_state:
+        base = x1 if is_state else x0
         # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
     # What is None is not computed: C gets a null pointer for it.
@@ -231,6 +233,7 @@ def evaluate(
             "x0": c.array("x0", x0, "float64", (points, 3)),
             "x1": c.array("x1", x1, "float64", (points, 3)),
             "alpha": alpha,
+            "is_state": is_state,
             "geometric_share": geometric_share,
             "push_back": push_back,
         },

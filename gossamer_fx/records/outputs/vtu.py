@@ -11,7 +11,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.records.fields.fields import FieldFunctions

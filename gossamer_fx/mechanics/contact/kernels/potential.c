@@ -48,7 +48,7 @@ typedef struct {
 static int is_out_of_range(const active_pairs *pairs, const contact_step *step, ptrdiff_t i)
 {
     const stencil *of = STENCILS + pairs->list.kind[i];
-    if (is_wall(of) || step->alpha == 1) return 0;
+    if (is_wall(of) || step->is_state) return 0;
     const double range = of->length_of(pairs->width[i] + pairs->offset[i]);
     const double start_distance = pairs->start[4 * i + 2];
     return start_distance - range > approach_bound(of->first_count, step->x0, step->x1,
@@ -65,7 +65,7 @@ static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_
     pair->width = pairs->width[i];
     pair->offset = pairs->offset[i];
     pair->energy = (contact_energy){pairs->law, of->is_linear};
-    pair->is_state = step->alpha == 1;
+    pair->is_state = step->is_state;
     pair->frame = frame_of(of, shape_of(&pairs->list, i), pairs->rounding, pair->width);
     pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0,
                              points);

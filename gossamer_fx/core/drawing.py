@@ -1,9 +1,10 @@
-"""Solids for pictures and recordings: rigid bodies and obstacles as triangles and lines."""
+"""Solids that pictures and recordings show, and tables by which notebooks show objects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class Solid:
         motion: displacement (3,) [m] as a function of time [s]; None for a solid at rest.
 
     Example:
-        >>> from gossamer_fx.core.drawing.solids import Solid
+        >>> from gossamer_fx.core.drawing import Solid
         >>> square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
         >>> plate = Solid("plate", square, np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1]]))
     """
@@ -36,3 +37,26 @@ class Solid:
     lines: npt.NDArray[np.int32]
     on: Any = None
     motion: Callable[[float], Sequence[float]] | None = None
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as one line of HTML, from the names of its columns and a text of each row for each of
+    them; all texts are escaped.
+
+    Example:
+        >>> table(["kind"], [["a < b"]])
+        '<table><tr><th>kind</th></tr><tr><td>a &lt; b</td></tr></table>'
+    """
+    lines = [_row("th", head)]
+    for row in rows:
+        lines.append(_row("td", row))
+    inside = "".join(lines)
+    return f"<table>{inside}</table>"
+
+
+def _row(kind: str, words: Sequence[str]) -> str:
+    cells = ""
+    for word in words:
+        text = escape(word)
+        cells += f"<{kind}>{text}</{kind}>"
+    return f"<tr>{cells}</tr>"

@@ -4,22 +4,169 @@ strains.
 Films that wrinkle have several states.  Full elements (`terms.element_energies`) and sampled ones
 (`reduction.points`) both evaluate them here, so that they have the same iterations.  The loops over
 points are those of `law.c`.
+
+A law depends on the strains at the start and at the end of a step, on constants, and on functions
+such as a thickness that differs from cell to cell.  FFCx compiles its UFL expressions into C
+functions; the law kernel calls these by their addresses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
-from gossamer_fx.core.forms.c_source import check_indices
+from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.c_source import c_library, check_indices
+from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import with_derivative
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.terms.law_kernel.functions import CellFunction, LawFunctions
-from gossamer_fx.mechanics.terms.law_kernel.library import library
+from gossamer_fx.mechanics.materials.c_law import CLaw
+from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule
+
+# Its functions are declared in this header.
+HEADER = Path(__file__).parent / "law.h"
+
+
+@dataclass(frozen=True, eq=False)
+class CellFunction:
+    """A compiled C function of the values in one cell, with the signature of FFCx's expressions:
+    its address, the functions whose values in the cell are its arguments, views of the values of
+    its constants, both in their order, and what has to exist as long as it is called."""
+
+    address: int
+    coefficients: tuple[fem.Function, ...]
+    constants: tuple[Array, ...]
+    owner: object
+
+
+@dataclass(frozen=True, eq=False)
+class LawFunctions:
+    """The functions of one law.
+
+    Attributes:
+        start: strain at the start of the step, at quadrature points.
+        strain: strain of the iterate.
+        responses: mean stress and its derivatives; the first serves every point, the others are
+            cheaper and serve points in certain cases.
+        sort: which response is the cheapest for each point; None if there is one.
+        density: ψ(start) per unit reference area or length.
+        refresh: called when a step begins, before functions are read.
+    """
+
+    start: fem.Function
+    strain: fem.Function
+    responses: tuple[CellFunction, ...]
+    sort: CellFunction | None
+    density: CellFunction
+    refresh: Callable[[], None]
+
+
+def cell_function(expression: fem.Expression) -> CellFunction:
+    """The C function of an expression of float values, made by `compile_expression`, which it keeps
+    alive."""
+    compiled = expression.ufcx_expression
+    ufl_expression = expression.ufl_expression
+    coefficients = extract_coefficients(ufl_expression)
+    # The compiler drops functions that the expression does not need.
+    positions = [
+        compiled.original_coefficient_positions[k] for k in range(compiled.num_coefficients)
+    ]
+    constants = extract_constants(ufl_expression)
+    # The kernel calls the function by its address, and reads constants where dolfinx keeps them: a
+    # changed constant needs no new call of this function.
+    return CellFunction(
+        address=int(c_library(HEADER).ffi.cast("uintptr_t", compiled.tabulate_tensor_float64)),
+        coefficients=tuple(coefficients[position] for position in positions),
+        constants=tuple(np.ravel(c._cpp_object.value) for c in constants),
+        owner=expression,
+    )
+
+
+def law_functions(
+    energy: PathEnergy, rule: StressRule, start: fem.Function, strain: fem.Function
+) -> LawFunctions:
+    """Compile the C functions of a stored energy for a stress rule, by which its mean stress (m,),
+    with the derivatives (m, m), follows from the strains (m,) at the start of the step and of the
+    iterate, functions at the quadrature points.  Stress and density are per area [N/m] or per
+    length [N].  Collective.  `InputError`: the rule has no function for laws that are written in C.
+    """
+    # Rank 0 compiles the kernel here, where all ranks are.
+    c_library(HEADER, strain.function_space.mesh.comm)
+    if energy.c_law is not None:
+        return _in_c(energy.c_law, rule, start, strain)
+    points = interpolation_points(strain.function_space)
+
+    def compiled(expression: Expr) -> CellFunction:
+        made = compile_expression(expression, points)
+        return cell_function(made)
+
+    # A variable, by which the stress is derived.
+    variable = ufl.variable(strain)
+    cases = rule.cases(energy, start, variable)
+    stresses = [rule.stress(energy, start, variable)]
+    stresses += [stress for _, stress in cases]
+    sort = None
+    if cases:
+        sort = compiled(first_that_holds(cases))
+    return LawFunctions(
+        start=start,
+        strain=strain,
+        responses=tuple(compiled(with_derivative(stress, variable)) for stress in stresses),
+        sort=sort,
+        density=compiled(energy.density(start)),
+        refresh=lambda: None,
+    )
+
+
+def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Function) -> LawFunctions:
+    """The functions of a law that is written in C, see `law_functions`; they take its numbers at
+    the quadrature points."""
+    space = strain.function_space
+    mesh = space.mesh
+    points = interpolation_points(space)
+    element = basix.ufl.quadrature_element(
+        mesh.basix_cell(), value_shape=c_law.numbers.ufl_shape, degree=space.ufl_element().degree
+    )
+    numbers = fem.Function(fem.functionspace(mesh, element))
+    expression = compile_expression(c_law.numbers, points)
+    index_map = mesh.topology.index_map(mesh.topology.dim)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    # C functions of this signature take numbers only, as floats.
+    count = np.array([len(points)], dtype=float)
+
+    def function(address: int) -> CellFunction:
+        return CellFunction(address, (start, strain, numbers), (count,), owner=c_law.owner)
+
+    return LawFunctions(
+        start=start,
+        strain=strain,
+        responses=(function(rule.function_of(c_law)),),
+        sort=None,
+        density=function(c_law.density),
+        refresh=lambda: tabulate(expression, numbers, cells),
+    )
+
+
+def first_that_holds(cases: Sequence[tuple[Expr, Expr]]) -> Expr:
+    """The number, from one, of the first case whose condition holds, or zero."""
+    # Built from the last case inwards, so that the first one is asked first.
+    which: Expr = ufl.as_ufl(0.0)
+    for k, (holds, _) in reversed(list(enumerate(cases, 1))):
+        which = ufl.conditional(holds, float(k), which)
+    return which
+
+
+# ---- several states at the quadrature points -----------------------------------------------------
 
 # k of equation (5) of `terms.element_energies`, as a fraction of the largest stiffness at the
 # point.
@@ -51,30 +198,20 @@ class PointValues:
 
 
 class PointLaw:
-    """A law at the quadrature points of some cells.
-
-    Args:
-        functions: of the law, compiled.
-        values: strains and responses.
-        cells: local numbers of the cells.
-        may_choose: whether strains are chosen by equation (5) of `terms.element_energies`.
-    """
+    """A law at the quadrature points of some cells, by their local numbers.  `may_choose`: whether
+    strains are chosen by equation (5) of `terms.element_energies`."""
 
     def __init__(
         self, functions: LawFunctions, values: PointValues, cells: Indices, *, may_choose: bool
     ) -> None:
         """Prepare the constants and values that the C kernel reads; no law is evaluated yet.
-        Collective.
-
-        Raises:
-            ValueError: arrays do not fit the cells or the strains.
-        """
+        Collective."""
         self._functions = functions
         self._values = values
         self._cells = cells
         self._may_choose = may_choose
         # The C library with the kernel, compiled at the first use on a machine.
-        self._c = library(functions.strain.function_space.mesh.comm)
+        self._c = c_library(HEADER, functions.strain.function_space.mesh.comm)
         # For each compiled function the constants as the kernel reads them, and views of their
         # values
         self._constants: list[tuple[Array, list[Array]]] = []
@@ -90,12 +227,8 @@ class PointLaw:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Start a step: read constants and functions of the law again, and forget the choices of
-        strains.
-
-        Constants, such as moduli, and functions, such as a thickness [m] that differs from cell to
-        cell, may have been changed since the last step.
-        """
+        """Start a step: read constants, such as moduli, and functions of the law, such as a
+        thickness [m] that differs from cell to cell, again, and forget the choices of strains."""
         self._functions.refresh()
         for constants, values in self._constants:
             if values:
@@ -114,7 +247,8 @@ class PointLaw:
 
         The strains are the linearised ones.  Where a law with several states may choose, those of
         the first iterate are a guess, and later ones are chosen point by point between the
-        linearised strain and the strain of the linearised stress."""
+        linearised strain and the strain of the linearised stress.
+        """
         if not self._chooses:
             self._values.strain[:] = linear_strain()
             self.respond()
@@ -150,16 +284,9 @@ class PointLaw:
         return self._values.strain.shape[1]
 
     def _number_values(self) -> None:
-        """Number the values in a cell of all functions on which the law depends; strains come
-        first.
-
+        """Number the values in a cell of all functions on which the law depends, strains first.
         The kernel copies these values into one array, from which each C function takes its
-        arguments.
-
-        Raises:
-            ValueError: the strains have another number of values in a cell than the quadrature
-                points.
-        """
+        arguments."""
         law = self._functions
         everything = [*law.responses, law.density]
         if law.sort is not None:
@@ -186,14 +313,9 @@ class PointLaw:
         self._others = np.zeros((len(self._cells), start - 2 * width))
 
     def _entry(self, function: CellFunction) -> dict[str, Any]:
-        """Members of the C struct `cell_function` of law.h, by name.
-
-        They are the address of the function, its constants, and the indices (int32) of its
-        arguments among all values of a cell.  The arrays are kept alive by this object.
-
-        Raises:
-            ValueError: an argument is beyond the values of a cell.
-        """
+        """Members of the C struct `cell_function` of law.h, by name: address, constants, and the
+        indices (int32) of the arguments among all values of a cell.  The arrays are kept alive by
+        this object."""
         numbers: list[Indices] = [np.zeros(0, dtype=np.int32)]
         numbers += [self._numbers[coefficient] for coefficient in function.coefficients]
         arguments = np.concatenate(numbers)
@@ -211,13 +333,7 @@ class PointLaw:
 
     def _members(self) -> dict[str, Any]:
         """Members of the C struct `point_law` of law.h, by name: sizes, functions, arrays and work
-        space.
-
-        The arrays must stay at their addresses as long as the kernel is used.
-
-        Raises:
-            ValueError: arrays do not fit the cells, or rows are beyond the points.
-        """
+        space.  The arrays must stay at their addresses as long as the kernel is used."""
         ffi = self._c.ffi
         values = self._values
         law = self._functions
@@ -255,11 +371,8 @@ class PointLaw:
         }
 
     def _choice_members(self) -> dict[str, Any]:
-        """Members of the C struct `strain_choice` of law.h, by name.
-
-        Besides limits they are arrays over the q points: linearised strains (q, m), the error of
-        the last choice (q,) and how many choices did not reduce it (q,).
-        """
+        """Members of the C struct `strain_choice` of law.h, by name: limits, linearised strains (q,
+        m), the error of the last choice (q,) and how many choices did not reduce it (q,)."""
         m = self._size
         points = self._values.rows.shape[1]
         self._last_error = np.full(self._count, np.inf)
