@@ -96,8 +96,12 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     # Boxes so large that all overlap: pairs are dropped by their distance alone.
     kept = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges, near=near)
     every = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges)
-    sides = radius[every.points[:, 0]] + radius[every.second_point]
-    gap = np.sqrt(closest_points(every, x0)[0]) - sides
+    # The largest radius of each side counts.
+    is_edges = every.kind == EdgeEdge.number
+    of_points = radius[every.points]
+    first = np.where(is_edges, of_points[:, :2].max(axis=1), of_points[:, 0])
+    second = np.where(is_edges, of_points[:, 2:].max(axis=1), of_points[:, 1:].max(axis=1))
+    gap = np.sqrt(closest_points(every, x0)[0]) - (first + second)
     # Each of the two sides may come nearer by its margin.
     reach = distance + approach_bounds(every, x0, x1) + 2 * margin
     expected = every.rows(gap < reach)
@@ -108,7 +112,7 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     for t in np.linspace(0, 1, 20):
         at = np.ascontiguousarray(x0 + t * (x1 - x0))
         least = np.minimum(least, np.sqrt(closest_points(dropped, at)[0]))
-    radii = radius[dropped.points[:, 0]] + radius[dropped.second_point]
+    radii = (first + second)[gap >= reach]
     # 1e-12: round-off of the square roots.
     assert (least - radii - 2 * margin >= distance - 1e-12).all()
 
