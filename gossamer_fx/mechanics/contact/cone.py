@@ -186,9 +186,9 @@ class Cone(Obstacle):
         height = max(self.radii) / abs(slope)
         cosine = 1 / math.hypot(1, slope)
         sine = abs(slope) * cosine
-        directions = [self._along(cosine * direction) for direction in perpendicular_pair(axis)]
+        first, second = (self._along(cosine * across) for across in perpendicular_pair(axis))
         origin = self._at(apex - height * upwards)
-        return ObstacleWall(PointInCone, (origin, *directions), height * sine)
+        return ObstacleWall(PointInCone, (origin, first, second), height * sine)
 
     def picture(self, near: Array) -> DrawnSurface:
         from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone

@@ -67,7 +67,8 @@ class Stencil:
 
     def distance(self, s: Array) -> Array:
         """Return the distance (n,) [m] of both sides without radii; in rooms it is negative."""
-        return np.sqrt(np.maximum(s, 0))
+        length: Array = np.sqrt(np.maximum(s, 0))
+        return length
 
     def gap(self, s: Array, radius: Array, shape: Array) -> Array:
         """Return the distance (n,) [m] less the radii of both sides."""
@@ -187,7 +188,8 @@ class Room(Wall):
     """A point within a round room, whose radius [m] is its `shape`."""
 
     def distance(self, s: Array) -> Array:
-        return -np.sqrt(np.maximum(-s, 0))
+        length: Array = np.sqrt(np.maximum(-s, 0))
+        return -length
 
     def gap(self, s: Array, radius: Array, shape: Array) -> Array:
         return (shape - radius) + self.distance(s)

@@ -190,7 +190,7 @@ class WithObstacles:
         """Return a vector (n, 3) from each pair's obstacle towards its body. The weights (n, 4) are
         those of the vector between closest points x (n, 4, 3) [m], for pairs that are not of
         walls."""
-        found = np.einsum("nk,nkc->nc", weights, x)
+        found: Array = np.einsum("nk,nkc->nc", weights, x)
         shapes = self.pairs.shapes
         for stencil, rows in stencils_of(self.pairs.kind):
             if stencil.sides == Sides.POINT_WALL:
