@@ -16,7 +16,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
-from gossamer_fx.mechanics.contact.compiled import CompiledContacts
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.meshes.sheet import sheet
@@ -93,8 +92,7 @@ class Timed:
 
 
 def contact_set_of(run: gx.Simulation) -> ContactSet:
-    compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
-    (contact_set,) = compiled.contact_sets.values()
+    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
     return contact_set
 
 
@@ -115,9 +113,9 @@ def contact_cost(vertices: int = 1000, part: float = 1.0, steps: int = 4) -> dic
         items = [gx.Contact(*films, distance=DISTANCE)] if with_contact else films
         runs.append(gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=STEP)))
     contact_set = contact_set_of(runs[0])
-    search = Timed(contact_set, "begin_step", "extend_active_set", "find_penetration")
+    search = Timed(contact_set, "update_active_set", "extend_active_set", "inadmissible")
     forces = Timed(contact_set, "add_forces")
-    tangents = Timed(contact_set, "add_tangents", "coupling")
+    tangents = Timed(contact_set, "add_tangents", "coupling_matrices")
     for run in runs:
         run.run(until=WARM * STEP)
     clocks = (search, forces, tangents)

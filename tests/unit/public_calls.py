@@ -198,6 +198,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         rest_angle=1.0,
         yield_angle=0.5,
     )
+    add("contact.Cone", start=z, end=(1.0, 0.0, 0.0), radii=(0.0, 0.1))
     add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
     add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
     add(

@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.obstacle_drawing import solid_of
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import SOLID
@@ -37,7 +36,7 @@ SHARE = 0.97  # of the volume of something round that its facets enclose, at lea
     ],
 )
 def test_surfaces_are_closed_and_enclose_the_volume(obstacle, volume) -> None:
-    solid = solid_of(obstacle, NEAR)
+    solid = obstacle.solid(NEAR)
     a, b, c = (solid.X[corners] for corners in solid.triangles.T)
     enclosed = np.einsum("ni,ni->n", np.cross(a, b), c).sum() / 6
     assert SHARE * volume < enclosed < volume * (1 + 1e-12)
@@ -51,9 +50,9 @@ def test_rooms_and_planes_are_lines(inside) -> None:
         gx.contact.Cylinder: {"start": (0, 0, 0), "end": (0, 0, 1), "radius": 1.0},
         gx.contact.Box: {"centre": (0, 0, 0), "sizes": (1, 1, 1)},
     }[inside]
-    room = solid_of(inside(**given, inside=True), NEAR)
+    room = inside(**given, inside=True).solid(NEAR)
     assert not len(room.triangles) and len(room.lines)
-    plane = solid_of(gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)), NEAR)
+    plane = gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)).solid(NEAR)
     assert np.allclose(plane.X[:, 2], -1) and not len(plane.triangles)
     assert np.ptp(plane.X[:, 0]) == pytest.approx(2.4)  # a little larger than what is before it
 
