@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.spinning_sheet import main
+from demos.films.spinning_sheet import main
 from demos.studies.engine.study import Study
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule, defect, gradient
@@ -84,5 +84,6 @@ STUDY = Study(
     {"rule": list(RULES), "h": [1e-4, 1e-3, 4e-3]},
     lambda case: case["h"],
     quick={"rule": ["Gonzalez", "exact"], "h": [1e-3]},
+    shows=("newton_per_step", "substeps"),
     columns=COLUMNS,
 )

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.compiled import CompiledContacts
+from gossamer_fx.mechanics.contact.compiled import CompiledContact
 from gossamer_fx.mechanics.contact.contact import Contact
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
@@ -20,7 +20,6 @@ from gossamer_fx.mechanics.contact.obstacles import Obstacle
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-# Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """The compiled pairs of a contact in a run.
 
@@ -32,8 +31,8 @@ def contact_set_of(contact: Contact, run: Any) -> ContactSet:
         InputError: the contact is not in the run's scene.
     """
     for compiled in run.system.compiled:
-        if isinstance(compiled, CompiledContacts) and contact in compiled.contact_sets:
-            return compiled.contact_sets[contact]
+        if isinstance(compiled, CompiledContact) and compiled.item is contact:
+            return compiled
     raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
 
 
