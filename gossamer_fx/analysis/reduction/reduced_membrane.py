@@ -190,7 +190,7 @@ class ReducedMembrane(Membrane):
 
     def port(self, group: str) -> Port:
         """The point of a named group of one vertex of the film.  Collective."""
-        node = global_node(self.full, self.full.mesh, group)
+        node = global_node(self.full, group)
         return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:

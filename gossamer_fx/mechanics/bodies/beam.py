@@ -193,7 +193,7 @@ class Beam(Curve):
 
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
-        node = global_node(self, self.mesh, group)
+        node = global_node(self, group)
         # One object for one node: frames are compared by identity.
         if node not in self._frames:
             position = Port(self, (node,))

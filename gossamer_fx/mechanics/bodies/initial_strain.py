@@ -117,7 +117,10 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
         f"{what} is given, but {type(law).__name__} does not say which strain has it; "
         "give initial_strain.",
     )
-    in_film = _projected(mesh, stresses)
+    # Projections on the plane of each cell.
+    normals = cell_normals(mesh)
+    projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    in_film = projections @ owned_values(stresses) @ projections
     largest = float(np.abs(stresses.x.array).max(initial=0.0))
     largest_in_film = float(np.abs(in_film).max(initial=0.0))
     largest, largest_in_film = mesh.comm.allreduce(np.array([largest, largest_in_film]), MPI.MAX)
@@ -125,8 +128,14 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
         largest == 0 or largest_in_film > COMPRESSION_TOLERANCE * largest,
         f"{what} is normal to the film, which bears nothing there; give a stress in its plane.",
     )
-    if not law.quadratic:
-        _check_tensile(mesh, in_film, what)
+    # A law that is quadratic bears compression.
+    smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
+    check_on_all(
+        mesh.comm,
+        law.quadratic or smallest >= -COMPRESSION_TOLERANCE * largest_in_film,
+        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; "
+        "give a tensile stress, or a law without wrinkles such as Linear.",
+    )
 
 
 def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
@@ -180,27 +189,6 @@ def _tensor(value: Any, what: str) -> Array:
 def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
     """Components (2, 2) in the frame of a film of tensors (3, 3) in space."""
     return ufl.dot(frame.T, ufl.dot(tensors, frame))
-
-
-def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
-    """Parts in the film of the stresses (n, 3, 3) [Pa] of this rank's n cells."""
-    normals = cell_normals(mesh)
-    # Projections on the plane of each cell.
-    projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    return projections @ owned_values(stresses) @ projections
-
-
-def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
-    """Check that film which bears no compression is not compressed by its initial stress, (n, 3, 3)
-    [Pa].  Collective."""
-    smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
-    largest = float(np.abs(in_film).max(initial=0.0))
-    check_on_all(
-        mesh.comm,
-        smallest >= -COMPRESSION_TOLERANCE * largest,
-        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; "
-        "give a tensile stress, or a law without wrinkles such as Linear.",
-    )
 
 
 # ---- cables and beams ----------------------------------------------------------------------------

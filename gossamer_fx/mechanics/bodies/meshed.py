@@ -132,11 +132,15 @@ class Meshed(ABC):
 
     def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
-        return local_nodes(self.space, self.mesh, group)
+        dim, entities = self.mesh.group(group)
+        topology = self.mesh.domain.topology
+        topology.create_connectivity(dim, topology.dim)
+        nodes: np.ndarray = fem.locate_dofs_topological(self.space, dim, entities)
+        return nodes
 
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
-        return Port(self, (global_node(self, self.mesh, group),))
+        return Port(self, (global_node(self, group),))
 
     def port_at(self, point: Sequence[float]) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes."""
@@ -182,15 +186,9 @@ def positions(
     return x.x.array[:owned].copy(), v.x.array[:owned].copy()
 
 
-def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
-    dim, entities = mesh.group(group)
-    mesh.domain.topology.create_connectivity(dim, mesh.domain.topology.dim)
-    return fem.locate_dofs_topological(space, dim, entities)
-
-
-def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
+def global_node(body: Meshed, group: str) -> int:
     """Global number of the one node of a named point of the mesh.  Collective."""
-    nodes = local_nodes(body.space, mesh, group)
+    nodes = body.nodes(group)
     index_map = body.block.index_map
     # Each node is counted once, by its owner.
     owned = nodes[nodes < index_map.size_local]

@@ -150,25 +150,16 @@ class RigidBody(OneNode):
         self._inertia = tensor
         self._position = np.asarray(position, dtype=float)
         self._attitude = R
-        self._velocity = np.asarray(velocity, dtype=float)
-        self._spin = np.asarray(spin, dtype=float)
+        # At the start, (3,): [m/s] of the centre of mass, and [rad/s] in space axes.
+        self.velocity: Array = np.asarray(velocity, dtype=float)
+        self.spin: Array = np.asarray(spin, dtype=float)
         # The attitude is orthonormal to `ATTITUDE_TOLERANCE` only; its QR factor is so to
         # round-off, as the constraints ask.  QR may reverse columns, and the signs turn them back.
         directors = np.linalg.qr(R)[0]
         directors *= np.sign(np.sum(directors * R, axis=0))
         self._q = np.vstack([self._position, directors.T])
-        self._v = np.vstack([self._velocity, np.cross(self._spin, directors.T)])
+        self._v = np.vstack([self.velocity, np.cross(self.spin, directors.T)])
         self._make_node(12)
-
-    @property
-    def velocity(self) -> Array:
-        """Velocity (3,) [m/s] of the centre of mass at the start."""
-        return self._velocity
-
-    @property
-    def spin(self) -> Array:
-        """Angular velocity (3,) [rad/s] in space axes at the start."""
-        return self._spin
 
     def terms(self, start: State) -> Iterable[Term]:
         mass = np.zeros((self.block.index_map.size_local, 4, 4))

@@ -161,15 +161,12 @@ class ThermalCurvature:
     Attributes:
         curvature: (2, 2) in the frame of the mesh, an expression of the difference.
         difference: T_front - T_back [K], a function that is constant in each cell.
-        given: its values in time.
+        set: gives a function of the same space the differences at a time [s].  Collective.
     """
 
     curvature: Expr
     difference: fem.Function
-    given: TemperatureInTime
-
-    def set(self, difference: fem.Function, t: float) -> None:
-        self.given.set(difference, t)
+    set: Callable[[fem.Function, float], None]
 
 
 def thermal_curvature(plate: Any) -> ThermalCurvature:
@@ -197,4 +194,4 @@ def thermal_curvature(plate: Any) -> ThermalCurvature:
         axes = ufl.as_matrix([[c.cosine, -c.sine], [c.sine, c.cosine]])
         in_axes = ufl.as_matrix([[alphas[0], 0], [0, alphas[1]]])
         curvature = ufl.dot(axes, ufl.dot(in_axes, axes.T))
-    return ThermalCurvature(curvature, difference, given)
+    return ThermalCurvature(curvature, difference, given.set)

@@ -115,8 +115,7 @@ class Crease:
         """Check that the edges of the crease lie between two triangles with normals on one side.
         Collective."""
         table = self.body.mesh.edges
-        lines = self.body.mesh.curve(self.edges, who)
-        owned = lines[lines < table.owned]
+        owned = self._owned
         on_rim = (~table.is_inside[owned]).sum()
         without_neighbours = (~table.is_known[owned]).sum()
         counts = np.array([len(owned), on_rim, without_neighbours])
@@ -154,7 +153,7 @@ class Crease:
     @property
     def _owned(self) -> Indices:
         table = self.body.mesh.edges
-        lines = self.body.mesh.curve(self.edges, self.name)
+        lines = self.body.mesh.curve(self.edges, f"Crease '{self.name}'")
         return lines[lines < table.owned]
 
     @cached_property

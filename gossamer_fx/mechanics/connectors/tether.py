@@ -154,17 +154,18 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         self._gather = Gather(system.numbering, [self._at.indices])
         mine = [terms[i] for i in self._at.owner]
         self._k = np.array([term.stiffness for term in mine], dtype=float)
-        self._brake = np.array([term.brake for term in mine], dtype=float)
+        brakes = np.array([term.brake for term in mine], dtype=float)
         self._total_length = np.array([term.total_length for term in mine], dtype=float)
         self.length = np.array([term.length for term in mine], dtype=float)
         self._given = []
         for i, term in enumerate(terms):
             if term.history is not None:
                 self._given.append((i, term.history))
-        # Stretch at which a brake slips [m].  A rope without a brake never slips: its entry is not
-        # read.
-        self._brakes = np.isfinite(self._brake)
-        self._yield = np.where(self._brakes, self._brake, 0.0) / self._k
+        # Force [N] and stretch [m] at which a brake slips.  A rope without a brake never slips: its
+        # entries are not read.
+        self._brakes = np.isfinite(brakes)
+        self._brake = np.where(self._brakes, brakes, 0.0)
+        self._yield = self._brake / self._k
         self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
         self.losses = [terms[i].name for i in self._braked]
         # L1 of a step with a history.
@@ -236,7 +237,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         if not self._braked:
             return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
-        loss = np.where(self._brakes, self._brake, 0.0) * slip
+        loss = self._brake * slip
         of_terms = np.bincount(self._at.owner, loss, len(self.terms)).astype(float)
         return of_terms[self._braked]
 
@@ -251,15 +252,17 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
 
     def lengths(self) -> Array:
         """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
-        found = np.zeros(len(self.terms))
-        found[self._at.owner] = self.length
-        return np.asarray(self._system.comm.allreduce(found))
+        return self._of_terms(self.length)
 
     def tensions(self) -> Array:
         """Tension (n,) [N] of the rope of each term in the accepted state, the same on every
         rank."""
+        return self._of_terms(self._k * np.maximum(self._l - self.length, 0.0))
+
+    def _of_terms(self, values: Array) -> Array:
+        """Values (n,) of the ropes of this rank as those of each term, the same on every rank."""
         found = np.zeros(len(self.terms))
-        found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
+        found[self._at.owner] = values
         return np.asarray(self._system.comm.allreduce(found))
 
     def get_state(self) -> dict[str, Any]:
