@@ -273,6 +273,7 @@ class LineBetween(Between):
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line."""
         return [(self.a, self.b)]
 
 

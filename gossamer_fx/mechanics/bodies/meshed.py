@@ -117,6 +117,7 @@ class Meshed(ABC):
 
     @property
     def full(self) -> Meshed:
+        """The body itself: its unknowns are the coordinates of its nodes."""
         return self
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:

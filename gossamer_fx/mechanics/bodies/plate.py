@@ -216,6 +216,7 @@ class Plate(Membrane):
 
     @property
     def has_thermal_curvature(self) -> bool:
+        """Whether a difference of temperature across the thickness bends the free plate."""
         return self.thermal is not None and self.thermal.gradient is not None
 
     def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:

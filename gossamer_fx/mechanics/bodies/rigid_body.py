@@ -238,6 +238,7 @@ class PointMass(OneNode):
         yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
 
     def port(self) -> Port:
+        """Where it is, for joints and springs."""
         return Port(self, (0,))
 
     def describe(self, node: int) -> str:

@@ -427,6 +427,7 @@ class RopeBundle:
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each rope."""
         return self.ends
 
     def terms(self, start: State) -> Iterable[Term]:

@@ -182,6 +182,7 @@ class Tape:
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each bar."""
         return self.bars
 
     def terms(self, start: State) -> Iterable[Term]:
