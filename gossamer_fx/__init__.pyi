@@ -36,7 +36,7 @@ from .mechanics.bodies.frames import Frame as Frame
 from .mechanics.bodies.frames import ground_frame as ground_frame
 from .mechanics.bodies.membrane import Membrane as Membrane
 from .mechanics.bodies.plate import Plate as Plate
-from .mechanics.bodies.point_mass import PointMass as PointMass
+from .mechanics.bodies.rigid_body import PointMass as PointMass
 from .mechanics.bodies.rigid_body import RigidBody as RigidBody
 from .mechanics.bodies.tabulated_cable import TabulatedCable as TabulatedCable
 from .mechanics.constraints.fixed import Fixed as Fixed

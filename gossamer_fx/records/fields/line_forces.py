@@ -10,7 +10,7 @@ import numpy as np
 from gossamer_fx.core.algebra.point_measures import evaluated_here
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStoredEnergy
 from gossamer_fx.solve.system.system import System
 
@@ -112,7 +112,7 @@ def _of_stored_energy(
 def _of_reel(system: System, connector: DrawnAsLines) -> LineForces:
     """Tension of a tether, whose natural length is on its reel."""
     # Imported here: a scene without a reel does not load it.
-    from gossamer_fx.mechanics.connectors.paid_out_ropes import PaidOutRopes
+    from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 
     for kind in system.compiled:
         if not isinstance(kind, PaidOutRopes):

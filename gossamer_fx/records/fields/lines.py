@@ -13,8 +13,8 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.model.body import Array, Attached, Port
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.fields import position

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gossamer_fx.core.model.body import Array, Attached, Port
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.outputs.output import Table
 from gossamer_fx.records.outputs.schedule import Schedule
 from gossamer_fx.solve.view import Run

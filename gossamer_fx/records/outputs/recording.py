@@ -34,8 +34,8 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero
 from gossamer_fx.core.model.body import Body, is_on_mesh
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of

@@ -8,8 +8,8 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.line_forces import LineForces, line_forces
