@@ -93,8 +93,8 @@ class HangingStrip:
         check_positive(self, "bending_stiffness", "N m")
         check(
             math.isfinite(self.area_density) and self.area_density >= 0,
-            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; give zero "
-            "or a positive number.",
+            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; "
+            "give zero or a positive number.",
         )
 
     def equilibrium(
@@ -187,8 +187,7 @@ class HangingStrip:
         if not found.success:
             raise NoEquilibrium(
                 f"No equilibrium of '{self.name}' under {weight:.3g} N with the rest angle "
-                f"{rest_angle:.3g} rad and "
-                f"the stiffness {stiffness:.3g} N m/m/rad: {found.message}"
+                f"{rest_angle:.3g} rad and the stiffness {stiffness:.3g} N m/m/rad: {found.message}"
             )
         θ = float(found.y[2, 0] - found.y[0, -1])
         down = found.y[4, -1]
@@ -339,8 +338,8 @@ def _check_measurements(W: Array, θ: Array, d: Array) -> None:
     )
     check(
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),
-        "identify_crease: what was measured holds numbers that are not finite, or negative "
-        "weights; correct it.",
+        "identify_crease: "
+        "what was measured holds numbers that are not finite, or negative weights; correct it.",
     )
 
 

@@ -143,8 +143,8 @@ class RunSource:
         found = self._evaluate(self.values())
         check(
             isinstance(found, Gradient),
-            f"{self.who}: evaluate returned a {type(found).__name__}; return what "
-            "gx.analysis.gradient returns.",
+            f"{self.who}: evaluate returned a {type(found).__name__}; "
+            "return what gx.analysis.gradient returns.",
         )
         known = {derivative.name: derivative for derivative in found}
         for name, value in self._values.items():
@@ -290,9 +290,8 @@ class DesignProblem:
         check_on_all(
             self.comm,
             basis.ndim == 2 and basis.shape[0] == len(values) and basis.shape[1] > 0,
-            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; give columns of the "
-            f"{len(values)} values "
-            "that the rank has.",
+            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; "
+            f"give columns of the {len(values)} values that the rank has.",
         )
         return DesignVariable(name, values, 1.0, basis, False)
 
@@ -361,8 +360,8 @@ class DesignProblem:
             check_on_all(
                 self.comm,
                 bool((low <= high).all()),
-                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; give "
-                "the smaller one first.",
+                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; "
+                "give the smaller one first.",
             )
             lows.append(low)
             highs.append(high)
@@ -381,8 +380,8 @@ class DesignProblem:
         check_on_all(
             self.comm,
             bound.ndim == 0 or bound.shape == (variable.size,),
-            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; give one "
-            f"number, or the {variable.size} numbers that the rank has.",
+            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; "
+            f"give one number, or the {variable.size} numbers that the rank has.",
         )
         return np.full(variable.size, bound / variable.scale)
 
@@ -487,7 +486,7 @@ class DesignProblem:
             check_on_all(
                 self.comm,
                 len(found[name]) == len(values),
-                f"{self.who}: the record has {len(found[name])} values of '{name}'; the scene has "
-                f"{len(values)}.",
+                f"{self.who}: the record has {len(found[name])} values of '{name}'; "
+                f"the scene has {len(values)}.",
             )
         return found

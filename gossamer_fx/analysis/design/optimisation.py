@@ -60,8 +60,8 @@ class Limit:
     def __post_init__(self) -> None:
         check(
             self.low <= self.high and (self.low > -math.inf or self.high < math.inf),
-            f"Limit: low is {self.low!r} and high is {self.high!r}; give one of them, or both in "
-            "this order.",
+            f"Limit: low is {self.low!r} and high is {self.high!r}; "
+            "give one of them, or both in this order.",
         )
 
 
@@ -279,9 +279,9 @@ def _search(
     )
     check(
         with_tao or not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
-        f"{problem.comm.size} ranks; use "
-        "method='blmvm' without limits, give a basis, or use one rank.",
+        f"{who}: '{', '.join(distributed)}' is a field, "
+        f"which is distributed over {problem.comm.size} ranks; "
+        "use method='blmvm' without limits, give a basis, or use one rank.",
     )
     # Two libraries, since SciPy's methods need the whole vector on each rank.
     if with_tao:

@@ -248,8 +248,8 @@ class _Series(RunSource):
         self._series = list(self._all(values))
         check(
             len(self._series) == self._count,
-            f"fit_runs: evaluate returned {len(self._series)} gradients; {self._count} values were "
-            "measured.",
+            f"fit_runs: evaluate returned {len(self._series)} gradients; "
+            f"{self._count} values were measured.",
         )
         return self._series[0]
 
@@ -295,8 +295,8 @@ def _solve(
     given = np.asarray(uncertainty, dtype=float)
     check(
         given.ndim == 0 or given.shape == y.shape,
-        f"{who}: there are {given.size} uncertainties and {len(y)} measured values; give one "
-        "number, or one for each value.",
+        f"{who}: there are {given.size} uncertainties and {len(y)} measured values; "
+        "give one number, or one for each value.",
     )
     σ = np.broadcast_to(given, y.shape)
     _check(problem, evaluate, y, σ, iterations, tolerance)
@@ -380,8 +380,8 @@ def _check(
     check(0 < tolerance < 1, f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.")
     check(
         bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
-        f"{who}: measured and uncertainty have values that are not finite, or uncertainties that "
-        "are not positive; correct them.",
+        f"{who}: measured and uncertainty have values that are not finite, "
+        "or uncertainties that are not positive; correct them.",
     )
     count = sum(1 for _ in evaluate(problem.start))
     check(
@@ -391,12 +391,11 @@ def _check(
     distributed = problem.distributed()
     check(
         not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
-        f"{problem.comm.size} ranks; give a "
-        "basis, or use one rank.",
+        f"{who}: '{', '.join(distributed)}' is a field, "
+        f"which is distributed over {problem.comm.size} ranks; give a basis, or use one rank.",
     )
     check(
         problem.size <= len(y),
-        f"{who}: {problem.size} numbers are fitted to {len(y)} results; fit fewer, or measure "
-        "more.",
+        f"{who}: {problem.size} numbers are fitted to {len(y)} results; "
+        "fit fewer, or measure more.",
     )

@@ -84,11 +84,12 @@ class SearchProgress:
         seconds_per_iteration = elapsed / max(state.iterations, 1)
         remaining = seconds_per_iteration * max(state.limit - state.iterations, 0)
         return (
-            f"equilibrium of {self._unknowns} unknowns: residual {state.residual:.1e} of "
-            f"{state.tolerance:.0e}, "
-            f"iteration {state.iterations} of at most {state.limit}, pseudo-step {state.steps} of "
-            f"{state.step:.1e} s, pseudo-time {state.pseudo_time:.1e} s, {elapsed:.0f} s so far, "
-            f"at most {remaining:.0f} s left"
+            f"equilibrium of {self._unknowns} unknowns: "
+            f"residual {state.residual:.1e} of {state.tolerance:.0e}, "
+            f"iteration {state.iterations} of at most {state.limit}, "
+            f"pseudo-step {state.steps} of {state.step:.1e} s, "
+            f"pseudo-time {state.pseudo_time:.1e} s, "
+            f"{elapsed:.0f} s so far, at most {remaining:.0f} s left"
         )
 
     def close(self) -> None:

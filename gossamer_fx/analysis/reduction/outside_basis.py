@@ -74,8 +74,8 @@ class OutsideBasis:
     def __init__(self, body: ReducedMembrane) -> None:
         check(
             isinstance(body, ReducedMembrane),
-            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that "
-            "`reduce` has made.",
+            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; "
+            "give one that `reduce` has made.",
         )
         self.body = body
         self._estimate: _Estimate | None = None

@@ -80,8 +80,8 @@ class RecordedShapes:
         for path in paths:
             part = _Part(comm, path)
             other_mesh = (
-                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film "
-                "that was recorded."
+                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; "
+                "give the film that was recorded."
             )
             displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
             by_time = displacements.reshape(owned, len(part.times), 3).transpose(1, 0, 2)
@@ -132,9 +132,9 @@ class RecordedShapes:
             InputError: two nodes lie on each other, so that files cannot distinguish them.
         """
         coincide = (
-            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot "
-            "be told apart in "
-            "files; record its shapes in memory with `Snapshots`."
+            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, "
+            "so that they cannot be told apart in files; "
+            "record its shapes in memory with `Snapshots`."
         )
         # All names of the same cube meet on one rank, which compares them; no values are exchanged.
         no_values = np.zeros((len(names), 0))

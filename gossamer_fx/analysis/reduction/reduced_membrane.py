@@ -63,9 +63,9 @@ class SampledMesh(Mesh):
             InputError: always.
         """
         raise InputError(
-            f"A reduced film has no group '{name}': supports, creases and loads on groups need the "
-            "film itself; tie "
-            "points of a reduced one by `port_at`."
+            f"A reduced film has no group '{name}': "
+            "supports, creases and loads on groups need the film itself; "
+            "tie points of a reduced one by `port_at`."
         )
 
 
@@ -237,16 +237,16 @@ def check_reducible(film: Membrane) -> None:
     """
     check(
         film.thermal is None,
-        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; leave "
-        "thermal out.",
+        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; "
+        "leave thermal out.",
     )
     start = InitialState([film], film.comm)
     has_own_terms = type(film).terms is not Membrane.terms
     check(
         not has_own_terms
         and all(isinstance(term, KineticEnergy | StoredEnergy) for term in film.terms(start)),
-        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those "
-        "cannot be reduced.",
+        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); "
+        "those cannot be reduced.",
     )
 
 

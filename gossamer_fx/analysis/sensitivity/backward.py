@@ -186,10 +186,9 @@ class BackwardSteps:
         self.residual = max(self.residual, forces / max(scale, TINY))
         if forces > MAX_RESIDUAL * max(scale, TINY):
             raise StepFailure(
-                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual "
-                f"is {forces / max(scale, TINY):.1e} of its momenta; an event or a change of a "
-                "parameter between steps "
-                "has no gradient."
+                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, "
+                f"its residual is {forces / max(scale, TINY):.1e} of its momenta; "
+                "an event or a change of a parameter between steps has no gradient."
             )
 
     # ---- its adjoint -----------------------------------------------------------------------------
@@ -338,8 +337,8 @@ class ScalarParts:
             adjoint = scalars.adjoint()
             check(
                 adjoint is not None,
-                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it "
-                "out.",
+                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; "
+                "leave it out.",
             )
             self.parts.append(adjoint)
             self._sizes.append(scalars.size)

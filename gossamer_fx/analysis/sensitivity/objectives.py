@@ -272,8 +272,8 @@ class CrossingTime:
     def __call__(self, run: HasScene) -> float:
         """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
         raise InputError(
-            "CrossingTime: one state does not know when a value was passed; use it in "
-            "gx.analysis.gradient(tape, ...)."
+            "CrossingTime: one state does not know when a value was passed; "
+            "use it in gx.analysis.gradient(tape, ...)."
         )
 
     def add_derivative(
@@ -303,8 +303,8 @@ class CrossingTime:
         """
         check(
             self.has_passed(values),
-            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is "
-            f"between {min(values):.6g} and {max(values):.6g}.",
+            f"CrossingTime: the result does not pass {self.value!r}; "
+            f"in the recorded steps it is between {min(values):.6g} and {max(values):.6g}.",
         )
         last = len(times) - 1
         before, after = np.asarray(values[-2:]) - self.value
@@ -375,8 +375,7 @@ class Functional:
                 check(
                     len(given) == owned.stop - owned.start,
                     f"Functional: the derivative by '{body.name}' has {len(given)} entries; give "
-                    "one for each of the "
-                    f"{owned.stop - owned.start} coordinates of this rank.",
+                    f"one for each of the {owned.stop - owned.start} coordinates of this rank.",
                 )
                 values[owned] += given
 

@@ -71,13 +71,14 @@ class StaticGradients:
         for scalars in system.scalar_unknowns:
             check(
                 scalars.is_closed,
-                "gradient: the gas of chambers with openings depends at equilibrium on how it got "
-                "there; leave the openings out, or take the gradient of a run.",
+                "gradient: "
+                "the gas of chambers with openings depends at equilibrium on how it got there; "
+                "leave the openings out, or take the gradient of a run.",
             )
             check(
                 not any(name.endswith(f".{SHAPE}") for name in by),
-                "gradient: the amount of gas in a chamber depends on the shape of its film; give "
-                "the pressure as Pressure, or leave the shape out.",
+                "gradient: the amount of gas in a chamber depends on the shape of its film; "
+                "give the pressure as Pressure, or leave the shape out.",
             )
         self._equilibrium = equilibrium
         self._system = system

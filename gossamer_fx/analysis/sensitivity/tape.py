@@ -119,8 +119,8 @@ class RunTape:
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
-            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use "
-            "Midpoint(dt=...).",
+            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; "
+            "use Midpoint(dt=...).",
         )
         check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
         self.system = run.system
@@ -131,8 +131,8 @@ class RunTape:
         check_on_all(
             self.system.comm,
             FEWEST_STATES * first.bytes <= memory,
-            f"RunTape: memory is {memory:.3g} bytes; four states need "
-            f"{FEWEST_STATES * first.bytes} bytes on a rank.",
+            f"RunTape: memory is {memory:.3g} bytes; "
+            f"four states need {FEWEST_STATES * first.bytes} bytes on a rank.",
         )
         self.nodes: list[Node] = [first]
         # Counted along with the states: a sum over all of them in every step would grow with the

@@ -233,8 +233,8 @@ class TransientGradients:
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g "
-                "t); a relative change of 1e-4 is predicted for about %.3g s",
+                "gradient: changes of the motion grow by a factor of %.1e in this run, "
+                "as exp(%.3g t); a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,
                 math.log(1e4) / rate,

@@ -52,9 +52,8 @@ class TransposedSolver:
         problem = factorisation.set_up(self._pc)
         if problem:
             raise InputError(
-                f"gradient: the tangent cannot be factorised, {problem}; hold the rigid motions of "
-                "the scene, or give "
-                "slack film a residual stiffness."
+                f"gradient: the tangent cannot be factorised, {problem}; "
+                "hold the rigid motions of the scene, or give slack film a residual stiffness."
             )
 
     def add_to_inverse(self, stiffnesses: Sequence[tuple[Array, float]]) -> None:

@@ -429,9 +429,8 @@ def refuse_unknown_kinds(system: System) -> None:
             words = kind.without_gradient()
         else:
             words = (
-                f"'{brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
-                "are not known; "
-                "leave it out of the scene"
+                f"'{brought_by(system, kind)}' has no gradient, "
+                "as the derivatives of its forces are not known; leave it out of the scene"
             )
         check_on_all(system.comm, not words, f"gradient: {words}.")
 
@@ -471,8 +470,8 @@ def _find(
     check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
     check(
         len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different "
-        "names.",
+        f"gradient: {len(items)} items of the scene are called '{item_name}'; "
+        "give them different names.",
     )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
@@ -492,8 +491,8 @@ def _find(
     ]
     check(
         bool(found),
-        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
-        f"has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
+        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; "
+        f"it has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
@@ -538,8 +537,8 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
     for kind in system.compiled:
         if not (isinstance(kind, Differentiable) and kind.has_shape_derivative):
             raise InputError(
-                f"gradient: '{brought_by(system, kind)}' is measured on the mesh when the scene "
-                "is made, so that "
-                f"there is no derivative by '{name}'; leave it out of the scene."
+                "gradient: "
+                f"'{brought_by(system, kind)}' is measured on the mesh when the scene is made, "
+                f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

@@ -531,11 +531,11 @@ class Equilibrium:
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
             if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
-                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} "
-                    "pseudo-steps: the "
-                    f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
-                    f"largest in {self.system.locate(self._residual)}; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
+                    f"No equilibrium after {self._iterations} Newton iterations "
+                    f"in {self._steps} pseudo-steps: "
+                    f"the unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
+                    f"largest in {self.system.locate(self._residual)}; last failure: "
+                    f"{reason}.{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
@@ -554,9 +554,9 @@ class Equilibrium:
         interrupted = Interrupted(number)
         if self.comm.rank == 0:
             LOG.warning(
-                "The search for an equilibrium was stopped by %s after %d Newton iterations in %d "
-                "pseudo-steps, with "
-                "%.1e of the load unbalanced; the system has the state of the last pseudo-step.",
+                "The search for an equilibrium was stopped by %s after %d Newton iterations "
+                "in %d pseudo-steps, with %.1e of the load unbalanced; "
+                "the system has the state of the last pseudo-step.",
                 interrupted.signal.name,
                 self._iterations,
                 self._steps,
@@ -573,25 +573,24 @@ class Equilibrium:
             LOG.warning("%s", lost)
         if not result.within_tolerance:
             LOG.warning(
-                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the "
-                "inner forces have a "
-                "round-off of %.1e N.",
+                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: "
+                "the inner forces have a round-off of %.1e N.",
                 result.residual,
                 self.search.tolerance,
                 self.newton.round_off,
             )
         if result.free:
             LOG.warning(
-                "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must "
-                "not move.",
+                "The equilibrium is not unique: nothing resists %s; "
+                "hold it by gx.Fixed if it must not move.",
                 listed(result.free),
             )
         elif not result.regular:
             LOG.warning(
-                "The equilibrium is not regular: its tangent is singular or Newton's iteration "
-                "without inertia does "
-                "not converge, as in slack film or at a limit load; shape and modes of such parts "
-                "are not unique."
+                "The equilibrium is not regular: "
+                "its tangent is singular or Newton's iteration without inertia does not converge, "
+                "as in slack film or at a limit load; "
+                "shape and modes of such parts are not unique."
             )
 
     @cached_property
@@ -686,11 +685,10 @@ class Equilibrium:
         round_off = self.newton.round_off
         if 0 < load < LOST_LOAD * round_off and self.comm.rank == 0:
             LOG.warning(
-                "The equilibrium does not show the loads: their %.1e N are far below the round-off "
-                "of the inner "
-                "forces, %.1e N, so that displacements may be too small by any factor; a plate "
-                "this thin needs cells "
-                "of aspect near one, or is a Membrane.",
+                "The equilibrium does not show the loads: "
+                "their %.1e N are far below the round-off of the inner forces, "
+                "%.1e N, so that displacements may be too small by any factor; "
+                "a plate this thin needs cells of aspect near one, or is a Membrane.",
                 load,
                 round_off,
             )
@@ -720,9 +718,9 @@ class Equilibrium:
         k = int(farthest.argmax())
         if farthest[k] > MAX_RELATIVE_DISPLACEMENT * self._scene_size:
             raise NoEquilibrium(
-                f"No equilibrium: '{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and "
-                "moves on; hold it, or "
-                "let the loads on it balance each other."
+                "No equilibrium: "
+                f"'{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves on; "
+                "hold it, or let the loads on it balance each other."
             )
 
     # ---- uniqueness ------------------------------------------------------------------------------

@@ -63,18 +63,20 @@ def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[
         # A law whose energy is quadratic makes no difference between tension and compression.
         if body.law.quadratic:
             yield (
-                f"Film '{body.name}' resists compression with its full stiffness but has no "
-                "bending stiffness, so that it buckles: take a law with a residual_stiffness of "
-                f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
+                f"Film '{body.name}' resists compression with its full stiffness "
+                "but has no bending stiffness, so that it buckles: "
+                f"take a law with a residual_stiffness of {SMALL_RESIDUAL_STIFFNESS:g} or less, "
+                "or stretch the film more."
             )
         elif stiffness > 0:
             _, _, taut = AreaFractions([body])(system)
             share = 1 - taut
             yield (
-                f"Film '{body.name}' is not taut on {100 * share:.0f} % of its area. There it "
-                f"resists compression with {stiffness:.0e} of its stiffness but has no bending "
-                "stiffness, so that it buckles: stretch it more, let its free edges be arcs with "
-                f"cords, or take a smaller residual_stiffness than {stiffness:.0e}."
+                f"Film '{body.name}' is not taut on {100 * share:.0f} % of its area. "
+                f"There it resists compression with {stiffness:.0e} of its stiffness "
+                "but has no bending stiffness, so that it buckles: "
+                "stretch it more, let its free edges be arcs with cords, "
+                f"or take a smaller residual_stiffness than {stiffness:.0e}."
             )
 
 
@@ -91,20 +93,22 @@ def loaded_beams(system: System) -> Iterator[str]:
         compression = -_mean_tension(system, beam, length)
         is_buckling |= compression >= CANTILEVER_SHARE * pinned_load
         yield (
-            f"Beam '{beam.name}' is deflected by up to {_deflection(system, beam):.3g} m and bears "
-            f"a compression of {compression:.3g} N; it buckles at {pinned_load:.3g} N between "
-            "hinges, and at a quarter of that as a cantilever."
+            f"Beam '{beam.name}' is deflected by up to {_deflection(system, beam):.3g} m "
+            f"and bears a compression of {compression:.3g} N; "
+            f"it buckles at {pinned_load:.3g} N between hinges, "
+            "and at a quarter of that as a cantilever."
         )
     if is_buckling:
         yield (
-            "Reduce the compression: softer springs, a larger length of the cables, a lower "
-            "initial_stress of the film; or take a stiffer section. A finer mesh does not help."
+            "Reduce the compression: "
+            "softer springs, a larger length of the cables, a lower initial_stress of the film; "
+            "or take a stiffer section. A finer mesh does not help."
         )
     elif any(isinstance(body, Membrane) for body in system.bodies):
         yield (
-            "If the deflection of the beams slackens the film, allow for it in the length of the "
-            "cables, take softer springs that are stretched more, or a stiffer section. A finer "
-            "mesh does not help."
+            "If the deflection of the beams slackens the film, "
+            "allow for it in the length of the cables, take softer springs "
+            "that are stretched more, or a stiffer section. A finer mesh does not help."
         )
 
 

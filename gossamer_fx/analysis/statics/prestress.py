@@ -209,8 +209,8 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
     if any(one.unit == "Pa" for one in lost.values()):
         remedy += "; a straight free edge of a film bears no stress, an arc with a cord does"
     return (
-        "The prestress that was asked for is not reached, as supports give way or loads relieve "
-        f"it: {', '.join(words)}; {remedy}."
+        "The prestress that was asked for is not reached, "
+        f"as supports give way or loads relieve it: {', '.join(words)}; {remedy}."
     )
 
 

@@ -84,8 +84,8 @@ def _unsupported(system: System) -> Iterator[str]:
     total: Array = system.comm.allreduce(sums, op=MPI.SUM)
     if np.linalg.norm(total[:3]) > BALANCED * total[3]:
         yield (
-            "Nothing in the scene is supported, and its loads do not balance each other: hold it "
-            "by gx.Fixed."
+            "Nothing in the scene is supported, and its loads do not balance each other: "
+            "hold it by gx.Fixed."
         )
 
 
@@ -123,15 +123,15 @@ def collapsing_pressures(
         if is_inwards:
             cause = "the normals of its mesh point inwards"
             remedy = (
-                "turn all its triangles (orient=True when the mesh is made or read, or "
-                "model.mesh.reverse() of gmsh), or change the sign of the pressure"
+                "turn all its triangles (orient=True when the mesh is made or read, "
+                "or model.mesh.reverse() of gmsh), or change the sign of the pressure"
             )
         else:
             cause = "the pressure is negative and the normals of its mesh point outwards"
             remedy = "change the sign of the pressure"
         words = (
-            f"'{item.name}' presses the {kind} '{film.name}' together, as {cause} "
-            f"(mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
+            f"'{item.name}' presses the {kind} '{film.name}' together, "
+            f"as {cause} (mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
         )
         yield CollapsingPressure(words, is_inwards)
 
@@ -168,7 +168,7 @@ def _soft_films(system: System) -> Iterator[str]:
         stiffness = getattr(body.law, "residual_stiffness", None)
         if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
             yield (
-                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
-                "stiffness only: take "
-                f"order=1 with a finer mesh, or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
+                f"'{body.name}' is of order 2 and resists compression "
+                f"by {stiffness:.0e} of its stiffness only: take order=1 with a finer mesh, "
+                f"or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
             )

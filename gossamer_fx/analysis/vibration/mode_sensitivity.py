@@ -81,8 +81,8 @@ class Frequency:
         """
         check(
             not self._equilibrium.system.scalar_unknowns,
-            "Frequency: the scene has gas chambers, by whose state it is not derived; give their "
-            "pressure as Pressure.",
+            "Frequency: the scene has gas chambers, by whose state it is not derived; "
+            "give their pressure as Pressure.",
         )
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
@@ -97,8 +97,8 @@ class Frequency:
                 check(
                     distance > SMALLEST_DISTANCE,
                     f"Frequency: modes {self.number} and {k} have the same frequency, "
-                    f"{mode.frequency:.6g} Hz, which "
-                    "has no derivative; choose another mode, or break the symmetry.",
+                    f"{mode.frequency:.6g} Hz, which has no derivative; "
+                    "choose another mode, or break the symmetry.",
                 )
         return mode
 
@@ -193,9 +193,8 @@ def _check_made_of_forms(system: System) -> None:
     for kind in system.compiled:
         check(
             isinstance(kind, Differentiable) and kind.forces_are_forms,
-            f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not "
-            "known; leave out what "
-            "acts on points.",
+            f"Frequency: the scene has {type(kind).__name__}, "
+            "whose second derivatives are not known; leave out what acts on points.",
         )
 
 
@@ -215,7 +214,6 @@ def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
     transposed.axpy(-1.0, force)
     check(
         transposed.norm() <= MAX_ASYMMETRY * force.norm(),
-        "Frequency: loads make the stiffness unsymmetric, so that its frequencies have no "
-        "derivative here; hold the "
-        "rim of what is under pressure.",
+        "Frequency: loads make the stiffness unsymmetric, "
+        "so that its frequencies have no derivative here; hold the rim of what is under pressure.",
     )

@@ -209,8 +209,8 @@ def modes(
         found = _modes_in_turning_frame(K, G, M, count, shift)
     if len(found) < count:
         raise NoEquilibrium(
-            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the "
-            "equilibrium."
+            f"Only {len(found)} of {count} modes converged; "
+            "ask for fewer, or check the equilibrium."
         )
 
     nearest = sorted(found, key=lambda mode: _distance(mode, ω))[:count]
@@ -304,8 +304,8 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
         stiffnesses = scalars.vibration_stiffness()
         check(
             stiffnesses is not None,
-            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
-            "out.",
+            "modes: the scene has scalar unknowns whose stiffness is not known here; "
+            "leave them out.",
         )
         for gradient, stiffness in stiffnesses or ():
             values = gradient.copy()
@@ -313,9 +313,8 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
             found.append((values, stiffness))
     check(
         not (found and is_turning),
-        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give "
-        "their pressure as "
-        "Pressure, or leave spin out.",
+        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; "
+        "give their pressure as Pressure, or leave spin out.",
     )
     return found
 
@@ -363,8 +362,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
             reason = f"nothing resists {listed(result.free)}, or film is slack"
         LOG.warning(
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
-            "prestress the film, give it a residual stiffness, hold what is free, or ask for modes "
-            "above a frequency.%s",
+            "prestress the film, give it a residual stiffness, "
+            "hold what is free, or ask for modes above a frequency.%s",
             zeros,
             len(found),
             limit,
@@ -561,8 +560,8 @@ def _check_inverse(problem: str) -> None:
     """Raise `NoEquilibrium` if a factorisation has failed."""
     if problem:
         raise NoEquilibrium(
-            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose "
-            "another."
+            f"modes: the stiffness is singular at the frequency asked for, {problem}; "
+            "choose another."
         )
 
 
@@ -597,8 +596,8 @@ def _modes_at_rest(
         found += _search(operator, missing, shift)
     else:
         raise NoEquilibrium(
-            f"modes: {missing} modes below the last one were not found, though the stiffness has "
-            "them; ask for more modes."
+            f"modes: {missing} modes below the last one were not found, "
+            "though the stiffness has them; ask for more modes."
         )
     return found
 

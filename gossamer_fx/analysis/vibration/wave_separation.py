@@ -82,9 +82,8 @@ def travelling_waves(
     b = np.asarray(sine, dtype=float)
     check(
         t.ndim == 1 and len(t) >= LEAST_SAMPLES and t.shape == a.shape == b.shape,
-        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, {a.shape} and "
-        f"{b.shape}; give "
-        f"{LEAST_SAMPLES} or more values of each.",
+        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, "
+        f"{a.shape} and {b.shape}; give {LEAST_SAMPLES} or more values of each.",
     )
     check(
         bool(np.all(np.diff(t) > 0)),

@@ -71,9 +71,9 @@ class EdgeRotation:
             self._check_is_across(start, lambda midpoints: self._directions(midpoints, 0.0))
             check(
                 not self.plate.has_thermal_curvature,
-                f"'{self.name}' turns with time, but '{self.plate.name}' has a gradient of "
-                "temperature; clamp it in a "
-                "constant direction, or leave the gradient out.",
+                f"'{self.name}' turns with time, "
+                f"but '{self.plate.name}' has a gradient of temperature; "
+                "clamp it in a constant direction, or leave the gradient out.",
             )
 
             def set_directions(directions: fem.Function, t: float) -> None:
@@ -138,8 +138,8 @@ class EdgeRotation:
         check_on_all(
             self.plate.comm,
             is_right and bool(np.linalg.norm(d, axis=0).all()),
-            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or "
-            f"of shape {d.shape} instead of {X.shape}; correct its function.",
+            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, "
+            f"somewhere, or of shape {d.shape} instead of {X.shape}; correct its function.",
         )
         unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
         return unit_directions
@@ -186,9 +186,9 @@ class EdgeRotation:
         sine, direction, point = min(self.plate.comm.allgather(worst))
         check(
             sine >= MIN_SINE,
-            f"'{self.name}': its direction ({_three(direction)}) lies along the edge at "
-            f"({_three(point)}) m; give the "
-            "direction across the edge, to which the plate is tangent there.",
+            f"'{self.name}': "
+            f"its direction ({_three(direction)}) lies along the edge at ({_three(point)}) m; "
+            "give the direction across the edge, to which the plate is tangent there.",
         )
 
     def _measure(self) -> ufl.Measure:

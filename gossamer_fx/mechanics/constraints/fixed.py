@@ -110,14 +110,14 @@ class Fixed:
             )
             check(
                 self.motion is None,
-                f"'{self.name}': normal and motion are given; leave one of them out, or give "
-                "components.",
+                f"'{self.name}': normal and motion are given; "
+                "leave one of them out, or give components.",
             )
         if self.direction is not None and not callable(self.direction):
             check(
                 any(self.direction),
-                f"'{self.name}': direction is {self.direction!r}; give three numbers, not all "
-                "zero.",
+                f"'{self.name}': direction is {self.direction!r}; "
+                "give three numbers, not all zero.",
             )
         if self.rotation:
             self._check_rotation()
@@ -148,25 +148,25 @@ class Fixed:
 
         check(
             isinstance(self.body, Beam | Plate),
-            f"'{self.name}': '{self.body.name}' has no stiffness in bending, so its rotation "
-            "cannot be fixed; use a "
-            "Beam or a Plate, or leave rotation, direction and twist out.",
+            f"'{self.name}': "
+            f"'{self.body.name}' has no stiffness in bending, so its rotation cannot be fixed; "
+            "use a Beam or a Plate, or leave rotation, direction and twist out.",
         )
         if isinstance(self.body, Plate):
             from gossamer_fx.mechanics.constraints.edge_rotation import check_is_rim
 
             check(
                 not callable(self.twist) and self.twist == 0,
-                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; turn its edge "
-                "by direction.",
+                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; "
+                "turn its edge by direction.",
             )
             check_is_rim(self.body, self.group)
         else:
             check(
                 self.components == ALL_COMPONENTS and self.normal is None,
-                f"'{self.name}': components or normal are given, but a clamped section of a beam "
-                "has all of its "
-                "coordinates fixed; leave them out.",
+                f"'{self.name}': components or normal are given, "
+                "but a clamped section of a beam has all of its coordinates fixed; "
+                "leave them out.",
             )
 
     def requires(self) -> Iterable[Any]:

@@ -61,8 +61,8 @@ def check_coincide(
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
-        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them "
-        "coincide.",
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
+        "let them coincide.",
     )
 
 

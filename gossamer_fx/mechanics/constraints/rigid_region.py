@@ -106,8 +106,8 @@ class RigidRegion:
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")
         check(
             not (self.sliding and count == 3),
-            f"'{self.name}' slides, but its nodes are not in one plane; leave sliding out, or name "
-            "a plane edge.",
+            f"'{self.name}' slides, but its nodes are not in one plane; "
+            "leave sliding out, or name a plane edge.",
         )
 
     # ---- what it is loaded and joined by ---------------------------------------------------------
@@ -134,8 +134,8 @@ class RigidRegion:
         directors = self.piece.directors
         check(
             len(directors) > 1,
-            f"The nodes of '{self.name}' are on one line, about which it has no rotation; apply "
-            "torques to its line.",
+            f"The nodes of '{self.name}' are on one line, about which it has no rotation; "
+            "apply torques to its line.",
         )
         return Frame(self.piece.port(), directors, name=self.name)
 
@@ -149,8 +149,8 @@ class RigidRegion:
         """
         check(
             self.rigid_body is None and len(self.piece.directors) == 1,
-            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; apply "
-            "torques to its frame.",
+            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; "
+            "apply torques to its frame.",
         )
         return Line(self.piece.port(), self.piece.directors)
 

@@ -109,8 +109,8 @@ class Seam:
             begin, end = self.closing
             check(
                 0 <= begin < end,
-                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; give two times that "
-                "rise, from 0 on.",
+                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; "
+                "give two times that rise, from 0 on.",
             )
         check(
             self.max_ease >= 0,
@@ -119,15 +119,15 @@ class Seam:
         line_a, line_b = self._lines
         check(
             line_a.is_closed == line_b.is_closed,
-            f"Seam '{self.name}': one of its edges is closed and the other is open; cut both "
-            "alike.",
+            f"Seam '{self.name}': one of its edges is closed and the other is open; "
+            "cut both alike.",
         )
         # Relative to the shorter line, so that the order of the edges does not matter.
         difference = max(self.ease, 1 / (1 + self.ease) - 1)
         check(
             difference <= self.max_ease,
-            f"Seam '{self.name}': its edges are {line_a.length:.4g} m and {line_b.length:.4g} m "
-            "long, "
+            f"Seam '{self.name}': "
+            f"its edges are {line_a.length:.4g} m and {line_b.length:.4g} m long, "
             f"{difference:.1%} apart; cut them alike, or allow it by max_ease={difference:.2g}.",
         )
 

@@ -108,9 +108,8 @@ class SectionRotation:
         check_on_all(
             self.beam.comm,
             bool((length > 0).all() and (cosine > OPPOSITE - 1).all()),
-            f"The direction {when} is zero, or opposite to that of the section, so that no turn is "
-            "the shortest; go "
-            "there by a function of time.",
+            f"The direction {when} is zero, or opposite to that of the section, "
+            "so that no turn is the shortest; go there by a function of time.",
         )
         # Rodrigues' formula with sine and cosine taken from the two directions; v (n, 3, 3) is the
         # skew matrix of their cross product.

@@ -126,22 +126,23 @@ class Tie:
         ends, segments = self._segments(start)
         check(
             len(ends) > 0,
-            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of "
-            f"'{self.b.name}'.",
+            f"'{self.name}': the group '{self.group_b}' has no edges; "
+            f"name a line of '{self.b.name}'.",
         )
         count = comm.allreduce(len(own))
         check(
             count > 0,
-            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of "
-            f"'{self.a.name}'.",
+            f"'{self.name}': the group '{self.group_a}' has no nodes; "
+            f"name a line of '{self.a.name}'.",
         )
         which, fractions, distance = _nearest(x, segments)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
             comm,
             far <= COINCIDE,
-            f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at "
-            "the start; let them lie on it.",
+            f"'{self.name}': "
+            f"nodes of the first are up to {far:.3g} m away from the second line at the start; "
+            "let them lie on it.",
         )
         numbers = index_map.local_to_global(own)
         pairs = []

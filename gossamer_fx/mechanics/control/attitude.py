@@ -368,8 +368,8 @@ class AttitudeControl:
     ) -> None:
         check(
             len(frame.directors) >= 2,
-            f"'{name}' acts on something without position gradient; give the frame of a rigid body "
-            "or beam, or a patch of a film.",
+            f"'{name}' acts on something without position gradient; "
+            "give the frame of a rigid body or beam, or a patch of a film.",
         )
         check(
             math.isfinite(period) and period >= 0,
@@ -383,15 +383,16 @@ class AttitudeControl:
         self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
-            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m "
-            "s/rad; none may be negative.",
+            f"'{name}': "
+            f"gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; "
+            "none may be negative.",
         )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
         check(
             bool(is_orthonormal and np.linalg.det(self.axes) > 0),
-            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with "
-            "columns u, v, w.",
+            f"'{name}': its axes are not right-handed and orthonormal; "
+            "give a rotation matrix with columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)

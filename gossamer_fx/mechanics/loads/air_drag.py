@@ -71,8 +71,8 @@ class AirDrag:
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
-            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a "
-            "positive number.",
+            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; "
+            "give a positive number.",
         )
 
     def requires(self) -> Iterable[Any]:

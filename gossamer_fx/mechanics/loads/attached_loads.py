@@ -160,8 +160,8 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         if not self._masses:
             return ""
         return (
-            f"'{self._name}' acts on masses that are attached to its body; leave them out of the "
-            "scene"
+            f"'{self._name}' acts on masses that are attached to its body; "
+            "leave them out of the scene"
         )
 
     def supplied(self) -> float:

@@ -70,14 +70,15 @@ class Damping:
             self.mass_factor >= 0
             and self.stiffness_factor >= 0
             and self.mass_factor + self.stiffness_factor > 0,
-            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s and stiffness_factor "
-            f"{self.stiffness_factor!r} s; give one that is positive, and none that is negative.",
+            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s "
+            f"and stiffness_factor {self.stiffness_factor!r} s; "
+            "give one that is positive, and none that is negative.",
         )
         check(
             not self.tension_only
             or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
-            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it "
-            "out, or give both.",
+            f"Damping '{self.name}': tension_only is for the stiffness damping of films; "
+            "leave it out, or give both.",
         )
 
     def requires(self) -> Iterable[Any]:

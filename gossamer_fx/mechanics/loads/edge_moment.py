@@ -60,15 +60,15 @@ class EdgeMoment:
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),
-            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; name a "
-            "part of its rim.",
+            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; "
+            "name a part of its rim.",
         )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
         check(
             callable(self.moment) or math.isfinite(self.moment),
-            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a "
-            "function of time.",
+            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; "
+            "give a finite number or a function of time.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -52,8 +52,8 @@ class Pressure:
         """Check the arguments."""
         check(
             callable(self.pressure) or math.isfinite(self.pressure),
-            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a "
-            "function of time.",
+            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; "
+            "give a finite number or a function of time.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -111,8 +111,8 @@ class StartFrom:
         from_full = full is not body and there is not None and there.body is full
         check(
             there is not None and (from_full or there.body.block.size == body.block.size),
-            f"'{self.name}' has no body '{body.name}' like this scene's; start from the same "
-            "bodies.",
+            f"'{self.name}' has no body '{body.name}' like this scene's; "
+            "start from the same bodies.",
         )
         assert there is not None
         values = there.coordinates().ravel()

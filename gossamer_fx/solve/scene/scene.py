@@ -75,8 +75,8 @@ class Scene:
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
-            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
-            "by name=....",
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; "
+            "give each its own by name=....",
         )
 
         starts = [item.name for item in self.items if isinstance(item, StartFrom)]
@@ -94,13 +94,13 @@ class Scene:
         """
         if not isinstance(item, Item):
             raise InputError(
-                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
-                "or connectors."
+                f"{item!r} is not an item of a scene; "
+                "give bodies, gas parts, loads, constraints or connectors."
             )
         check(
             any(isinstance(item, part) for part in BRINGS.values()),
-            f"'{item.name}' ({type(item).__name__}) is not a scene item: it defines none of "
-            f"{', '.join(BRINGS)}; give it one of them, or leave it out.",
+            f"'{item.name}' ({type(item).__name__}) is not a scene item: "
+            f"it defines none of {', '.join(BRINGS)}; give it one of them, or leave it out.",
         )
         if any(item is known for known in self.items):
             return
@@ -146,8 +146,9 @@ class Scene:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
             check(
                 same,
-                f"'{body.name}' is on {body.comm.size} ranks and '{self.bodies[0].name}' on "
-                f"{self.comm.size}; make all bodies of a scene with the same comm.",
+                f"'{body.name}' is on {body.comm.size} ranks "
+                f"and '{self.bodies[0].name}' on {self.comm.size}; "
+                "make all bodies of a scene with the same comm.",
             )
 
     def compile(self, rule: StressRule | None = None) -> System:
@@ -173,8 +174,8 @@ class Scene:
                 check_on_all(
                     self.comm,
                     bool(np.isfinite(values).all()),
-                    f"The initial {what} of '{body.name}' is not finite everywhere; check the "
-                    "function that gives it.",
+                    f"The initial {what} of '{body.name}' is not finite everywhere; "
+                    "check the function that gives it.",
                 )
         start = InitialState(self.bodies, self.comm)
         for item in self.items:

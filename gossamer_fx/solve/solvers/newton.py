@@ -229,9 +229,9 @@ class Newton:
         kind = options.getString("snes_linesearch_type", "basic")
         check(
             kind == "basic",
-            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of "
-            "Newton's, so that a "
-            "line search would lead it astray; leave the option out.",
+            f"-gx_snes_linesearch_type {kind}: "
+            "the strains of the iteration follow each step of Newton's, "
+            "so that a line search would lead it astray; leave the option out.",
         )
         options["snes_linesearch_type"] = "basic"
 
@@ -599,7 +599,7 @@ class Newton:
         if first_unsolved:
             why += f", {first_unsolved},"
         return (
-            f"{why} after {iterations} iterations, residual {residual.imbalance:.1e} N of "
-            f"{self.convergence.reference:.1e} N at first, largest in "
-            f"{self.system.locate(self._r)}"
+            f"{why} after {iterations} iterations, "
+            f"residual {residual.imbalance:.1e} N of {self.convergence.reference:.1e} N at first, "
+            f"largest in {self.system.locate(self._r)}"
         )

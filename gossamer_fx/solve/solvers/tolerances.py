@@ -64,6 +64,6 @@ class Tolerances:
             check(value < 1, f"Tolerances: {name} is {value!r}; give a number below 1.")
         check(
             self.max_iterations >= 1,
-            f"Tolerances: max_iterations is {self.max_iterations!r}; give a number of at least "
-            "one.",
+            f"Tolerances: max_iterations is {self.max_iterations!r}; "
+            "give a number of at least one.",
         )

@@ -68,8 +68,8 @@ class GeneralizedAlpha:
         check_step(self)
         check(
             0 <= self.spectral_radius <= 1,
-            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and "
-            "1.",
+            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; "
+            "it lies between 0 and 1.",
         )
 
     @property
@@ -91,8 +91,9 @@ class GeneralizedAlpha:
         # open.
         check(
             not system.active_sets,
-            "GeneralizedAlpha: the scene has contact, in which this method neither conserves "
-            "energy nor reports what it loses; use Midpoint, or leave the contact out.",
+            "GeneralizedAlpha: the scene has contact, "
+            "in which this method neither conserves energy nor reports what it loses; "
+            "use Midpoint, or leave the contact out.",
         )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 

@@ -288,8 +288,8 @@ class LocalError:
         self._mass = self._total_mass()
         check(
             self._mass > 0,
-            "StepControl: nothing in the scene has mass, whose error could be measured; leave "
-            "error out.",
+            "StepControl: nothing in the scene has mass, whose error could be measured; "
+            "leave error out.",
         )
 
     def _total_mass(self) -> float:

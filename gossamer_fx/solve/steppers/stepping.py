@@ -121,8 +121,8 @@ class EqualSteps:
     ) -> None:
         check(
             halvings >= 0,
-            f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
-            "zero.",
+            f"halvings is {halvings!r}; "
+            "give the number of times that a step may be halved, or zero.",
         )
         self._system = system
         self._solver = solver

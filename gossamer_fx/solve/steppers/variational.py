@@ -112,12 +112,13 @@ class VariationalMidpoint:
         # discrete Lagrangian.
         check(
             not system.active_sets,
-            "VariationalMidpoint: the scene has contact, whose forces follow from both ends of a "
-            "step; use Midpoint, or leave the contact out.",
+            "VariationalMidpoint: "
+            "the scene has contact, whose forces follow from both ends of a step; "
+            "use Midpoint, or leave the contact out.",
         )
         check(
             not system.scalar_unknowns,
-            "VariationalMidpoint: the scene has gas, whose pressure follows from both ends of a "
-            "step; use Midpoint, or leave the gas out.",
+            "VariationalMidpoint: the scene has gas, "
+            "whose pressure follows from both ends of a step; use Midpoint, or leave the gas out.",
         )
         return MidpointSolver(system, self.tolerances)
