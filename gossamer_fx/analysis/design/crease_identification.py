@@ -100,17 +100,8 @@ class HangingStrip:
     def equilibrium(
         self, rest_angle: float, stiffness: float, weight: float
     ) -> tuple[float, float]:
-        """Angle θ [rad] of the crease and distance of the ends [m] under a weight.
-
-        Args:
-            rest_angle: θr [rad].
-            stiffness: k [N m/m/rad].
-            weight: [N], zero for the strip alone.
-
-        Raises:
-            InputError: the weight is negative or not finite.
-            NoEquilibrium: the boundary value problem was not solved.
-        """
+        """Angle θ [rad] of the crease and distance of the ends [m] under a weight [N], zero for the
+        strip alone, with a rest angle [rad] and a stiffness [N m/m/rad]."""
         # Imported here, as most scenes do not need it.
         from scipy.integrate import solve_bvp
 
@@ -126,13 +117,9 @@ class HangingStrip:
         κ = stiffness * length / self.bending_stiffness
 
         def slope(s: Array, y: Array) -> Array:
-            """Derivatives (6, n) of y = (φ, φ' upper panel, φ, φ' lower panel, down, sideways).
-
-            The last two are the path of both panels from their upper ends, over the length.
-
-            s (n,) is the arc length of each panel from its upper end over the panel's length; φ
-            [rad] is the angle of the panel from the vertical.
-            """
+            """Derivatives (6, n) of y = (φ, φ' upper panel, φ, φ' lower panel, down, sideways) by
+            the arc length of each panel from its upper end, over its length: φ [rad] is the angle
+            from the vertical, the last two the path of both panels over the length."""
             φ_upper = y[0]
             φ_lower = y[2]
             tension_upper = load + panel_weight * (2 - s)
@@ -149,11 +136,8 @@ class HangingStrip:
             )
 
         def conditions(start: Array, end: Array) -> Array:
-            """Residuals (6,) of (2), (3) and of the path that begins at zero.
-
-            κ is the stiffness of the crease over that of a panel [-]. `start` and `end` (6,) are y
-            at the upper and lower ends of the panels.
-            """
+            """Residuals (6,) of (2), (3) and of the path that begins at zero, with y at the upper
+            and lower ends of the panels."""
             moment = κ * (start[2] - end[0] - rest_angle)
             return np.array(
                 [
@@ -319,18 +303,8 @@ def identify_crease(
 
 
 def _check_measurements(W: Array, θ: Array, d: Array) -> None:
-    """Refuse measurements of different number, of too few weights, or with numbers without
-    meaning.
-
-    Args:
-        W: weights (n,) [N].
-        θ: angles (n,) [rad].
-        d: distances (n,) [m].
-
-    Raises:
-        InputError: the arrays have different lengths or fewer than two numbers, a number is not
-            finite, or a weight is negative.
-    """
+    """Refuse weights (n,) [N], angles (n,) [rad] and distances (n,) [m] that differ in number, are
+    too few, or have no meaning."""
     check(
         W.ndim == 1 and len(W) >= 2 and W.shape == θ.shape == d.shape,
         f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; "

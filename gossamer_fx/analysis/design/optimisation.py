@@ -256,16 +256,8 @@ def _search(
     iterations: int,
     tolerance: float,
 ) -> Optimum:
-    """Choose the method, minimise, and leave the source at the minimum.  Collective.
-
-    Args:
-        method: of SciPy or of PETSc's TAO; None: SLSQP with limits, blmvm for fields on several
-            ranks, else L-BFGS-B.
-
-    Raises:
-        InputError: limits with a method that takes none, or a field on several ranks with a method
-            of SciPy.
-    """
+    """Choose the method, minimise, and leave the source at the minimum.  Without a name it is SLSQP
+    with limits, blmvm for fields on several ranks, else L-BFGS-B.  Collective."""
     who = problem.who
     distributed = problem.distributed()
     if method is None and limits:
@@ -320,11 +312,8 @@ def _search(
 def _optimum(
     problem: DesignProblem, x: Array, iterations: int, converged: bool, message: str
 ) -> Optimum:
-    """Return what was found; the source gets the parameters.  Collective.
-
-    Args:
-        x: scaled numbers (n,) of this rank at the minimum.
-    """
+    """What was found at scaled numbers x (n,) of this rank; the source gets the parameters.
+    Collective."""
     # The last evaluation of a line search need not be the best one.
     problem.move_to(x)
     return Optimum(

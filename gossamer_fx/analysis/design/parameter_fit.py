@@ -215,18 +215,8 @@ class _Number:
 
 
 class _Series(RunSource):
-    """Several results of the same runs; each evaluation gives all of them.
-
-    Args:
-        evaluate: takes values by name, arrays (k,), makes runs with them, and returns the gradients
-            of all results.
-        start: first values by name, numbers or arrays (k,).
-        count: number of results.
-        comm: of the runs.
-
-    Attributes:
-        numbers: an object for each result, by which `gradient` is asked for it.
-    """
+    """Several results of the same runs, each of which gives all of them; `numbers` has an object
+    for each result, by which `gradient` is asked for it."""
 
     who = "fit_runs"
 
@@ -270,23 +260,10 @@ def _solve(
     iterations: int,
     tolerance: float,
 ) -> Fit:
-    """Minimise Σ ((result - y)/σ)², with measured values y (n,) and their uncertainties σ (n,).
-
-    Collective.  The parameters of the problem stay at the fitted values.  A fit that ends at the
-    limit of iterations is returned as it is.
-
-    Args:
-        problem: variables of the fit, with scaled (dimensionless) numbers.
-        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
-        bounds: smallest and largest value by name of a parameter; None for no bounds.
-
-    Returns:
-        parameters, their standard deviations and covariance in the units of the parameters.
-
-    Raises:
-        InputError: the measurements do not fit the results, a number is out of range, or the
-            results do not determine the parameters.
-    """
+    """Minimise Σ ((result - y)/σ)² over scaled numbers (p,), with measured values y (n,) and their
+    uncertainties σ (n,); `evaluate` yields each result and its derivatives (p,).  The parameters
+    stay at the fitted values; a fit that ends at the limit of iterations is returned as it is.
+    Collective."""
     # Imported here, as most scenes do not need it.
     from scipy.optimize import least_squares
 
@@ -363,18 +340,8 @@ def _check(
     iterations: int,
     tolerance: float,
 ) -> None:
-    """Refuse measurements that do not fit, and numbers out of range.  Collective.
-
-    Args:
-        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
-        y: measured values (n,), in the units of the results.
-        σ: their standard deviations (n,), positive.
-
-    Raises:
-        InputError: one of these conditions is not met, the number of results differs from that of
-            the measured values, a parameter is a field over several ranks, or there are more
-            parameters than results.
-    """
+    """Refuse measured values y (n,) and standard deviations σ (n,) that do not fit the results that
+    `evaluate` yields, more numbers than results, and fields over several ranks.  Collective."""
     who = problem.who
     check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
     check(0 < tolerance < 1, f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.")

@@ -28,14 +28,8 @@ UNBOUNDED = PETSc.INFINITY
 
 @dataclass(frozen=True)
 class TaoResult:
-    """How a search ended.
-
-    Attributes:
-        x: scaled numbers of this rank.
-        iterations: of the method.
-        converged: whether it ended by its tolerance.
-        message: reason in words of TAO.
-    """
+    """How a search ended: scaled numbers of this rank, iterations, whether by its tolerance, and
+    the reason in words of TAO."""
 
     x: Array
     iterations: int
@@ -48,11 +42,6 @@ class _Layout:
     distributed vector, which has each number once."""
 
     def __init__(self, problem: DesignProblem) -> None:
-        """Note which numbers of this rank are in its part of the vector.
-
-        Args:
-            problem: whose variables are numbers that all ranks have, or fields over the ranks.
-        """
         self._comm = problem.comm
         shared = []
         for variable in problem.variables:
@@ -89,19 +78,9 @@ def tao_minimise(
     iterations: int,
     tolerance: float,
 ) -> TaoResult:
-    """Minimise by a bounded quasi-Newton method.  Collective.
-
-    The search starts at `problem.start`; each iteration is reported to `problem.note`. A search
-    that ends at the limit of iterations is not an error: `converged` is False.
-
-    Args:
-        problem: what is minimised.
-        bounds: smallest and largest values of the scaled (dimensionless) numbers of this rank, each
-            (n,); infinite for numbers without a bound.
-        method: "blmvm" or "bqnls".
-        iterations: at most.
-        tolerance: change of the scaled result at which the search ends.
-    """
+    """Minimise from `problem.start` by the bounded quasi-Newton method "blmvm" or "bqnls", with
+    bounds (n,), (n,) of this rank's scaled numbers, up to a change of the scaled result.  A search
+    that ends at the limit of iterations is not an error.  Collective."""
     layout = _Layout(problem)
     low, high = bounds
     tao = PETSc.TAO().create(problem.comm)

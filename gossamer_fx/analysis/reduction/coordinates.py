@@ -17,20 +17,11 @@ from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 
 class ReducedCoordinates(Coordinates):
-    """Coordinates of which rank 0 owns the unknowns c (r, 3); forces and matrices are projected.
+    """Coordinates of which rank 0 owns the unknowns c (r, 3), with x = Φ c at the nodes.
 
     Forms see functions on the mesh as for any body.  An assembled force b becomes Φᵀb, a matrix K
-    becomes ΦᵀKΦ.
-
-    Args:
-        space: of the sampled cells of the film.
-        alpha: weight α of the time stepping rule.
-        values: Φ (n, r) at the owned and ghost nodes of the space.
-
-    Attributes:
-        end: coefficients (r, 3) of q1 [m], on every rank.
-        change: coefficients (r, 3) of the increment δ of the iteration [m], on every rank.  Strains
-            follow from them; no form uses δ.
+    becomes ΦᵀKΦ.  Every rank has the coefficients (r, 3) [m] of q1, `end`, and of the increment δ
+    of the iteration, `change`: strains follow from them; no form uses δ.
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
@@ -43,13 +34,8 @@ class ReducedCoordinates(Coordinates):
         self.change: Array = self.end
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function on the mesh from the unknowns of the reduced film.  Collective.
-
-        Args:
-            function: nodal values (n, 3) of the end, the middle or the increment of a step [m]; of
-                the increment δ only the coefficients are stored, since no form uses it.
-            unknowns: coefficients of the r modes, 3r numbers [m] on rank 0 and none on others.
-        """
+        """Set a function on the mesh [m] from the 3r coefficients of the modes on rank 0; of the
+        increment only the coefficients are stored.  Collective."""
         c = coefficients(self._comm, unknowns)
         if function is self.δ:
             self.change = c
@@ -60,24 +46,16 @@ class ReducedCoordinates(Coordinates):
         function.x.array[:] = (self._modes @ c).ravel()
 
     def add_forces(self, b: Array, forces: Array) -> None:
-        """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.  Collective.
-
-        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c."""
+        """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.
+        Collective."""
         nodal = b.reshape(-1, 3)[: self._owned]
         total = self._comm.reduce(self._modes[: self._owned].T @ nodal)
         if total is not None:
             forces += total.ravel()
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
-        """Add the projected matrix ΦᵀKΦ of bilinear forms to a block of A, on rank 0.  Collective.
-
-        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c.
-
-        Args:
-            A: matrix of the system.
-            forms: whose sum K is e.g. a stiffness [N/m] of the film; without forms nothing is done.
-            block: rows of the reduced film in A.
-        """
+        """Add the projected matrix ΦᵀKΦ of the sum K of bilinear forms to a block of A, on rank 0.
+        Collective."""
         n, r = self._modes.shape
         K: Array = np.zeros((r, 3, r, 3))
         found = False

@@ -20,11 +20,8 @@ from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 @runtime_checkable
 class Motion(Protocol):
-    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`.
-
-    Attributes:
-        positions: positions (n, 3) [m] of this rank's nodes, one array for each shape.
-    """
+    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`: positions (n, 3) [m] of this
+    rank's nodes, one array for each shape."""
 
     positions: Sequence[Array]
 

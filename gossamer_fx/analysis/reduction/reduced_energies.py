@@ -41,11 +41,6 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
     """All `ReducedEnergy` terms of a scene, compiled."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
-        """Make the forces of the modes of each term.
-
-        Raises:
-            InputError: the stress rule takes the strain in the middle of the step.
-        """
         check(
             not system.rule.takes_mid_strain,
             f"'{terms[0].name}': a reduced film has forces by its strains at the ends of a step; "
@@ -79,11 +74,8 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
                 values[owned] += self._on_rank_zero(force.forces()).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix.
-        Collective.
-
-        K is the sum over ranks of the stiffness (3r, 3r) of the r modes; on ranks other than 0 it
-        is empty. The matrix is not assembled here."""
+        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix, on rank
+        0. Collective."""
         for body, force in self._forces:
             block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
@@ -118,14 +110,8 @@ def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
 
 @dataclass(frozen=True, eq=False)
 class ReducedEnergy(StoredEnergy):
-    """The stored energy of a reduced film.
-
-    Args:
-        modes: φ (n, r) at the owned and ghost nodes of the body's space.
-        weights: ξ (cells,) of the cells that this rank owns.
-
-    The other arguments are those of `StoredEnergy`.
-    """
+    """The stored energy of a reduced film with modes φ (nodes, r), over cells of weights ξ (cells,)
+    that this rank owns."""
 
     modes: Array | None = None
     weights: Array | None = None
@@ -133,17 +119,7 @@ class ReducedEnergy(StoredEnergy):
 
 
 class ModeForces:
-    """Forces (1) and tangents (2) of the modes on this rank's cells.
-
-    Args:
-        term: the stored energy.
-        at: coordinates of the reduced film.
-        rule: stress rule of the time stepping.
-
-    Attributes:
-        name: of the energy in the energy balance.
-        points: the quadrature points.
-    """
+    """Forces (1) and tangents (2) of the modes on this rank's cells."""
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
         assert term.modes is not None and term.weights is not None
@@ -165,12 +141,9 @@ class ModeForces:
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:
-        """Set the strains at the quadrature points after the end q1 of the step was set.
-
-        Args:
-            linearly: True: strains are linearised about the last iterate of Newton's method, as
-                `terms.element_energies` describes; False: the true strains of q1.
-        """
+        """Set the strains at the quadrature points after the end q1 of the step was set: those of
+        q1, or `linearly` those about the last iterate of Newton's method, see
+        `terms.element_energies`."""
         self.points.move(self._at.end)
         if linearly:
             self.points.linearise(self._at.change)

@@ -31,12 +31,7 @@ from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 
 class WeightedMeasure:
     """The measure ξ dx with the weights ξ of sampled cells; it multiplies integrands like a UFL
-    measure.
-
-    Args:
-        dx: measure on the sampled cells.
-        weight: ξ, constant in each cell.
-    """
+    measure."""
 
     def __init__(self, dx: ufl.Measure, weight: Expr) -> None:
         self._dx = dx
@@ -54,14 +49,7 @@ class SampledMesh(Mesh):
     """The mesh of the sampled cells, without named groups: the groups' cells may not be in it."""
 
     def group(self, name: str) -> Any:
-        """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones.
-
-        Args:
-            name: of the group, for any name.
-
-        Raises:
-            InputError: always.
-        """
+        """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones."""
         raise InputError(
             f"A reduced film has no group '{name}': "
             "supports, creases and loads on groups need the film itself; "
@@ -76,11 +64,6 @@ class ReducedMembrane(Membrane):
     film.  Strains and loads on faces are integrated over the sampled cells.  The body has one node
     on rank 0 with the vectors c_0, ..., c_{r-1}; φ_0 = 1, so linear momentum is that of c_0 as in a
     rigid body.
-
-    Args:
-        made_from: the modes.
-        over: the sampled cells.
-        name: name in messages and outputs.
 
     Attributes:
         basis: the modes.
@@ -150,25 +133,15 @@ class ReducedMembrane(Membrane):
         return self._reduced_start
 
     def reduced(self, values: Array) -> Array:
-        """Owned coefficients nearest to positions or velocities, in the norm of the mass.
-        Collective.
-
-        Args:
-            values: at the owned nodes of the film that was reduced, flattened, in m or m/s.
-
-        Returns:
-            coefficients (3r,) of the r modes on rank 0, an empty array on other ranks.
-        """
+        """Coefficients (3r,) nearest to positions [m] or velocities [m/s] at the owned nodes of the
+        film, in the norm of the mass; on rank 0.  Collective."""
         c, _ = self.basis.project(values.reshape(-1, 3))
         owned = self.block.size * self.block.index_map.size_local
         return c.ravel()[:owned].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield kinetic and stored energy of the reduced film, as functions of the coefficients of
-        its modes.
-
-        The modes φ are orthogonal, φ_iᵀMφ_j = m δ_ij with the mass m [kg] of the film, so that the
-        mass matrix is m times the identity."""
+        """Kinetic and stored energy, as functions of the coefficients of modes.  As φ_iᵀMφ_j = m
+        δ_ij with the mass m [kg] of the film, the mass matrix is m times the identity."""
         mass = self.basis.mass * np.eye(self.basis.size)
         nodes = self.block.index_map.size_local
         yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
@@ -200,11 +173,8 @@ class ReducedMembrane(Membrane):
         return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
-        """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective.
-
-        Returns:
-            the vector as a linear function of the coefficients of all modes.
-        """
+        """The port Σ_k weights[k] x(nodes[k]) as a linear function of the coefficients of all
+        modes. Collective."""
         self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
         own = np.zeros(self.basis.size)
@@ -227,14 +197,7 @@ class ReducedMembrane(Membrane):
 
 
 def check_reducible(film: Membrane) -> None:
-    """Check that a film has strains and mass only, which is what a reduced film can have.
-
-    Args:
-        film: that a user wants to reduce.
-
-    Raises:
-        InputError: it has thermal expansion, bending stiffness, creases or contact.
-    """
+    """Check that a film has strains and mass only, which is what a reduced film can have."""
     check(
         film.thermal is None,
         f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; "
@@ -251,12 +214,8 @@ def check_reducible(film: Membrane) -> None:
 
 
 def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> fem.Function:
-    """A function that is constant in each cell; ghost values come from the owners.  Collective.
-
-    Args:
-        values: (cells,), or (cells, k) of vectors, of owned and ghost cells, in any unit.
-        shape: () or (k,).
-    """
+    """A function of values (cells, *shape) in owned and ghost cells; ghosts get those of the
+    owners. Collective."""
     function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, shape)))
     nodes = cell_nodes(function.function_space).ravel()
     size = function.function_space.dofmap.index_map_bs

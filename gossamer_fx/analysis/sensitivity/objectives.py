@@ -39,11 +39,7 @@ class HasScene(Protocol):
 
 @runtime_checkable
 class Objective(Protocol):
-    """A result with derivatives.  All methods are collective.
-
-    Attributes:
-        unit: SI unit of the result.
-    """
+    """A result with derivatives, in the SI unit `unit`.  All methods are collective."""
 
     unit: str
 
@@ -100,15 +96,8 @@ class Integral:
         self._compiled: tuple[fem.Form, fem.Form] | None = None
 
     def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
-        """Return the forms of the integral and of its derivative, which read the present positions.
-        Collective.
-
-        Returns:
-            both forms, compiled at the first use.
-
-        Raises:
-            InputError: the body is not in the scene.
-        """
+        """The forms of the integral and of its derivative, which read the present positions;
+        compiled at the first use.  Collective."""
         check(
             self.body in system.bodies,
             f"Integral: '{self.body.name}' is not in the scene; add it.",
@@ -129,13 +118,6 @@ class Integral:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the positions.  Collective.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which the derivative is added [unit/m].
-            by_velocity: vector of the system; the integral does not depend on velocities.
-        """
         _, derivative = self._prepare(system)
         dofs = self.body.space.dofmap
         b = la.vector(dofs.index_map, dofs.index_map_bs)
@@ -200,15 +182,8 @@ class Energy:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add ψ'(q), the forces of stored energies in a step of no length, and M v.
-
-        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.  Collective.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which forces [N] are added.
-            by_velocity: vector of the system, to which momenta [kg m/s] are added.
-        """
+        """Add ψ'(q) [N], the forces of stored energies in a step of no length, and M v [kg m/s].
+        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q."""
         forces = system.stored_forces()
         by_position.axpy(1.0, forces)
         with by_position as values:
@@ -292,15 +267,8 @@ class CrossingTime:
     def found(
         self, times: Sequence[float], values: Sequence[float]
     ) -> tuple[float, dict[int, float]]:
-        """The time, and its derivative with respect to the observed result at each of the states.
-
-        Args:
-            times: of the states up to the crossing, which is in the last step [s].
-            values: of the observed result in them.
-
-        Raises:
-            InputError: the value was not passed in the last step.
-        """
+        """The time, and its derivative with respect to the observed result at each of the states up
+        to the crossing, which is to be in the last step."""
         check(
             self.has_passed(values),
             f"CrossingTime: the result does not pass {self.value!r}; "
@@ -357,16 +325,6 @@ class Functional:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative that the function of the user returns.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which the derivative is added.
-            by_velocity: vector of the system; the result does not depend on velocities.
-
-        Raises:
-            InputError: an array has not one entry for each coordinate of its body on this rank.
-        """
         found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():

@@ -53,16 +53,7 @@ class SolvedEquilibrium(Protocol):
 
 class StaticGradients:
     """Gradients of results of one equilibrium, by the same variables; it may be found again in
-    between.
-
-    Args:
-        equilibrium: of the scene.
-        by: names of the variables.
-
-    Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, gas that
-            flows through openings, or the shape of a film with gas, on which its amount depends.
-    """
+    between."""
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
         """Check that the scene has a gradient at an equilibrium, and find the variables.
@@ -93,11 +84,7 @@ class StaticGradients:
         self._by_velocity = system.numbering.vector()
 
     def factorise(self) -> None:
-        """Take the tangent of the present equilibrium.  Collective.
-
-        Raises:
-            InputError: no equilibrium was found, or the tangent is singular.
-        """
+        """Take the tangent of the present equilibrium.  Collective."""
         self._equilibrium.need("gradient")
         system = self._system
         system.set_end(system.q0)
@@ -114,12 +101,7 @@ class StaticGradients:
         self._solver.add_to_inverse(self._gas)
 
     def of(self, objective: Objective) -> Gradient:
-        """Return the gradient of one result at the equilibrium of the last `factorise`.
-        Collective.
-
-        Args:
-            objective: the result, with its derivatives by the coordinates.
-        """
+        """The gradient of one result at the equilibrium of the last `factorise`.  Collective."""
         system = self._system
         assert self._solver is not None
         self._by_position.set(0.0)
@@ -153,12 +135,8 @@ class StaticGradients:
             self._by_position.array[:] -= by_scalars[k] * stiffness * gradient
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
-        """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.
-
-        Returns:
-            for each variable the derivatives of the forms of J, compiled at the first use; empty
-            where J does not depend on the variable directly.
-        """
+        """The direct derivatives ∂J/∂θ of a result J by each variable θ, as forms that are compiled
+        at the first use; empty where J does not depend on the variable directly."""
         known = self._explicit.get(id(objective))
         if known is not None:
             return known

@@ -395,34 +395,17 @@ class Equilibrium:
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,)
-        each.
-
-        Supports that hold the same coordinate of a node, e.g. of a corner, bear equal parts of its
-        force.
-
-        Args:
-            support: an item of the scene that fixes or prescribes coordinates.
-            about: point to which the moment refers [m].
-
-        Raises:
-            InputError: no equilibrium was found yet, or the support is not in the scene.
-        """
+        """Force [N] and moment [N m] about a point [m] that an item which fixes or prescribes
+        coordinates exerts in the equilibrium found last, (3,) each.  Supports that hold the same
+        coordinate of a node, e.g. of a corner, bear equal parts of its force."""
         self.need("reaction")
         return support_force(self.system, support, about)
 
     def joint_force(
         self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] that a joint exerts on its side `b`, (3,) each.
-
-        Args:
-            joint: an item of the scene.
-            about: point to which the moment refers [m].
-
-        Raises:
-            InputError: no equilibrium was found yet, or the joint is not in the scene.
-        """
+        """Force [N] and moment [N m] about a point [m] that a joint exerts on its side `b`, (3,)
+        each."""
         self.need("joint_force")
         return joint_force(self.system, joint, about)
 
@@ -452,11 +435,7 @@ class Equilibrium:
         return found
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`.
-
-        Raises:
-            InputError: the scene has no chamber or tank of this name.
-        """
+        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`."""
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
         check(
@@ -468,12 +447,7 @@ class Equilibrium:
     # ---- the search ------------------------------------------------------------------------------
 
     def _continue(self, at: float, signals: Listener) -> None:
-        """Make pseudo-steps until the residual without inertia is small.
-
-        Raises:
-            NoEquilibrium: too many iterations, or too short a pseudo-step.
-            Interrupted: a signal came.
-        """
+        """Make pseudo-steps until the residual without inertia is small."""
         search = self.search
         tolerances = Tolerances(
             search.inner_tolerance,
@@ -539,14 +513,8 @@ class Equilibrium:
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
-        """End the search if a signal has come.  Collective.
-
-        Args:
-            residual: unbalanced force over the load [-], for the warning in the log.
-
-        Raises:
-            Interrupted: with the state of the last pseudo-step in the system.
-        """
+        """End the search if a signal has come, with the state of the last pseudo-step in the
+        system; `residual`, over the load, is for the log.  Collective."""
         number = signals.heard(self.comm)
         if not number:
             return
@@ -600,11 +568,8 @@ class Equilibrium:
         return measure_pressed_films(self.system)
 
     def _warn_of_inward_normals(self, at: float) -> None:
-        """Warn of films that a pressure of time `at` [s] turns inside out.
-
-        Such a search takes hundreds of iterations, and may end in an equilibrium of the film turned
-        inside out.
-        """
+        """Warn of films that a pressure of time `at` [s] turns inside out: such a search takes
+        hundreds of iterations."""
         for pressure in collapsing_pressures(self._pressed_films, at):
             if pressure.is_inwards and self.comm.rank == 0:
                 LOG.warning("%s", pressure.words)
@@ -628,16 +593,9 @@ class Equilibrium:
             active_set.set_static_load(load)
 
     def _step(self, h: float, at: float, tolerances: Tolerances) -> int:
-        """Make one pseudo-step (1) of length h [s], under the loads of time `at` [s].
-
-        An infinite h leaves out the inertia.
-
-        Returns:
-            The number of Newton iterations.
-
-        Raises:
-            NotConverged: the state of the system is unchanged.
-        """
+        """Make one pseudo-step (1) of length h [s], infinite for no inertia, under the loads of
+        time `at` [s]; return the number of Newton iterations.  If it fails the state of the system
+        is unchanged."""
         system = self.system
         # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they
         # do not count.
@@ -661,11 +619,9 @@ class Equilibrium:
         return used
 
     def _unbalanced(self) -> tuple[float, float]:
-        """Residual without inertia over the external force, and the external force [N], now.
-
-        If that force is less than a thousand times the round-off of the inner forces, this replaces
-        it: a scene without loads is in equilibrium when only round-off is left.
-        """
+        """Residual without inertia over the external force, and the external force [N].  A thousand
+        times the round-off of the inner forces replaces a smaller force: a scene without loads is
+        in equilibrium when only round-off is left."""
         system = self.system
         system.set_inertia(0.0)
         system.residual(self._y, self._residual)
@@ -675,12 +631,9 @@ class Equilibrium:
         return unbalanced / load, load
 
     def _warn_of_lost_loads(self) -> None:
-        """Warn if the loads are so small that the round-off of the inner forces hides them.
-
-        The residual is then small wherever the scene is, so that an equilibrium is found that is
-        too stiff by any factor: a plate bends with the cube of its thickness, and round-off is that
-        of its membrane forces.
-        """
+        """Warn if the round-off of the inner forces hides the loads.  The residual is then small
+        wherever the scene is, so that what is found is too stiff by any factor: a plate bends with
+        the cube of its thickness, and round-off is that of its membrane forces."""
         load = float(self.system.load_forces().norm())
         round_off = self.newton.round_off
         if 0 < load < LOST_LOAD * round_off and self.comm.rank == 0:
@@ -704,11 +657,7 @@ class Equilibrium:
 
     def _check_displacement(self) -> None:
         """Check that nothing flies off: what is not held moves the farther, the longer the
-        pseudo-step.
-
-        Raises:
-            NoEquilibrium: names the body that has moved farthest.
-        """
+        pseudo-step."""
         system = self.system
         displacement = np.abs(system.q0.array_r - self._start.array_r)
         farthest = np.array(
@@ -726,14 +675,9 @@ class Equilibrium:
     # ---- uniqueness ------------------------------------------------------------------------------
 
     def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
-        """Whether the equilibrium that was found is unique, with the loads of the time `at` [s].
-
-        Newton's method is started once more without inertia, from the solution.
-
-        Returns:
-            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the
-            tangent without inertia is regular.
-        """
+        """Rigid motions that nothing resists, in words, and whether the tangent without inertia is
+        regular under the loads of time `at` [s]: Newton's iteration starts once more from the
+        solution."""
         converges = self._solve_without_inertia(at)
         system = self.system
         unbalanced, load = self._unbalanced()
@@ -770,14 +714,8 @@ class _TensionOnly:
 
     It is tried after a failure.  The first time that it helps, it is dropped after one pseudo-step;
     each further failure doubles the number of pseudo-steps, up to `MAX_DELAY_STEPS`.  If it has
-    never helped, it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.
-
-    Args:
-        is_possible: whether the scene has terms that resist compression; otherwise there is no
-            difference.
-
-    Attributes:
-        is_active: whether the next pseudo-step has the geometric stiffness of tension only.
+    never helped, it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.  Without terms that
+    resist compression it makes no difference, and is not possible.
     """
 
     def __init__(self, is_possible: bool) -> None:

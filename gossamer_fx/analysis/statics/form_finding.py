@@ -138,14 +138,8 @@ class EdgeCable:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b.
-
-        N [N] is the force of the cable, L [m] the length of an edge, x_a and x_b the positions [m]
-        of its ends.
-
-        Raises:
-            InputError: the mesh has no edges of this name, or one of them has no length.
-        """
+        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge of length L [m] with
+        ends at x_a and x_b [m]."""
         # The law of the tape is not used, only its edges and their lengths.
         bars = Tape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name

@@ -33,13 +33,8 @@ SMALL_RESIDUAL_STIFFNESS = 1e-4
 
 
 def advice(system: System, displacements: Displacements) -> str:
-    """Sentences about what has buckled and what to change.  Collective.
-
-    Args:
-        system: in the state of the equilibrium.
-        displacements: of the mode that grows fastest, at this rank's nodes (n, 3), by the names of
-            the bodies.
-    """
+    """Sentences about what has buckled, in the state of the equilibrium, from the displacements (n,
+    3) of the mode that grows fastest, by the names of bodies.  Collective."""
     sentences = ["A small disturbance leads to another equilibrium."]
     largest = {}
     for name, values in displacements.items():

@@ -39,12 +39,8 @@ class PressedFilm:
 
 @dataclass(frozen=True)
 class CollapsingPressure:
-    """A pressure that presses a film together.
-
-    Attributes:
-        words: a sentence with the cause and the remedy.
-        is_inwards: whether the normals of the film point inwards.
-    """
+    """A pressure that presses a film together: the cause and the remedy in words, and whether the
+    normals of the film point inwards."""
 
     words: str
     is_inwards: bool
@@ -53,13 +49,8 @@ class CollapsingPressure:
 def remedies(
     system: System, chambers: Mapping[str, Any], pressed_films: Iterable[PressedFilm]
 ) -> str:
-    """Sentences about likely causes and what to do; empty if none is known.  Collective.
-
-    Args:
-        system: the compiled scene, in the state that was reached last.
-        chambers: states of its gas by name.
-        pressed_films: of the scene, from `measure_pressed_films`.
-    """
+    """Sentences about likely causes, in the state that was reached last, and what to do; empty if
+    none is known.  Collective."""
     found = [
         *_unsupported(system),
         *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
@@ -102,12 +93,7 @@ def measure_pressed_films(system: System) -> list[PressedFilm]:
 def collapsing_pressures(
     pressed_films: Iterable[PressedFilm], at: float
 ) -> Iterator[CollapsingPressure]:
-    """Pressures at a time on films with an inside that press them together.  Collective.
-
-    Args:
-        pressed_films: of the scene, from `measure_pressed_films`.
-        at: time [s], for pressures that are functions of it.
-    """
+    """Pressures at a time [s] that press films with an inside together.  Collective."""
     for pressed in pressed_films:
         item = pressed.pressure
         enclosed = pressed.enclosed

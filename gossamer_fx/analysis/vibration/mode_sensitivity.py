@@ -73,12 +73,7 @@ class Frequency:
         return self._mode().frequency
 
     def _mode(self) -> Mode:
-        """The mode, which is to be the only one of its frequency.  Collective.
-
-        Raises:
-            InputError: the scene has gas chambers, the mode has no frequency, or a neighbouring
-                mode has the same one.
-        """
+        """The mode, which is to be the only one of its frequency.  Collective."""
         check(
             not self._equilibrium.system.scalar_unknowns,
             "Frequency: the scene has gas chambers, by whose state it is not derived; "
@@ -103,16 +98,8 @@ class Frequency:
         return mode
 
     def forms(self, system: System) -> list[ufl.Form]:
-        """φ·(K - ω² M) φ/(8π² f), whose derivatives at a given φ are those of f; the mode is that
-        of the last `add_derivative`.
-
-        The forms are made at the first call and kept. For each body, φ is its part of the mode with
-        φ·M φ = 1 [1/√kg], q its coordinates, w a test function, ω2 = ω² [1/s²]; f is the frequency
-        [Hz], K the stiffness, M the mass.
-
-        Raises:
-            InputError: forces act on or between points, see `_check_made_of_forms`.
-        """
+        """φ·(K - ω² M) φ/(8π² f) of the mode φ that `add_derivative` found last, whose derivatives
+        at a given φ are those of f; made at the first call."""
         if self._forms is not None:
             return self._forms
         _check_made_of_forms(system)
@@ -144,22 +131,8 @@ class Frequency:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Find the mode, and add the derivative ∂f/∂q of its frequency f [Hz] by the coordinates
-        q [m].  Collective.
-
-        φ is the mode normalised by φ·M φ = 1, with the mass matrix M, ω = 2π f [1/s], and b a work
-        vector of nodal derivatives with ghosts. The mode and its frequency are stored in the
-        constants of `forms`.
-
-        Args:
-            system: the compiled scene, at its equilibrium.
-            by_position: vector of the system to which ∂f/∂q [Hz/m] is added.
-            by_velocity: stays as it is, since the frequency does not depend on velocities.
-
-        Raises:
-            InputError: the mode does not exist, another one has the same frequency, forces act on
-                or between points, or the stiffness is not symmetric.
-        """
+        """Find the mode, and add ∂f/∂q [Hz/m] at a given φ; velocities change no frequency.  Mode
+        and frequency are then constants of `forms`."""
         self.forms(system)
         mode = self._mode()
         shape = system.numbering.vector()
@@ -199,12 +172,8 @@ def _check_made_of_forms(system: System) -> None:
 
 
 def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
-    """Raise `InputError` if the stiffness of the present equilibrium acts on a mode as an
-    unsymmetric one.
-
-    K is the tangent without inertia; |K φ - Kᵀ φ| may be 1e-8 of |K φ| for the mode φ = `shape`.
-    Side effect: the inertia of the system is set to zero. Collective.
-    """
+    """Raise `InputError` if |K φ - Kᵀ φ| is more than 1e-8 of |K φ| for a mode φ.  Sets the inertia
+    of the system to zero.  Collective."""
     system.set_inertia(0.0)
     K = system.tangent()
     force = shape.duplicate()

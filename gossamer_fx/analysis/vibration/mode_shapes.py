@@ -55,11 +55,6 @@ class ModeShapes:
     def __init__(
         self, body: Membrane, equilibrium: Equilibrium, *, modes: Sequence[Mode], height: float
     ) -> None:
-        """Compute the shapes x0 ± h φ (nodes, 3) [m], which the class describes.
-
-        x0 (nodes, 3) [m] are this rank's nodes at the equilibrium, φ the displacements of a mode,
-        scaled so that the largest coordinate of h φ is `height` over all ranks. A part of a mode in
-        which the film does not move gives no shape. Collective."""
         system = equilibrium.system
         check(
             body in system.bodies,

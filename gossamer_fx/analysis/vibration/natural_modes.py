@@ -230,15 +230,10 @@ def _distance(mode: Mode, ω: float) -> float:
 
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
-    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
-
-    Modes of different frequencies are orthogonal, but of several modes of one frequency, as of a
-    symmetric structure or of free rigid motions, the solver finds any independent combinations.
-    Their effective masses would not add up.  Collective.
-
-    Args:
-        least: square of a frequency [rad²/s²] that is round-off.
-    """
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass;
+    `least` is the square of a frequency [rad²/s²] that is round-off.  Of several modes of one
+    frequency the solver finds any independent combinations, whose effective masses do not add up.
+    Collective."""
 
     def square(mode: Mode) -> float:
         """Of λ [1/s²]: -ω² of a vibration."""
@@ -290,15 +285,8 @@ def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
 
 
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
-    """Return the stiffness κ g⊗g that the gas gives each closed film.
-
-    Returns:
-        for each closed film the derivative g (n,) [m²] of its volume by this rank's coordinates,
-        zero where these are fixed, and κ [Pa/m³].
-
-    Raises:
-        InputError: scalar unknowns that are not gas, or gas in a frame that turns.
-    """
+    """The stiffness κ g⊗g that the gas gives each closed film: the derivative g (n,) [m²] of its
+    volume by this rank's coordinates, zero where these are fixed, and κ [Pa/m³]."""
     found = []
     for scalars in system.scalar_unknowns:
         stiffnesses = scalars.vibration_stiffness()
@@ -337,12 +325,8 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies that are zero within round-off: slack film and free motions have them.
-    Collective.
-
-    Args:
-        least: square of an angular frequency [rad²/s²] that round-off explains.
-    """
+    """Warn of frequencies whose squares are below `least` [rad²/s²], that is round-off: slack film
+    and free motions have them.  Collective."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
@@ -373,13 +357,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than round-off explains: the equilibrium is not stable.
-    Collective.
-
-    Args:
-        found: the modes, with their growth [1/s].
-        least: square of an angular frequency [rad²/s²] that round-off explains.
-    """
+    """Warn of modes that grow faster than √`least` [1/s], which is round-off: the equilibrium is
+    not stable.  Collective."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
@@ -400,12 +379,8 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
 
 
 class ModalMasses:
-    """Scales modes to unit modal mass, and finds participation factors and effective masses.
-
-    Args:
-        system: in the state of the equilibrium.
-        M: mass matrix, with fixed coordinates taken out.
-    """
+    """Scales modes to unit modal mass of M, the mass matrix without fixed coordinates, and finds
+    participation factors and effective masses at an equilibrium."""
 
     def __init__(self, system: System, M: PETSc.Mat) -> None:
         self._system = system
@@ -487,14 +462,8 @@ class _ShiftedInverse:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
-        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
-
-        Args:
-            K: tangent stiffness.
-            M: mass matrix, of the same rows.
-            σ: shift [rad²/s²].
-            stiffnesses: (g, κ) of each chamber, with this rank's part of g.
-        """
+        """Factorise K - σ M at a shift σ [rad²/s²], and solve with it for g of each chamber, see
+        (3).  Collective."""
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M
@@ -575,11 +544,8 @@ def _modes_at_rest(
     least: float,
 ) -> list[Mode]:
     """The modes of equation (2) of the module that are nearest to the angular frequency ω [rad/s],
-    and perhaps others.  Collective.
-
-    The shift [rad²/s²] is ω², or a number near it at which K - σ M is regular; `least` [rad²/s²] is
-    round-off.
-    """
+    and perhaps others.  The shift [rad²/s²] is near ω², with K - σ M regular; `least` [rad²/s²] is
+    round-off.  Collective."""
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
     operator.setUp()
@@ -614,10 +580,7 @@ def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
 
 def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, least: float) -> int:
     """Number of modes nearer to the angular frequency ω [rad/s] than the last wanted one that were
-    not found.  Collective.
-
-    Logs a warning if the wanted modes are a part only of a group of one frequency.
-    """
+    not found; warns if the wanted modes cut a group of one frequency.  Collective."""
     distances = sorted(_distance(mode, ω) for mode in found)
     last = distances[count - 1]
     # Within round-off of zero there may be any number of modes, as of slack film.
@@ -655,9 +618,8 @@ def _squares(ω: float, distance: float) -> tuple[float, float]:
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
-    """Yield the eigenvalues of largest magnitude, and this rank's parts of their vectors.
-
-    Collective, by SLEPc.  There may be more or fewer of them than asked for."""
+    """Yield about `count` eigenvalues of largest magnitude, and this rank's parts of their vectors,
+    by SLEPc.  Collective."""
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 
@@ -679,16 +641,8 @@ def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[compl
 def _modes_in_turning_frame(
     K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
 ) -> list[Mode]:
-    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a shift.
-
-    Of each conjugate pair only the one with positive frequency is returned.  Collective.
-
-    Args:
-        shift: `real` or `imaginary` part of the shift [1/s].
-
-    Raises:
-        InputError: the shifted matrix is singular.
-    """
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a real or
+    imaginary shift [1/s]; of each conjugate pair the one with positive frequency.  Collective."""
     # Imported here, as scenes at rest must not pay for it.
     from gossamer_fx.analysis.vibration.turning_modes import Inverse
 

@@ -109,16 +109,8 @@ def travelling_waves(
 
 
 def _strongest(lines: Array) -> tuple[float, float]:
-    """Find the strongest wave of a one-sided spectrum under a Hann window, also between two lines.
-
-    Args:
-        lines: sizes (n,) of the spectrum, in the unit of the waves; line k has k periods in the
-            window.
-
-    Returns:
-        amplitude of the wave, in the same unit, and its number of periods in the window, which
-        need not be whole; zeros if the spectrum is zero.
-    """
+    """Amplitude and number of periods in the window, which need not be whole, of the strongest wave
+    of a one-sided spectrum (n,) under a Hann window; zeros if the spectrum is zero."""
     # Line 0 is the mean, which was removed.
     peak = 1 + int(np.argmax(lines[1:-1]))
     height = float(lines[peak])
