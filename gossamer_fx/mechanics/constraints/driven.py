@@ -60,14 +60,7 @@ class Driven:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support that fixes the body's position and turns its axes with time.
-
-        A support eliminates coordinates from the equations.
-
-        Raises, in the run:
-            InputError: the user's function does not return a finite angle [rad], the same on all
-                ranks.
-        """
+        """The support that fixes the body's position and turns its axes with time."""
         body = self.body
         axis = unit(self.axis)
         first = start[body].coordinates().copy()

@@ -50,17 +50,9 @@ class EdgeRotation:
     direction: Vector | Callable[[Array, float], Array] | None
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies by which Nitsche's method keeps a plate tangent to a direction at an edge.
-
-        Yields:
-            One quadratic energy [J] for a constant direction; one that changes with time for a
-            direction that does, or in addition for a plate with a difference of temperature across
-            its thickness.
-
-        Raises:
-            InputError: the direction lies along the edge, or it turns with time on a plate with
-                such a difference of temperature.
-        """
+        """The energies [J] by which Nitsche's method keeps a plate tangent to a direction at an
+        edge: one that changes with time for a direction that does, and another for a plate with a
+        difference of temperature across its thickness."""
         # X (3, n) [m] are nodes of the edge, d the direction; x and w trial and test functions.
         clamp = self.plate.bending.clamp
         ds = self._measure()
@@ -100,11 +92,8 @@ class EdgeRotation:
             yield self._thermal_moment(name, d, ds)
 
     def _thermal_moment(self, name: str, d: Expr, ds: ufl.Measure) -> Term:
-        """The energy that the thermal curvature of the plate adds at the clamped edge, as a term.
-
-        Args:
-            d: unit vector (3,) to which the plate is tangent at the edge.
-        """
+        """The energy that the thermal curvature of a plate adds at the clamped edge, where it is
+        tangent to the unit vector d (3,)."""
         from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
         thermal = thermal_curvature(self.plate)
@@ -122,15 +111,8 @@ class EdgeRotation:
         )
 
     def _directions(self, X: Array, t: float) -> Array:
-        """Unit directions (n, 3) at points of the edge, from the user's function.  Collective.
-
-        Args:
-            X: points (3, n) [m] of the stress-free shape.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if a direction is not finite or zero, or the shape is another.
-        """
+        """Unit directions (n, 3) at points X (3, n) [m] of the stress-free edge at a time [s], from
+        the user's function.  Collective."""
         # d (3, n): the directions, of any length.
         assert callable(self.direction)
         d = np.asarray(self.direction(X, t), dtype=float)
@@ -146,18 +128,8 @@ class EdgeRotation:
 
     def _check_is_across(self, start: State, directions: Callable[[Array], Array]) -> None:
         """Refuse a direction that lies along the edge, to which the plate is tangent there in any
-        case.
-
-        Collective.
-
-        Args:
-            directions: function of midpoints (3, n) [m] of edges of the stress-free mesh that
-                returns unit directions (n, 3).
-
-        Raises:
-            InputError: on all ranks, if the sine of the angle between both is below `MIN_SINE` at
-                some edge.
-        """
+        case; `directions` gives unit directions (n, 3) at midpoints (3, n) [m] of edges.
+        Collective."""
         mesh = self.plate.mesh
         edges = mesh.curve(self.edges, "Fixed")
         edges = edges[edges < mesh.edges.owned]
@@ -192,10 +164,7 @@ class EdgeRotation:
         )
 
     def _measure(self) -> ufl.Measure:
-        """The measure over the lengths [m] of the clamped edge, for UFL forms.
-
-        It integrates over the named group of edges on the rim of the plate.
-        """
+        """The measure over the lengths [m] of the clamped edge, for UFL forms."""
         domain = self.plate.mesh.domain
         # Integrals over edges need the triangles next to them.
         domain.topology.create_connectivity(1, 2)

@@ -87,15 +87,6 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments of the support, and name it if it has no name.  Collective.
-
-        A support fixes or prescribes positions and rotations of the nodes of a named group.
-
-        Raises:
-            InputError: a group that the mesh does not have or that is empty, components other than
-                0, 1, 2, a normal or direction of length zero, both normal and motion, or a rotation
-                of a body that has none.
-        """
         object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
         # A direction or a twist is a rotation: it need not be asked for twice.
@@ -136,12 +127,7 @@ class Fixed:
         return f"{where} fixed {self.components}"
 
     def _check_rotation(self) -> None:
-        """Check that the body has the rotation that is to be fixed.  Collective for a plate.
-
-        Raises:
-            InputError: the body is neither beam nor plate, a plate has a twist or edges that are
-                not on its rim, or a beam has components or a normal.
-        """
+        """Check that the body has the rotation that is to be fixed.  Collective for a plate."""
         # Imported here: a scene without clamps does not load beams, plates and their forms.
         from gossamer_fx.mechanics.bodies.beam import Beam
         from gossamer_fx.mechanics.bodies.plate import Plate
@@ -173,15 +159,8 @@ class Fixed:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support, or the constraints of sections and slopes where rotations are fixed.
-
-        Yields:
-            What the item adds to the equations: fixed coordinates, constraints for a normal
-            direction, and energies that clamp the edge of a plate.
-
-        Raises:
-            InputError: the direction of a plate lies along its edge.
-        """
+        """Fixed coordinates, constraints for a normal direction, and energies that clamp the edge
+        of a plate."""
         nodes = self.body.nodes(self.group)
         if self.rotation:
             from gossamer_fx.mechanics.bodies.beam import Beam
@@ -214,12 +193,8 @@ class Fixed:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
 
     def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
-        """The constraint that nodes stay in the planes through their initial positions.
-
-        Args:
-            nodes: local nodes (n,), owned and ghost.
-            normal: unit normal (3,) of the planes.
-        """
+        """The constraint that nodes (n,), owned and ghost, stay in the planes with a unit normal
+        (3,) through their initial positions."""
         index_map = self.body.block.index_map
         # A multiplier holds the height of each node; a support could hold coordinates only.
         own = nodes[nodes < index_map.size_local]
@@ -232,18 +207,9 @@ class Fixed:
     def _path(
         self, nodes: Indices, motion: Callable[[Array, float], Array]
     ) -> Callable[[float], Array]:
-        """Prescribed coordinates of nodes as a function of time.
-
-        Args:
-            nodes: local nodes (n,), owned and ghost.
-            motion: user's function of the points (3, n) [m] of the stress-free shape and time [s]
-                that returns displacements (3, n) [m].
-
-        Returns:
-            Function of time [s] that returns the chosen components of the positions [m], node by
-            node.  It is collective, and raises `InputError` on all ranks for a result of another
-            form.
-        """
+        """Prescribed coordinates of nodes (n,), owned and ghost: a function of time [s] that
+        returns the chosen components of the positions [m], node by node, from the user's
+        displacements (3, n) [m].  It is collective."""
         # Displacements count from the mesh, which is the same wherever the scene starts.
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T

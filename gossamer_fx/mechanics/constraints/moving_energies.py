@@ -26,17 +26,7 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
     """
 
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
-        """Compile force, tangent, supplied work and energy of each term.  Collective.
-
-        A term is a stored energy ½ a(d; q, q) [J], quadratic in the coordinates q, with a function
-        d of time.  Two forms are compiled without their factors: the form `energy` is a(d; q, q) at
-        the start of the step, twice the stored energy, and the form `work` is four times the
-        supplied work.  `energies` and `supplied` divide by these factors.
-
-        Args:
-            terms: all such terms of the scene.
-            system: the compiled scene, which has the fields of their bodies.
-        """
+        """Compile force, tangent, supplied work and energy of each term.  Collective."""
         self._system = system
         self._compiled = []
         # Where forces act at the end, so does the matrix; else it is the mean of both ends.
@@ -126,17 +116,9 @@ class MovingEnergy:
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
-    """A term with its compiled forms.
-
-    Attributes:
-        term: the stored energy ½ a(d; q, q) [J].
-        before, after: d at the start and at the end of the step.
-        force: work array for the force [N] of this rank's nodes, ghosts included.
-        residual: the force of the step [N].
-        tangent: its derivative [N/m] by the coordinates at the end.
-        work: four times the work [J] that the change of d supplies.
-        energy: a(d; q, q) [J] at the start of the step, twice the stored energy.
-    """
+    """A term with its compiled forms: before and after are d at the start and at the end of the
+    step, `work` is four times the work [J] that the change of d supplies, and `energy` is a(d; q,
+    q) [J] at the start of the step, twice the stored energy."""
 
     term: MovingEnergy
     before: fem.Function

@@ -79,15 +79,6 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the rigid region, and name it after its group if it has no name.  Collective.
-
-        A rigid region is a named group of nodes of a body that move as one rigid piece, or slide in
-        its plane.
-
-        Raises:
-            InputError: the body is a beam, the group does not exist or has one point, a component
-                is not 0, 1 or 2, or a sliding region fills space or is fixed to a rigid body.
-        """
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
@@ -120,15 +111,8 @@ class RigidRegion:
 
     @cached_property
     def frame(self) -> Frame:
-        """Its centre and axes, for torques, joints and probes.  Collective at the first use.
-
-        Returns:
-            An oriented point of the rigid body, or of the piece without mass, that the nodes are
-            tied to.
-
-        Raises:
-            InputError: its nodes are on one line, about which it has no rotation: see `line`.
-        """
+        """Its centre and axes, for torques, joints and probes; a region on one line has no rotation
+        about it, see `line`.  Collective at the first use."""
         if self.rigid_body is not None:
             return self.rigid_body.frame_at(self._centre)
         directors = self.piece.directors
@@ -142,11 +126,7 @@ class RigidRegion:
     @cached_property
     def line(self) -> Line:
         """Centre and direction of a straight region, for torques across it.  Collective at the
-        first use.
-
-        Raises:
-            InputError: its nodes are not on one line, or are fixed to a rigid body.
-        """
+        first use."""
         check(
             self.rigid_body is None and len(self.piece.directors) == 1,
             f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; "
@@ -173,9 +153,8 @@ class RigidRegion:
     def piece(self) -> RigidPiece:
         """The piece without mass that the nodes of the region are tied to, if not to a rigid body.
 
-        It has a position [m] and one director (a unit vector that turns with it) for each dimension
-        of the set of nodes; nodes that slide in a plane have the normal as third director.
-        Collective at the first use.
+        It has a position [m] and one director for each dimension of the set of nodes; nodes that
+        slide in a plane have the normal as third director.  Collective at the first use.
         """
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:
@@ -223,9 +202,7 @@ class RigidRegion:
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes of the region, each with the point that it is tied to, as ports.
-
-        A port is a point of a body: here of the rigid body, or of a piece without mass."""
+        """This rank's nodes of the region, each with the point that it is tied to, as ports."""
         # ξ (k,) [m] are the coordinates of a node along the directors of the piece.
         if self.rigid_body is None:
             _, _, coordinates = self._fit
@@ -254,15 +231,9 @@ class RigidRegion:
         yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints that couple the nodes to a rigid piece, and the support of that piece.
-
-        The piece is a rigid body, or has no mass.  Nodes that slide in a plane stay in the plane of
-        the piece; in all other cases each node coincides with its point of the piece.  Collective.
-
-        Yields:
-            What the region adds to the equations: constraints with multipliers, and fixed
-            coordinates if `fixed_components` are given.
-        """
+        """The constraints that couple the nodes to a rigid piece, and the support of that piece if
+        components are fixed.  Nodes that slide stay in the plane of the piece; others coincide with
+        their points of it.  Collective."""
         if self.fixed_components:
             piece = self._carrier
             # The components of the position and of all directors.

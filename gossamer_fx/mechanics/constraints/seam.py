@@ -88,16 +88,6 @@ class Seam:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges and numbers of the seam, and name it if it has no name.  Collective.
-
-        A seam draws two edges of films together from the first to the second time `closing` [s].
-        `max_ease` (dimensionless) is the allowed difference of their lengths, over the shorter one.
-
-        Raises:
-            InputError: an edge is sewn to itself, is not one line, or is closed while the other is
-                open; times that are negative or do not rise; or lengths that differ by more than
-                `max_ease`.
-        """
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)
@@ -164,15 +154,8 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that nodes of the finer edge meet their points of the other one, during
-        `closing`.
-
-        It is x_a - x_b = (1 - s(t)) (X_a - X_b) for each pair of points, with the initial positions
-        X [m] and s rising from 0 to 1.  Collective.
-
-        Raises:
-            InputError: both edges consist of the same nodes.
-        """
+        """The constraint x_a - x_b = (1 - s(t)) (X_a - X_b) for each node of the finer edge and its
+        point of the other one, with s from 0 to 1 during `closing`.  Collective."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
@@ -183,15 +166,8 @@ class Seam:
         yield PointConstraint(self.name, measure, closing=closing, may_repeat=True)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """Nodes of the edge with more nodes, each with its point of the other edge, as ports.
-        Collective.
-
-        They belong together by the fraction of arc length.  Nodes that both edges have are left
-        out.
-
-        Raises:
-            InputError: no pair remains, as both edges consist of the same nodes.
-        """
+        """Nodes of the edge with more nodes, each with its point of the other edge by the fraction
+        of arc length, as ports; nodes that both edges have are left out.  Collective."""
         line_a, line_b = self.lines(start)
         # Nodes of the finer line on the coarser one: the other way round nodes of the finer line
         # would stay free, and gaps would open between those that are sewn.

@@ -23,11 +23,8 @@ OPPOSITE = 1e-6
 
 @dataclass(frozen=True)
 class SectionRotation:
-    """How the sections at nodes of a beam move and turn.
-
-    A section with the normal n is turned by the shortest rotation from n to `direction`, then about
-    it by `twist`.  See `Fixed` for the arguments.
-    """
+    """How the sections at nodes of a beam move and turn: by the shortest rotation from their normal
+    to `direction`, then about it by `twist`, see `Fixed`."""
 
     name: str
     beam: Beam
@@ -45,31 +42,14 @@ class SectionRotation:
         return Support(self.name, self.beam, dofs, None if is_still else self._path())
 
     def _path(self) -> Callable[[float], Array]:
-        """Prescribed coordinates of the sections of a beam as a function of time.
-
-        Returns:
-            Function of time [s] that returns positions [m] and directors (unit vectors) of the n
-            nodes, (9 n,), node by node.  It is collective, and raises `InputError` on all ranks for
-            a motion, direction or twist that is not finite or of another shape.
-        """
+        """Prescribed coordinates of the sections of a beam: a function of time [s] that returns
+        positions [m] and two directors of the n nodes, (9 n,), node by node.  It is collective."""
         # X (3, n) [m] are the nodes of the stress-free shape.
         X = self.beam.space.tabulate_dof_coordinates()[self.nodes].T
         start = self.beam.stress_free(self.nodes)
         motion = self.motion
 
         def path(t: float) -> Array:
-            """Coordinates (9 n,) of n nodes of the beam at a time: position [m] and two section
-            axes [-] each.
-
-            They follow from the stress-free state by the user's motion, direction and twist.
-            Collective.
-
-            Args:
-                t: time [s].
-
-            Raises:
-                InputError: on all ranks, if a user's function fails or returns something else.
-            """
             # Coordinates (n, 3, 3) of the nodes: position and two directors as rows.
             q = start.copy()
             if motion is not None:
@@ -84,21 +64,8 @@ class SectionRotation:
         return path
 
     def _rotations(self, X: Array, normals: Array, t: float) -> Array:
-        """Rotations (n, 3, 3) from the stress-free sections of a beam to those prescribed at a
-        time.
-
-        Each is the shortest rotation from the normal to the direction, then the twist about it.
-        Collective.
-
-        Args:
-            X: nodes (3, n) [m] of the stress-free shape, for functions of the user.
-            normals: unit normals (n, 3) of the stress-free sections.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if a direction is zero or opposite to the normal, or if a
-                function of the user fails or returns no finite numbers of the right shape.
-        """
+        """Rotations (n, 3, 3) at a time [s] of the sections with unit normals (n, 3) at nodes X (3,
+        n) [m] of the stress-free shape.  Collective."""
         when = f"of '{self.name}' at t = {t:.6g} s"
         wanted = self._directions(X, normals, t, when)
         length = np.linalg.norm(wanted, axis=1, keepdims=True)
@@ -125,19 +92,8 @@ class SectionRotation:
         t: float,
         when: str,
     ) -> Array:
-        """Directions (n, 3), of any length, that the normals of the sections are to have at a time.
-
-        Collective for a function of the user.
-
-        Args:
-            X: nodes (3, n) [m] of the stress-free shape.
-            normals: unit normals (n, 3) of the stress-free sections, which stay if nothing is
-                given.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if the function fails or returns something else.
-        """
+        """Directions (n, 3), of any length, that the unit normals (n, 3) of sections at nodes X (3,
+        n) [m] of the stress-free shape are to have at a time [s].  Collective."""
         given = self.direction
         if given is None:
             return normals

@@ -15,18 +15,9 @@ def check_support(
     group: str,
     components: tuple[int, ...],
 ) -> None:
-    """Raise `InputError`, on all ranks, if a support would hold nothing.  Collective.
-
-    Args:
-        kind: class of the support, for the message.
-        body: whose nodes are held.
-        group: name of points, curves or surfaces of its mesh.
-        components: which of x, y, z (0, 1, 2) it holds.
-
-    Raises:
-        InputError: another component or none, a group that the mesh does not have, or one without
-            nodes of the body.
-    """
+    """Raise `InputError`, on all ranks, if a support would hold nothing: components other than x,
+    y, z (0, 1, 2), a group that the mesh does not have, or one without nodes of the body.
+    Collective."""
     check(
         set(components) <= {0, 1, 2} and bool(components),
         f"{kind}: components are {components!r}; choose from 0, 1, 2.",

@@ -60,12 +60,6 @@ class Damping:
     name: str = "damping"
 
     def __post_init__(self) -> None:
-        """Check the factors [1/s] and [s] of damping by mass and by stiffness.
-
-        Raises:
-            InputError: a factor is negative, both are zero, or `tension_only` is given for a body
-                that is not a film or without a stiffness factor.
-        """
         check(
             self.mass_factor >= 0
             and self.stiffness_factor >= 0
@@ -85,13 +79,8 @@ class Damping:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield terms of the equations: dissipation by the mass and by the stiffness, for factors
-        above zero.
-
-        With `tension_only` also the stiffness of the film at the start of each step, as a term.
-
-        α [1/s] is the factor on the mass, β [s] that on the stiffness, v are the rates of the
-        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness."""
+        """Dissipation by the mass and by the stiffness, for factors above zero; with `tension_only`
+        also the stiffness of the film at the start of each step, as a term."""
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.
@@ -141,12 +130,9 @@ def _inertia(body: Body) -> list[Expr]:
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
-    """Return the strain measure of a body, and its stored energy as it is in tension.
-
-    Returns:
-        measure, a function of positions [m]; energy density, a function of that measure: per area
-        [J/m²] of films, per length of the mesh [J/m] of cables and beams.
-    """
+    """The strain measure of a body, a function of positions [m], and its stored energy as it is in
+    tension, a function of the measure: per area [J/m²] of films, per length of the mesh [J/m] of
+    cables and beams."""
     if isinstance(body, Membrane):
         # A wrinkled film would have no stiffness across its wrinkles, and their flutter no damping.
         linear = body.law.unwrinkled()

@@ -59,14 +59,6 @@ class EdgeLoad:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges and forces, and name the load after its edges if it has no name.
-
-        Collective.
-
-        Raises:
-            InputError: the mesh has no such curves; neither or both of the forces; edges where more
-                than two sheets meet, or, for a normal force, edges that are not on the rim.
-        """
         film = self.body
         edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
         check(
@@ -98,13 +90,8 @@ class EdgeLoad:
             yield self._across()
 
     def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Return measures ds of the edges on the rim, and dS of those inside.  Collective.
-
-        Each is None where no rank has such edges.
-
-        Raises:
-            InputError: the mesh has no such group of curves, or the group has another dimension.
-        """
+        """Measures ds of the edges on the rim, and dS of those inside, each None where no rank has
+        such edges.  Collective."""
         film = self.body
         domain = film.mesh.domain
         # Integrals over edges need the triangles next to them.
@@ -116,14 +103,8 @@ class EdgeLoad:
         return ds, dS
 
     def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
-        """Return a measure of some edges, exact for a constant force.  Collective.
-
-        Args:
-            edges: local numbers (n,) of the edges.
-
-        Returns:
-            the measure, or None if no rank has any edge.
-        """
+        """The measure of some edges (n,), exact for a constant force, or None if no rank has any.
+        Collective."""
         film = self.body
         if film.comm.allreduce(len(edges)) == 0:
             return None
@@ -135,15 +116,7 @@ class EdgeLoad:
         return measure(1)
 
     def _in_space(self) -> Term:
-        """Return the load of a force f [N/m] in space as a term of the equations: δW = ∫f·w ds.
-        Collective.
-
-        In a run a force that is a function of time is checked: InputError if it raises or returns
-        other than three finite numbers.
-
-        ds and dS are the measures of the edges on the rim and of those inside the film, w test
-        functions, and `at` sets f at a time.
-        """
+        """The load of a force f [N/m] in space: δW = ∫f·w ds.  Collective."""
         force = self.force
         name = self.name
         ds, dS = self._measures()
@@ -174,14 +147,8 @@ class EdgeLoad:
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
-        """Return the load of a force p ν, p [N/m], along the normal ν of the rim, as a term: δW =
-        ∫p ν·w ds.  Collective.
-
-        In a run a force that is a function of time is checked: InputError if it raises or returns
-        other than a finite number.
-
-        In the code f has the value of p, and `at` sets it at a time.
-        """
+        """The load of a force p ν, p [N/m], along the normal ν of the rim: δW = ∫p ν·w ds.
+        Collective."""
         film = self.body
         value = self.normal_force
         ds, _ = self._measures()
@@ -198,13 +165,6 @@ class EdgeLoad:
                 f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            """Return the virtual work δW [J] of a load f ν [N/m] along the edges ds, ν the normal
-            of the rim.
-
-            Args:
-                x: positions (3,) [m] of the film.
-                w: test function (3,), like x.
-            """
             # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
                 return f * ufl.dot(ν, w) * ds

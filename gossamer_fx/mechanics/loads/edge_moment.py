@@ -50,12 +50,6 @@ class EdgeMoment:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name.  Collective.
-
-        Raises:
-            InputError: the mesh has no such curves, edges are inside the plate, or the moment is
-                not a finite number.
-        """
         edges = self.body.mesh.curve(self.edges, "EdgeMoment")
         check_on_all(
             self.body.comm,
@@ -75,17 +69,7 @@ class EdgeMoment:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the moment [N] per length as a term of the equations: a load that follows the edge.
-
-        In a run a moment that is a function of time is checked: InputError if it raises or returns
-        other than a finite number.
-
-        In the code m is the moment per length of the edge [N], x are positions of the plate and w
-        test functions.
-
-        Raises:
-            InputError: the mesh has no group of curves with the name of the edges.
-        """
+        """The moment [N] per length of the edge, as a load that follows it."""
         plate = self.body
         value = self.moment
         domain = plate.mesh.domain

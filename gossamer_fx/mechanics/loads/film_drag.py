@@ -26,15 +26,6 @@ class Drags(Loads):
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
-        """Compile the forms of forces, of losses and of the work of the wind.  Collective.
-
-        Args:
-            terms: forces against velocities, each on one body.
-            system: the equations of the scene.
-
-        Raises:
-            InputError: no C compiler was found.
-        """
         coordinates = [system.coordinates[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):

@@ -55,22 +55,12 @@ class ConstantForce:
 
 
 class ForceInTime:
-    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step.
-
-    Attributes:
-        factor: number by which the function is multiplied; a parameter of gradients.
-    """
+    """Force (3,) [N] as a function of time [s], taken where forces act, e.g. at the middle of the
+    step; `factor` multiplies it, and is a parameter of gradients."""
 
     depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
-        """Take the function, which is first called when a step begins.
-
-        Args:
-            comm: the ranks, which must agree on its values.
-            name: of the load, for messages.
-            value: function of time [s] that returns three components [N].
-        """
         self._comm = comm
         self._name = name
         self._value = value
@@ -84,11 +74,8 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the force [N] of a step; the same on all ranks, collective.
-
-        Raises:
-            InputError: the function raises, or returns other than three finite numbers.
-        """
+        """Ask the user's function for the force [N] of a step; the same on all ranks,
+        collective."""
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -134,13 +121,6 @@ class TorqueInTime(Couple):
     of the step."""
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
-        """Take the function, which is first called when a step begins.
-
-        Args:
-            comm: the ranks, which must agree on its values.
-            name: of the load, for messages.
-            value: function of time [s] that returns three components [N m].
-        """
         super().__init__()
         self._comm = comm
         self._name = name
@@ -154,11 +134,7 @@ class TorqueInTime(Couple):
         V: Array,
     ) -> None:
         """Ask the user's function for the torque [N m] of a step; the same on all ranks,
-        collective.
-
-        Raises:
-            InputError: the function raises, or returns other than three finite numbers.
-        """
+        collective."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -190,11 +166,8 @@ class Force:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the force [N] as a term of the equations: a load on its port, the point where it
-        acts.
-
-        A force that is given as three numbers, and a factor of a function of time, are parameters
-        of gradients."""
+        """A load on the point; numbers, and a factor of a function of time, are parameters of
+        gradients."""
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
@@ -235,12 +208,7 @@ class Torque:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the torque [N m] as a term of the equations: a load on the directors of its frame
-        or line.
-
-        Directors are vectors that turn with a rigid body or a beam's section. In a run a torque
-        that is a function of time is checked: InputError if it raises, or returns other than three
-        finite numbers."""
+        """A load on the directors of the frame or line."""
         vectors: tuple[Attached, ...] = self.frame.directors
         value = self.torque
         law: PointForce

@@ -47,11 +47,6 @@ class Gravity:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name.
-
-        Raises:
-            InputError: g is not three finite numbers.
-        """
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
         check(

@@ -36,18 +36,9 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
     forces_are_forms = True
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
-        """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
-
-        Such a term adds no force: it has C for the damping of a film that follows its
-        stiffness. C is evaluated later, when a state is accepted.
-
-        Args:
-            terms: of the scene.
-            system: the compiled scene.
-
-        Raises:
-            InputError: no C compiler was found.
-        """
+        """Compile the stiffness C = ∂S/∂e [N/m] of each term, for the damping of a film that
+        follows its stiffness; it is evaluated when a state is accepted, and adds no force.
+        Collective."""
         self._system = system
         self._terms = terms
         self._made = []
@@ -108,25 +99,14 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
 
 
 class _StartProduct:
-    """(∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of one term, compiled.
-
-    Args:
-        term: whose stiffness it is.
-        stand_in: function in place of q0, so that other parts of the forces are not derived.
-        entries: of C at this function.
-        system: the compiled scene, with the forms of all forces.
-
-    Attributes:
-        μ: the adjoint vector as a function on the body.
-    """
+    """(∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of one term, compiled; μ is the
+    adjoint vector as a function on the body."""
 
     def __init__(
         self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
     ) -> None:
-        """Compile the derivatives of all forms with C.  Collective.
-
-        Raises:
-            InputError: no C compiler was found.
+        """Compile the derivatives of all forms with C; `stand_in` is a function in place of q0, so
+        that other parts of the forces are not derived, and `entries` those of C at it.  Collective.
         """
         self.term = term
         self.μ = fem.Function(term.body.space)

@@ -60,11 +60,7 @@ class Pressure:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the pressure [Pa] as a term of the equations: a load that follows the deformed
-        film.
-
-        In a run a pressure that is a function of time is checked: InputError if it raises or
-        returns other than a finite number."""
+        """The pressure [Pa] as a load that follows the deformed film."""
         film = self.body
         value = self.pressure
         mesh = film.space.mesh

@@ -95,15 +95,9 @@ class StartFrom:
             start.place(body.body, self._coordinates(body))
 
     def _coordinates(self, here: BodyState) -> Array:
-        """Coordinates for one body from the body of the same name in the other scene, flattened.
-
-        Returns:
-            positions [m] and directors [-] of this rank's nodes; of a reduced film the coefficients
-            [m] of its modes, which are projected from a full film.
-
-        Raises:
-            InputError: the other scene has no such body, or with another mesh.
-        """
+        """Positions [m] and directors of this rank's nodes of the body of the same name in the
+        other scene, flattened; of a reduced film the coefficients [m] of its modes, projected from
+        a full film."""
         body = here.body
         there = self.system.state.named(body.name)
         full = body.full if is_on_mesh(body) else body

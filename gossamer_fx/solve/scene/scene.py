@@ -87,11 +87,7 @@ class Scene:
         )
 
     def _add(self, item: object) -> None:
-        """Add an item and all that it refers to, each once.
-
-        Raises:
-            InputError: it has no name, or brings nothing that a scene uses.
-        """
+        """Add an item and all that it refers to, each once."""
         if not isinstance(item, Item):
             raise InputError(
                 f"{item!r} is not an item of a scene; "
@@ -138,10 +134,8 @@ class Scene:
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
     def _refuse_other_ranks(self) -> None:
-        """Raise `InputError` if the bodies are not all on the same ranks.
-
-        The bodies have no communicator in common, so that ranks do not exchange what they find.
-        """
+        """Raise `InputError` if the bodies are not all on the same ranks.  They have no
+        communicator in common, so that ranks do not exchange what they find."""
         for body in self.bodies:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
             check(
@@ -152,18 +146,8 @@ class Scene:
             )
 
     def compile(self, rule: StressRule | None = None) -> System:
-        """Number the unknowns, compile the forms, take the initial state.  Collective.
-
-        Args:
-            rule: which stress acts in a time step; None: the path average, which conserves energy.
-
-        Returns:
-            the system of equations with the initial state.
-
-        Raises:
-            InputError: bodies on different ranks, cells without size, initial data that are not
-                finite, or what a part finds wrong with its surroundings.
-        """
+        """Number the unknowns, compile the forms for a stress rule, by default the path average,
+        which conserves energy, and take the initial state.  Collective."""
         # Before anything is compiled, which takes seconds for new forms.
         self._refuse_other_ranks()
         validate(self.items, self.comm)

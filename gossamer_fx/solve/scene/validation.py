@@ -78,15 +78,7 @@ _printed: set[str] = set()
 
 
 def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
-    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective.
-
-    Args:
-        items: all items of the scene.
-        comm: the ranks.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective."""
     for words in warnings(list(items)):
         if words not in _printed and comm.rank == 0:
             LOG.warning(words)
@@ -94,16 +86,8 @@ def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
 
 
 def warnings(items: list[Any]) -> Iterator[str]:
-    """Yield warnings about input that is possible but probably wrong, the same on all ranks.
-
-    Collective: all ranks take all of them.
-
-    Args:
-        items: of the scene: meshes of bodies, and numbers of items and their laws, are looked at.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Yield warnings about meshes, and numbers of items and their laws, that are possible but
+    probably wrong, the same on all ranks, which take all of them.  Collective."""
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
@@ -113,14 +97,8 @@ def warnings(items: list[Any]) -> Iterator[str]:
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
-    """Yield warnings about the mesh of one body; the same on all ranks.  Collective.
-
-    They concern its size [m], open seams, slivers, normals that change sides, triangles upside
-    down, and the thickness of plates.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Yield warnings about the mesh of one body: its size [m], open seams, slivers, normals that
+    change sides, triangles upside down, and the thickness of plates.  Collective."""
     domain = body.space.mesh
     comm = body.comm
     corners = corner_points(domain)
@@ -239,13 +217,8 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
 
 
 def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Yield warnings about films that intersect themselves at the start.  Collective.
-
-    This check takes more time than all others, so it is made on request only.
-
-    Args:
-        bodies: of the scene; those that are not on a mesh of triangles are left out.
-    """
+    """Yield warnings about films, those on a mesh of triangles, that intersect themselves at the
+    start. It takes more time than all other checks, so it is made on request only.  Collective."""
     for body in bodies:
         if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
             continue

@@ -49,13 +49,8 @@ DIVERGENCE_RATIO = 1e12
 
 @dataclass(frozen=True)
 class Residual:
-    """Norms of a residual, the same on every rank.
-
-    Attributes:
-        imbalance: of the forces [N].
-        violation: the largest of a constraint [m or 1].
-        scalars: the largest of the relative residuals of scalar unknowns.
-    """
+    """Norms of a residual, the same on every rank: imbalance of the forces [N], the largest
+    violation of a constraint [m or 1], and the largest relative residual of scalar unknowns."""
 
     imbalance: float
     violation: float = 0.0
@@ -66,17 +61,8 @@ class ConvergenceTest:
     """Judges the residuals of the iterates of one step, see the module.
 
     For each iterate call `record`, then `is_solved`, with the same residual or with that of the
-    true strain.
-
-    Args:
-        tolerances: when a step counts as solved.
-        has_contact: whether the scene has contact.
-
-    Attributes:
-        norm: of the forces of the last iterate [N].
-        norms: of all iterates of the present iteration [N].
-        reference: R in (1) [N].
-        round_off_floor: third number of (1) [N]; zero: not known yet.
+    true strain.  It has the norms [N] of the forces of all iterates, their reference R in (1) [N],
+    and the round-off floor, the third number of (1) [N], zero while it is not known.
     """
 
     def __init__(self, tolerances: Tolerances, has_contact: bool) -> None:
@@ -105,11 +91,9 @@ class ConvergenceTest:
         return STAGNATION_FACTOR * self.round_off_floor
 
     def record(self, norm: float, is_first: bool) -> None:
-        """Take the norm [N] of the forces of the next iterate.
-
-        The first one of an iteration is the reference.  That of the iteration before, which lacked
-        contact pairs, still tells whether it falls.
-        """
+        """Take the norm [N] of the forces of the next iterate; the first one of an iteration is the
+        reference.  That of the iteration before, which lacked contact pairs, still tells whether it
+        falls."""
         self._previous_norm = self.norm
         self.norm = norm
         if is_first:
@@ -119,14 +103,12 @@ class ConvergenceTest:
         self.norms.append(norm)
 
     def limit_reference(self, stopping: float, external: Callable[[], float]) -> None:
-        """Limit the reference force of an iteration with contact, after its first iterate.
+        """Limit the reference force of an iteration with contact, after its first iterate, by the
+        force F_stop [N] that stops all motion within the step, and that of loads and supports,
+        asked where it matters.
 
         The predictor may have passed through an obstacle.  Its forces are then thousands of times
         larger than those of the solution, and are not a scale for the residual.
-
-        Args:
-            stopping: force F_stop [N] that stops all motion within the step.
-            external: gives the force [N] of loads and supports, asked where it matters.
         """
         self._contact_floor = CONTACT_FLOOR_RATIO * stopping
         if stopping < self.norm:
@@ -140,15 +122,12 @@ class ConvergenceTest:
         self.round_off_floor = min(floor, self.round_off_floor or math.inf)
 
     def is_solved(self, residual: Residual, energy_error_is_small: Callable[[], bool]) -> bool:
-        """Whether a residual passes the test.
+        """Whether a residual, of the last iterate or of the true strain there, passes the test.
 
         The norm of the forces must be below the tolerance, or no longer fall and be round-off;
-        while it falls, (2) must hold.  Violations of constraints and relative residuals of scalar
-        unknowns must be below their tolerances, too.
-
-        Args:
-            residual: that of the last iterate, or of the true strain there.
-            energy_error_is_small: whether (2) holds, asked where it matters; it may be collective.
+        while it falls, (2) must hold, which is asked where it matters and may be collective.
+        Violations of constraints and relative residuals of scalar unknowns must be below their
+        tolerances, too.
         """
         imbalance = residual.imbalance
         stagnates = self.norm > STAGNATION_RATIO * self._previous_norm

@@ -32,9 +32,6 @@ class StallRule:
 
     For time steps with contact and without friction: with friction an iteration may come from a
     plateau to a solution, and an equilibrium has no time step that could be divided.
-
-    Args:
-        max_iterations: number of Newton iterations that are allowed.
     """
 
     max_iterations: int
@@ -42,15 +39,10 @@ class StallRule:
     def has_stalled(
         self, norms: Sequence[float], kept_shares: Sequence[float], small: float
     ) -> bool:
-        """Judge an iteration by all of its residuals so far.
-
-        Args:
-            norms: of the forces of all iterates [N].  The first does not count, as it may be
-                round-off when the predictor is nearly exact.
-            kept_shares: shares of the lengths of the updates that contact has left.
-            small: norm [N] that passes the test of the forces; such a residual waits for the other
-                parts of the test.
-        """
+        """Judge an iteration by the norms [N] of the forces of all iterates, of which the first may
+        be round-off and does not count, and the shares of the lengths of the updates that contact
+        has left.  A residual below `small` [N] waits for the other parts of the test of
+        convergence."""
         last = math.ceil(STALLED_SHARE * self.max_iterations)
         before = norms[1:-last]
         if not before or norms[-1] <= small:

@@ -49,12 +49,6 @@ class Tolerances:
     max_iterations: int = 40
 
     def __post_init__(self) -> None:
-        """Refuse tolerances that are negative, or that the first guess would meet.
-
-        Raises:
-            InputError: a tolerance is negative, `relative`, `energy` or `scalars` is not below 1,
-                or `max_iterations` is below 1.
-        """
         for name in ("relative", "absolute", "floor", "energy", "scalars", "constraint"):
             value = getattr(self, name)
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")

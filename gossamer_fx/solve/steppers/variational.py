@@ -103,11 +103,6 @@ class VariationalMidpoint:
         return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
-        """The rule at work on a compiled system, whose state is the initial one.
-
-        Raises:
-            InputError: the scene has contact or gas.
-        """
         # Both have forces of their own rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(
