@@ -87,7 +87,6 @@ class HangingStrip:
     name: str = "strip"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "length", "m")
         check_positive(self, "width", "m")
         check_positive(self, "bending_stiffness", "N m")

@@ -81,7 +81,6 @@ class OutsideBasis:
         self._estimate: _Estimate | None = None
 
     def __call__(self, run: Run) -> float:
-        """The estimate in the state of a run."""
         film = self.body
         # Compiled at the first call: ports are known by then.
         if self._estimate is None:

@@ -73,8 +73,6 @@ class ReducedMembrane(Membrane):
     """
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
-        """Make a film over the sampled cells whose unknowns are the coefficients of modes.
-        Collective."""
         film = made_from.film
         part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
@@ -162,13 +160,10 @@ class ReducedMembrane(Membrane):
         return "its modes"
 
     def port(self, group: str) -> Port:
-        """The point of a named group of one vertex of the film.  Collective."""
         node = global_node(self.full, self.full.mesh, group)
         return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:
-        """The point of the film at the coordinates (3,) [m] of its stress-free shape.
-        Collective."""
         on_film = interpolated(self.full, point)
         return self._combined(on_film.nodes, on_film.weights)
 

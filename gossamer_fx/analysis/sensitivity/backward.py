@@ -97,7 +97,6 @@ class BackwardSteps:
     """
 
     def __init__(self, tape: RunTape) -> None:
-        """Make the adjoint vectors, which `solve` fills.  Collective."""
         self._tape = tape
         self._system: System = tape.system
         numbering = self._system.numbering

@@ -39,7 +39,6 @@ class ChamberPressure:
         return next(k for k, one in enumerate(chambers) if one is self.chamber)
 
     def __call__(self, run: HasScene) -> float:
-        """The pressure in the present state of a run."""
         return float(chambers_of(run.system)[self._index(run.system)].pressure)
 
     def add_derivative(

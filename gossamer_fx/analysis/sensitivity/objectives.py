@@ -111,7 +111,6 @@ class Integral:
         return self._compiled
 
     def __call__(self, run: HasScene) -> float:
-        """The integral in the present state of a run."""
         value, _ = self._prepare(run.system)
         return float(run.system.comm.allreduce(fem.assemble_scalar(value)))
 
@@ -175,7 +174,6 @@ class Energy:
     unit = "J"
 
     def __call__(self, run: HasScene) -> float:
-        """The energy in the present state of a run."""
         totals = run.system.totals()
         return float(totals.kinetic + sum(totals.stored.values()))
 
@@ -319,7 +317,6 @@ class Functional:
         self.unit = unit
 
     def __call__(self, run: HasScene) -> float:
-        """The value in the present state of a run."""
         return float(self._value(run))
 
     def add_derivative(

@@ -56,8 +56,6 @@ class StaticGradients:
     between."""
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient at an equilibrium, and find the variables.
-        Collective."""
         system = equilibrium.system
         for scalars in system.scalar_unknowns:
             check(

@@ -109,7 +109,6 @@ class RunTape:
     """
 
     def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
-        """Check the arguments, and record every step from now on.  Collective."""
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),

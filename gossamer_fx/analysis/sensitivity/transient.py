@@ -47,7 +47,6 @@ class TransientGradients:
     """Gradients of results at the end of a recorded run, which stands at its last step."""
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
         system = tape.system
         check(
             tape.steps > 0,

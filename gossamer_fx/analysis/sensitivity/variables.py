@@ -147,8 +147,6 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
-        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the
-        mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -158,7 +156,6 @@ class FormVariable(Variable):
         return values
 
     def set(self, values: Array) -> None:
-        """Give the coefficients the values (k,), on this rank and on ghosts."""
         for one in self.coefficients:
             if isinstance(one, MeshNodes):
                 one.set(values)
@@ -186,7 +183,6 @@ class FormVariable(Variable):
         return found
 
     def function(self, values: Array) -> fem.Function | None:
-        """Values (k,) as a function on the mesh, for output; None for a constant."""
         first = self.coefficients[0]
         if isinstance(first, fem.Constant):
             return None

@@ -168,7 +168,6 @@ class Continuation:
     total_iterations: int = 1000
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         for name in ("tolerance", "first_step", "inner_tolerance"):
             value = getattr(self, name)
             check(
@@ -300,7 +299,6 @@ class Equilibrium:
         *,
         gas: GasProcess = "adiabatic",
     ) -> None:
-        """Check the arguments, and compile the scene.  Collective."""
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",

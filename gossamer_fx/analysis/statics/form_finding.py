@@ -70,7 +70,6 @@ class Prestress(IsotropicFilm):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             math.isfinite(self.tension) and self.tension > 0,
@@ -126,7 +125,6 @@ class EdgeCable:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             math.isfinite(self.force) and self.force > 0,
             f"EdgeCable: force is {self.force!r} N; give a positive number.",

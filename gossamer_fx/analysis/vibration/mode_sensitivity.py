@@ -69,7 +69,6 @@ class Frequency:
         self._by_position: dict[MeshBody, list[fem.Form]] = {}
 
     def __call__(self, run: Any) -> float:
-        """The frequency [Hz] at the present equilibrium."""
         return self._mode().frequency
 
     def _mode(self) -> Mode:

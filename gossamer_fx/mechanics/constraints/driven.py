@@ -50,7 +50,6 @@ class Driven:
     name: str = "motor"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             any(self.axis),
             f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
@@ -60,7 +59,6 @@ class Driven:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support that fixes the body's position and turns its axes with time."""
         body = self.body
         axis = unit(self.axis)
         first = start[body].coordinates().copy()

@@ -249,7 +249,6 @@ class FixedJoint(FrameJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """The frames, one of which has three directors."""
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -296,7 +295,6 @@ class RevoluteJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """A frame with three directors, and one that holds the axis or is normal to it."""
         full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
         n = unit(self.axis)
         # Two directors of a section span all vectors in it.  An axis that is neither in the section
@@ -339,7 +337,6 @@ class PrismaticJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """The frames: one has three directors, the first holds the normals of the axis."""
         # A section across the axis has both its normals already.
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
@@ -378,7 +375,6 @@ class CylindricalJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """A frame with three directors, and one that holds the axis or is normal to it."""
         n = unit(self.axis)
         # As of `RevoluteJoint`: a third director only for an oblique axis.
         if lies_in(n, self.b) or is_normal(n, self.b):

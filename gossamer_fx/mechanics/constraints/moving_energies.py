@@ -26,7 +26,6 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
     """
 
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
-        """Compile force, tangent, supplied work and energy of each term.  Collective."""
         self._system = system
         self._compiled = []
         # Where forces act at the end, so does the matrix; else it is the mean of both ends.
@@ -71,7 +70,6 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
             c.before.x.array[:] = c.after.x.array
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the forces [N] of all terms to r."""
         for c in self._compiled:
             c.force.array[:] = 0
             fem.assemble_vector(c.force.array, c.residual)
@@ -84,11 +82,9 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
         return [c.tangent for c in self._compiled if c.term.body is body]
 
     def supplied(self) -> float:
-        """This rank's share of the work [J] that the changes of the terms supply in the step."""
         return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
 
     def energies(self) -> dict[str, float]:
-        """This rank's share of the stored energy [J] at the start of the step, by name."""
         # The clamps of a plate have one name, and that of its bending.
         found: dict[str, float] = {}
         for c in self._compiled:

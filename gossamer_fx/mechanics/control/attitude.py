@@ -373,7 +373,6 @@ class AttitudeControl:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The torque as one load on the frame's vectors."""
         reference = self.reference()
         gains = (
             Parameter("stiffness", "N m/rad", "stiffness"),

@@ -67,7 +67,6 @@ class AirDrag:
     name: str = "air drag"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
@@ -79,8 +78,6 @@ class AirDrag:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the drag as a term of the equations: a load that depends on velocities, and
-        dissipates."""
         film = self.body
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)

@@ -107,7 +107,6 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         self._X0 = self._vectors(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Subtract the loads [N] on all attached masses from r."""
         groups = zip(self._masses, self._indices, self._forces(), strict=True)
         for (P, _, _, _), indices, F in groups:
             force = -np.einsum("nax,na->nx", P, F)
@@ -116,7 +115,6 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
             r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Subtract the derivatives [N/m] of these loads from A, where they depend on positions."""
         α = self._system.rule.alpha
         for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
             # Zero for gravity, whose acceleration is the same everywhere.

@@ -81,7 +81,6 @@ class Centrifugal:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name."""
         check(
             any(self.spin),
             f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
@@ -93,8 +92,6 @@ class Centrifugal:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The load on masses of meshes and nodes, and on those attached to the body.
-        Collective."""
         Ω = np.asarray(self.spin, dtype=float)
         c = np.asarray(self.centre, dtype=float)
         # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r

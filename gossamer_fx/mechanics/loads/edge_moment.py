@@ -69,7 +69,6 @@ class EdgeMoment:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The moment [N] per length of the edge, as a load that follows it."""
         plate = self.body
         value = self.moment
         domain = plate.mesh.domain

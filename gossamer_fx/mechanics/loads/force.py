@@ -74,8 +74,6 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the force [N] of a step; the same on all ranks,
-        collective."""
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -111,7 +109,6 @@ class ConstantTorque(Couple):
     """Torque (3,) in space axes that never changes."""
 
     def __init__(self, torque: Array) -> None:
-        """Take the torque (3,) [N m], in axes of space."""
         super().__init__()
         self.torque = torque
 
@@ -133,8 +130,6 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the torque [N m] of a step; the same on all ranks,
-        collective."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -208,7 +203,6 @@ class Torque:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """A load on the directors of the frame or line."""
         vectors: tuple[Attached, ...] = self.frame.directors
         value = self.torque
         law: PointForce

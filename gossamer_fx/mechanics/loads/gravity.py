@@ -58,8 +58,6 @@ class Gravity:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield terms of the equations: the weight of masses of meshes and nodes, and of those
-        attached to the body. Collective."""
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)

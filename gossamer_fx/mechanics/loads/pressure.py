@@ -49,7 +49,6 @@ class Pressure:
     name: str = "pressure"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check(
             callable(self.pressure) or math.isfinite(self.pressure),
             f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; "
@@ -60,7 +59,6 @@ class Pressure:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The pressure [Pa] as a load that follows the deformed film."""
         film = self.body
         value = self.pressure
         mesh = film.space.mesh

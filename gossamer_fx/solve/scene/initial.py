@@ -41,7 +41,6 @@ class RigidMotion:
     name: str = "rigid motion"
 
     def __post_init__(self) -> None:
-        """Refuse vectors that are not three finite numbers."""
         for argument in ("spin", "velocity", "centre"):
             value = getattr(self, argument)
             check(
