@@ -1,4 +1,4 @@
-"""Shapes of a film from the folder of a run, for `reduce`.
+"""Shapes of a film, in memory or from the folder of a run, for `reduce`.
 
 Problem.  The run may have been made on another number of ranks, and may have been restarted, so the
 field files list the nodes in another order than the film at hand.
@@ -12,6 +12,7 @@ Algorithm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,59 @@ from gossamer_fx.records.outputs.adios import adios2_for
 from gossamer_fx.records.outputs.field_files import noted_steps
 from gossamer_fx.records.outputs.file_names import file_name, segments
 from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.solve.view import Run
+
+
+@check_arguments
+class Snapshots:
+    """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes
+    that it owns.
+
+    Args:
+        body: the film.
+        every: number of steps between two shapes.
+        times: times [s] of the shapes, in place of `every`.
+
+    Attributes:
+        positions: list of arrays (n, 3) [m], one for each shape.
+
+    Raises:
+        InputError: when the run starts, the film is not in its scene.
+
+    Example:
+        >>> shapes = gx.reduction.Snapshots(film, every=10)
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=2e-2)
+        >>> len(shapes.positions)
+        3
+    """
+
+    def __init__(self, body: Membrane, every: int = 1, *, times: Sequence[float] = ()) -> None:
+        self.body = body
+        self.schedule = Schedule(every, tuple(times))
+        self.positions: list[Array] = []
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times [s] at which the run has to end a step; empty if shapes follow steps."""
+        return self.schedule.times
+
+    def open(self, run: Run) -> None:
+        check(
+            self.body in run.system.bodies,
+            f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
+        )
+        self.positions.clear()
+
+    def record(self, run: Run, last: bool) -> None:
+        if self.schedule.due(run.step, run.time, last):
+            # a copy: the state changes in place
+            self.positions.append(run.system.state[self.body].positions().copy())
+
+    def close(self, run: Run) -> None:
+        """Do nothing: the shapes stay in memory."""
+
 
 # Edge of the cubes as a share of the largest coordinate: points in the same cube are the same node.
 CUBE_SIZE_RATIO = 1e-6

@@ -1,9 +1,14 @@
-"""A reduced film: a film whose shape is a combination of modes."""
+"""A reduced film: a film whose shape is a combination of modes.
+
+`reduce` makes it from recorded motions: 1. check that the film has strains and mass only;
+2. compute the modes (`basis`); 3. choose the cells over which strains are integrated (`sampling`);
+4. make the body.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
@@ -11,10 +16,14 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
-from gossamer_fx.analysis.reduction.basis import Basis
-from gossamer_fx.analysis.reduction.coordinates import ReducedCoordinates, coefficients
-from gossamer_fx.analysis.reduction.reduced_energies import ReducedEnergy
-from gossamer_fx.analysis.reduction.sampling import Sample
+from gossamer_fx.analysis.reduction.basis import Basis, make_basis
+from gossamer_fx.analysis.reduction.reduced_energies import (
+    ReducedCoordinates,
+    ReducedEnergy,
+    coefficients,
+)
+from gossamer_fx.analysis.reduction.sampling import Sample, every_cell, sample_cells
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -236,3 +245,61 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
         nearest = film_nodes[parent][distance.argmin(axis=1)]
         values[nodes[cell]] = basis.values[nearest]
     return values
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`: positions (n, 3) [m] of this
+    rank's nodes, one array for each shape."""
+
+    positions: Sequence[Array]
+
+
+@check_arguments
+def reduce(
+    body: Membrane,
+    motions: Sequence[Motion],
+    *,
+    modes: int,
+    cells: int | None = None,
+) -> ReducedMembrane:
+    """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
+
+    A film that is not plane has 3 · (modes + 4) unknowns.  The modes are mass-weighted singular
+    vectors of all shapes, scalar fields with vectors as unknowns, so that energy, momentum and
+    angular momentum are conserved; see `reduction.basis`.  The reduced film has the initial state,
+    law and name of the film, and replaces it in a new scene.  Collective.
+
+    Args:
+        body: the film; it may not have bending stiffness, creases or contact.
+        motions: `Snapshots` of runs, `RecordedShapes` of their folders, or `ModeShapes`.
+        modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
+        cells: largest number of cells of each rank over which strains are integrated, see
+            `reduction.sampling`; None for all cells.
+
+    Raises:
+        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film
+            has more than strains and mass.
+
+    Example:
+        >>> shapes = gx.reduction.Snapshots(film)
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=5e-3)
+        >>> reduced = gx.reduction.reduce(film, [shapes], modes=2)
+        >>> reduced.block.size
+        15
+    """
+    check_reducible(body)
+    check(
+        isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
+        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
+    )
+    shapes = [shape for motion in motions for shape in motion.positions]
+    basis = make_basis(body, shapes, modes)
+    check(
+        cells is None or cells >= 1,
+        f"reduce: cells is {cells!r}; take one or more, or None for all.",
+    )
+    # Without sampling the strains are integrated over all cells, each with the weight one.
+    sample = every_cell(body) if cells is None else sample_cells(basis, cells)
+    return ReducedMembrane(basis, sample, body.name)

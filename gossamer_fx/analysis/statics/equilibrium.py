@@ -73,8 +73,8 @@ from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 

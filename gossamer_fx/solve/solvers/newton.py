@@ -38,7 +38,7 @@ system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `do
 
 Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
 shortens it.  It fails at its last iterate, at residuals that grow beyond measure, and, in time
-steps with contact and without friction, when they no longer fall (`solvers.stall`).
+steps with contact and without friction, when they no longer fall (`solvers.convergence`).
 """
 
 from __future__ import annotations
@@ -57,9 +57,7 @@ import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
-from gossamer_fx.solve.solvers.stall import StallRule
-from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual, StallRule, Tolerances
 from gossamer_fx.solve.system.system import System
 
 # Contact pairs may be found missing only once a step is solved.  A step that still misses some

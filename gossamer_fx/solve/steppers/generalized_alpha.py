@@ -12,8 +12,8 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 

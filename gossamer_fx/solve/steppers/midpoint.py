@@ -9,9 +9,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
-from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint as EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAverage
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 

@@ -42,7 +42,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.mechanics.materials.c_law import CLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule, gradient
-from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.steppers.midpoint import MidpointSolver
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
