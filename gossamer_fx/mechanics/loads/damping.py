@@ -118,7 +118,6 @@ class Damping:
             β = constant(body.space.mesh, self.stiffness_factor)
             factor = (Parameter("stiffness_factor", "s", β),)
             if self.tension_only and isinstance(body, Membrane):
-                # Imported here: few scenes need it, and it compiles another form.
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
