@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.spinning_sheet import main
+from demos.films.spinning_sheet import main
 from demos.studies.engine.study import Study
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule, defect, gradient

@@ -118,6 +118,7 @@ class Integral:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
+        """Add the derivative by the positions; the integral does not depend on velocities."""
         _, derivative = self._prepare(system)
         dofs = self.body.space.dofmap
         b = la.vector(dofs.index_map, dofs.index_map_bs)
@@ -323,6 +324,7 @@ class Functional:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
+        """Add the derivative that the function of the user returns, by coordinates."""
         found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():

@@ -304,8 +304,8 @@ def _parser() -> argparse.ArgumentParser:
     for command in (run, sweep, plot, report, export):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
 
-    demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
-    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos, without .py")
+    demo = commands.add_parser("demo", help="run a demo of a clone, folded_tube by default")
+    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos/*, without .py")
     demo.add_argument("arguments", nargs="*", help="what that demo takes")
     validate = commands.add_parser(
         "validate", help="compare predictions with measurements of a case of a clone, or of a file"

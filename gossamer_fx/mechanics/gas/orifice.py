@@ -153,6 +153,7 @@ class Orifice:
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
+        """Mass flow [kg/s] from a to b, isentropic from the side of the higher pressure."""
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)

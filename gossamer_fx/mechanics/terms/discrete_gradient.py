@@ -54,7 +54,7 @@ state has a cheaper expression (`cases`).
 Limits.  A law that is not convex has an indefinite tangent.  The rule is for energies of quadratic
 measures: (1) does not hold for others.
 
-Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table
+Measured on the free sheet of the demo `spinning_sheet` by `demos/studies/stress_rule.py`; its table
 is in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM
 Rev. 25 (1983) 35, doi:10.1137/1025002; the correction, O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449,
 doi:10.1007/BF02440162; conservation by quadratic strains, J. C. Simo & N. Tarnow, Z. angew. Math.
