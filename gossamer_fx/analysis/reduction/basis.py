@@ -220,12 +220,7 @@ def _count_modes(singular_values: Array) -> int:
     return int((singular_values > MIN_SINGULAR_VALUE_RATIO * largest).sum())
 
 
-def _scaled(
-    film: Membrane,
-    snapshots: Sequence[Array],
-    fixed: Array,
-    mass: float,
-) -> Array:
+def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
     """Components (n, 3 · snapshots) [1/√kg] of the snapshots without the fixed modes, scaled: each
     snapshot's across the mean plane, and along two axes in it.  Collective.
 
@@ -289,12 +284,7 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     return np.column_stack(kept)
 
 
-def _orthonormalised(
-    film: Membrane,
-    modes: Array,
-    fixed: Array,
-    mass: float,
-) -> Array:
+def _orthonormalised(film: Membrane, modes: Array, fixed: Array, mass: float) -> Array:
     """Modes (n, k) made orthonormal to each other and orthogonal to the fixed ones (n, j), for
     which φ_iᵀMφ_j = m δ_ij.  Collective."""
     for _ in range(ORTHOGONALISATION_PASSES):
@@ -307,12 +297,7 @@ def _orthonormalised(
     return modes
 
 
-def _examples(
-    film: Membrane,
-    snapshots: Sequence[Array],
-    values: Array,
-    mass: float,
-) -> Array:
+def _examples(film: Membrane, snapshots: Sequence[Array], values: Array, mass: float) -> Array:
     """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all, in the modes φ (n,
     r). Collective."""
     positions = np.linspace(0, len(snapshots) - 1, MAX_EXAMPLES)

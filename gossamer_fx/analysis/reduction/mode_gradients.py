@@ -96,12 +96,7 @@ def strain_operator(F: Array) -> Array:
     return B.reshape(3, 6, -1)
 
 
-def stress_derivatives(
-    B_mean: Array,
-    D: Array,
-    B: Array,
-    S: Array,
-) -> Array:
+def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
     """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
     gradients.
 

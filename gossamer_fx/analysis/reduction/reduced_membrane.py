@@ -257,11 +257,7 @@ class Motion(Protocol):
 
 @check_arguments
 def reduce(
-    body: Membrane,
-    motions: Sequence[Motion],
-    *,
-    modes: int,
-    cells: int | None = None,
+    body: Membrane, motions: Sequence[Motion], *, modes: int, cells: int | None = None
 ) -> ReducedMembrane:
     """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
 

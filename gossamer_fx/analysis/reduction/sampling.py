@@ -153,11 +153,7 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
 
 
 def _equations(
-    cells: CellEnergies,
-    basis: Basis,
-    c: Array,
-    random: np.random.Generator,
-    count: int,
+    cells: CellEnergies, basis: Basis, c: Array, random: np.random.Generator, count: int
 ) -> Iterator[Array]:
     """Yield energies and work (2k, cells) of `count` random motions, k at a time, about the shape
     of coefficients c (r, 3) [m].  Collective.
@@ -236,10 +232,7 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
 
 
 def _solve(
-    taken: Sequence[int],
-    weights: Array,
-    Y: Array,
-    wanted: Array,
+    taken: Sequence[int], weights: Array, Y: Array, wanted: Array
 ) -> tuple[list[int], Array]:
     """Steps 2 and 3 of `fewest_weights` for the taken columns (k) of Y and their weights, zero for
     the new one: the columns that remain, and their weights; both may be empty."""

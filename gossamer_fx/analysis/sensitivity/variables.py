@@ -194,10 +194,7 @@ class PointVariable(Variable):
     """Numbers of terms that are not forms: of springs, ropes, creases and point forces."""
 
     def __init__(
-        self,
-        name: str,
-        unit: str,
-        uses: Sequence[tuple[Differentiable, Any, Parameter]],
+        self, name: str, unit: str, uses: Sequence[tuple[Differentiable, Any, Parameter]]
     ) -> None:
         """Count the values of a parameter of terms without forms, each with its compiled kind."""
         self._uses = uses
@@ -374,11 +371,7 @@ def brought_by(system: System, kind: object) -> str:
 
 
 def _find(
-    system: System,
-    name: str,
-    adjoint: AdjointFields,
-    in_time: bool,
-    scalars: Sequence[GasAdjoint],
+    system: System, name: str, adjoint: AdjointFields, in_time: bool, scalars: Sequence[GasAdjoint]
 ) -> Variable:
     """The variable of a parameter; what the scene does not have is refused with a list of what it
     has."""

@@ -293,11 +293,7 @@ class Equilibrium:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        search: Continuation = Continuation(),
-        *,
-        gas: GasProcess = "adiabatic",
+        self, scene: Scene, search: Continuation = Continuation(), *, gas: GasProcess = "adiabatic"
     ) -> None:
         check(
             bool(scene.bodies),

@@ -97,10 +97,7 @@ class _Nodes:
 
 
 def free_motions(
-    system: System,
-    K: PETSc.Mat,
-    unbalanced: float,
-    stiffnesses: Sequence[tuple[Array, float]] = (),
+    system: System, K: PETSc.Mat, unbalanced: float, stiffnesses: Sequence[tuple[Array, float]] = ()
 ) -> tuple[str, ...]:
     """Rigid motions that nothing resists, in words such as "translation z of 'film'", the same on
     every rank.  K is the tangent at equilibrium without inertia and fixed coordinates, to which
@@ -160,10 +157,7 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     return part, len(known)
 
 
-def _edges_within_nodes(
-    system: System,
-    is_fixed: npt.NDArray[np.bool_],
-) -> tuple[Labels, Labels]:
+def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tuple[Labels, Labels]:
     """Edges of a graph that connect the free components of each node with each other: unknowns (m,)
     at their first and second ends."""
     sources: list[Labels] = []
@@ -181,12 +175,7 @@ def _edges_within_nodes(
     return np.concatenate(sources), np.concatenate(targets)
 
 
-def _common_labels(
-    system: System,
-    component: Labels,
-    count: int,
-    others: Labels,
-) -> Labels:
+def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
     """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
     of an unknown in the part.  `component` has those of other ranks in its rows, too."""
     n = system.numbering.size_local
@@ -327,12 +316,7 @@ def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array
     return np.where(radius > 0, radius, 1.0)
 
 
-def _rigid_motions(
-    system: System,
-    nodes: Sequence[_Nodes],
-    centre: Array,
-    radius: Array,
-) -> Array:
+def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radius: Array) -> Array:
     """Six rigid motions Rᵀ (6, n) of each part at this rank's unknowns: three translations by one,
     and three rotations about the centres (parts, 3) [m], which move the farthest node, at `radius`
     (parts,) [m], by one.  They are in [1/m] for directors, and zero for multipliers and fixed
@@ -432,12 +416,7 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     return words
 
 
-def _describe_rotation(
-    velocity: Array,
-    axis: Array,
-    centre: Array,
-    span: Array,
-) -> str:
+def _describe_rotation(velocity: Array, axis: Array, centre: Array, span: Array) -> str:
     """A rotation in words, with a point on its axis.  Its axis is the angular velocity (3,),
     `velocity` that of the centre, `span` (3, k) the directions of free translations."""
     words = f"rotation {_direction(axis)}"

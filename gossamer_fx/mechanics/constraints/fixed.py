@@ -297,13 +297,7 @@ class SectionRotation:
         turned: Array = rotations(wanted, self._angle(t, when)) @ shortest
         return turned
 
-    def _directions(
-        self,
-        X: Array,
-        normals: Array,
-        t: float,
-        when: str,
-    ) -> Array:
+    def _directions(self, X: Array, normals: Array, t: float, when: str) -> Array:
         """Directions (n, 3), of any length, that the unit normals (n, 3) of sections at nodes X (3,
         n) [m] of the stress-free shape are to have at a time [s].  Collective."""
         given = self.direction
@@ -321,12 +315,7 @@ class SectionRotation:
         return float(angle)
 
 
-def check_support(
-    kind: str,
-    body: Meshed,
-    group: str,
-    components: tuple[int, ...],
-) -> None:
+def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
     """Raise `InputError`, on all ranks, if a support would hold nothing: components other than x,
     y, z (0, 1, 2), a group that the mesh does not have, or one without nodes of the body.
     Collective."""

@@ -40,12 +40,7 @@ from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 COINCIDE = 1e-8
 
 
-def check_coincide(
-    name: str,
-    a: Attached,
-    b: Attached,
-    start: State,
-) -> None:
+def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
     """Check that the two points of a joint coincide in the initial state, within `COINCIDE`.
     Collective."""
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
@@ -73,12 +68,7 @@ def coincidence(name: str, *pairs: tuple[Attached, Attached]) -> PointConstraint
     return PointConstraint(name, measure)
 
 
-def same_rotation(
-    name: str,
-    a: Frame,
-    b: Frame,
-    start: State,
-) -> Iterable[PointConstraint]:
+def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
     """Constrain the relative rotation of two frames to that of the start, by three equations: each
     holds the product of a vector of one frame and a vector of the other at zero.  One of the frames
     has three orthonormal directors, the other two or three."""
@@ -98,11 +88,7 @@ def same_rotation(
 
 
 def same_axis(
-    name: str,
-    n: Array,
-    full: Frame,
-    other: Frame,
-    start: State,
+    name: str, n: Array, full: Frame, other: Frame, start: State
 ) -> Iterable[PointConstraint]:
     """Constrain a direction n, a unit vector (3,) at the start, to be the same in two frames, by
     two equations.  One frame has three directors; those of the other contain n or are all normal to
@@ -120,12 +106,7 @@ def same_axis(
 
 
 def on_axis(
-    kind: str,
-    name: str,
-    n: Array,
-    a: Frame,
-    b: Frame,
-    start: State,
+    kind: str, name: str, n: Array, a: Frame, b: Frame, start: State
 ) -> Iterable[PointConstraint]:
     """Constrain the origin of b to the straight line through the origin of a of direction n at the
     start, which turns with a: two equations (x_b - x_a)·p = 0 for vectors p of a that are normal to

@@ -102,13 +102,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         # Of a backward pass: sum of w·∂force/∂torque (3,) over the later steps with this torque.
         self._by_torque: Array = np.zeros(3)
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step, and compute a new torque (3,) [N m] if a sample is due."""
         # The reversed step of a gradient has the torque of the step.
         if lag < 0:
@@ -205,13 +199,7 @@ class _ContinuousTorque(_ControlTorque):
         self._X0: Array = reference.ravel()
         self._has_begun = False
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         # Length of the step [s], and vectors (3k,) at its start.
         self._h = 2 * lag
         self._X0 = X

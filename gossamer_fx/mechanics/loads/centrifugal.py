@@ -31,13 +31,7 @@ class _OnVectors:
         self._K = np.kron(mass, A)
         self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Nothing to prepare: the force depends on positions only."""
 
     def force(self, X: Array) -> Array:

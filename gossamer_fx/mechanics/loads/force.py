@@ -29,13 +29,7 @@ class ConstantForce:
     value: Array
     depends_on_position_only = True
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Nothing to prepare: the force is constant."""
 
     def force(self, X: Array) -> Array:
@@ -67,13 +61,7 @@ class ForceInTime:
         self._now: Array = np.zeros(3)
         self.factor = 1.0
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -95,12 +83,7 @@ class ForceInTime:
         return self._now[:, None]
 
 
-def at_time(
-    comm: MPI.Intracomm,
-    name: str,
-    value: History,
-    t: float,
-) -> Array:
+def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
@@ -123,13 +106,7 @@ class TorqueInTime(Couple):
         self._name = name
         self._value = value
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 

@@ -273,12 +273,7 @@ class BorderedPreconditioner:
         operator.composite.join(self._out, δy, out)
 
 
-def configure(
-    ksp: PETSc.KSP,
-    pc: PETSc.PC,
-    system: System,
-    direct: bool,
-) -> None:
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
     """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
     override.
 

@@ -126,12 +126,7 @@ class Newton:
         seconds: wall time [s] of all solves by part of the iteration.
     """
 
-    def __init__(
-        self,
-        system: System,
-        tolerances: Tolerances,
-        direct: bool = False,
-    ) -> None:
+    def __init__(self, system: System, tolerances: Tolerances, direct: bool = False) -> None:
         self.system = system
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
@@ -336,13 +331,7 @@ class Newton:
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
         return True
 
-    def _jacobian(
-        self,
-        snes: PETSc.SNES,
-        x: PETSc.Vec,
-        J: PETSc.Mat,
-        P: PETSc.Mat,
-    ) -> None:
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the tangent at the iterate; called by PETSc.  Collective.
 
         Near the solution the last factors of a dense matrix are used again.  In the first

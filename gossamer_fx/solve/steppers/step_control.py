@@ -130,13 +130,7 @@ class ControlledSteps:
     """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the
     attributes."""
 
-    def __init__(
-        self,
-        control: StepControl,
-        system: System,
-        solver: StepSolver,
-        dt: float,
-    ) -> None:
+    def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
         self._control = control
         self._system = system
         self._solver = solver

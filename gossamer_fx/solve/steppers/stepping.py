@@ -96,13 +96,7 @@ class EqualSteps:
     """Steps of equal length dt [s]; a step that fails is divided into halves, and these again, down
     to dt/2^halvings."""
 
-    def __init__(
-        self,
-        system: System,
-        solver: StepSolver,
-        dt: float,
-        halvings: int,
-    ) -> None:
+    def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; "
