@@ -31,12 +31,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import NoEquilibrium, check, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import NoEquilibrium, check
 
 Array = npt.NDArray[np.float64]
 
@@ -79,22 +80,12 @@ class HangingStrip:
         (0.431, 0.1997)
     """
 
-    length: float
-    width: float
+    length: Annotated[float, positive("m")]
+    width: Annotated[float, positive("m")]
     _: KW_ONLY
-    bending_stiffness: float
-    area_density: float = 0.0
+    bending_stiffness: Annotated[float, positive("N m")]
+    area_density: Annotated[float, not_negative("kg/m²")] = 0.0
     name: str = "strip"
-
-    def __post_init__(self) -> None:
-        check_positive(self, "length", "m")
-        check_positive(self, "width", "m")
-        check_positive(self, "bending_stiffness", "N m")
-        check(
-            math.isfinite(self.area_density) and self.area_density >= 0,
-            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; "
-            "give zero or a positive number.",
-        )
 
     def equilibrium(
         self, rest_angle: float, stiffness: float, weight: float
@@ -220,8 +211,8 @@ def identify_crease(
     *,
     angles: Sequence[float],
     distances: Sequence[float],
-    angle_uncertainty: float = math.radians(1.0),
-    distance_uncertainty: float = 5e-4,
+    angle_uncertainty: Annotated[float, positive("rad")] = math.radians(1.0),
+    distance_uncertainty: Annotated[float, positive("m")] = 5e-4,
 ) -> IdentifiedCrease:
     """Identify the rest angle and the stiffness of a crease by weighted least squares.
 
@@ -260,8 +251,6 @@ def identify_crease(
     θ = np.asarray(angles, dtype=float)
     d = np.asarray(distances, dtype=float)
     _check_measurements(W, θ, d)
-    _check_uncertainty("angle_uncertainty", angle_uncertainty)
-    _check_uncertainty("distance_uncertainty", distance_uncertainty)
 
     def residuals(parameters: Array) -> Array:
         """Differences over their uncertainties (2n,), for the parameters θr and ln k."""
@@ -313,12 +302,4 @@ def _check_measurements(W: Array, θ: Array, d: Array) -> None:
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),
         "identify_crease: "
         "what was measured holds numbers that are not finite, or negative weights; correct it.",
-    )
-
-
-def _check_uncertainty(name: str, value: float) -> None:
-    """Refuse an uncertainty that is not a positive number."""
-    check(
-        math.isfinite(value) and value > 0,
-        f"identify_crease: {name} is {value!r}; give a positive number.",
     )

@@ -178,8 +178,7 @@ class DesignVariable:
         """The values (k,) of the parameter."""
         if self.basis is None:
             return numbers * self.scale
-        moved: Array = self.start + self.basis @ numbers
-        return moved
+        return self.start + self.basis @ numbers
 
     def slope(self, derivative: Array, comm: MPI.Intracomm, is_field: bool) -> Array:
         """The derivative (n,) with respect to the scaled numbers, by (1).  Collective."""

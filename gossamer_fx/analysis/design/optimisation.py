@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ from gossamer_fx.analysis.design.design_problem import (
 from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -104,8 +104,8 @@ def minimise(
     limits: Sequence[Limit] = (),
     basis: Mapping[str, Any] | None = None,
     method: Method | None = None,
-    iterations: int = 100,
-    tolerance: float = 1e-8,
+    iterations: Annotated[int, Range(1)] = 100,
+    tolerance: Annotated[float, positive()] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
 ) -> Optimum:
@@ -157,7 +157,6 @@ def minimise(
         >>> found.parameters["spring.length"].round(4)
         array([1.4])
     """
-    _check_numbers("minimise", iterations, tolerance)
     problem = DesignProblem(
         "minimise",
         EquilibriumSource(equilibrium, by),
@@ -176,8 +175,8 @@ def minimise_runs(
     *,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     method: Method | None = None,
-    iterations: int = 100,
-    tolerance: float = 1e-8,
+    iterations: Annotated[int, Range(1)] = 100,
+    tolerance: Annotated[float, positive()] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
@@ -226,7 +225,6 @@ def minimise_runs(
         >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
         (-1.0, array([40.]))
     """
-    _check_numbers("minimise_runs", iterations, tolerance)
     check(bool(start), "minimise_runs: start is empty; give first values by name.")
     problem = DesignProblem(
         "minimise_runs",
@@ -237,15 +235,6 @@ def minimise_runs(
         restart,
     )
     return _search(problem, bounds or {}, (), method, iterations, tolerance)
-
-
-def _check_numbers(who: str, iterations: int, tolerance: float) -> None:
-    """Refuse a number of iterations or a tolerance that is out of range."""
-    check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
-    check(
-        0 < tolerance < 1,
-        f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.",
-    )
 
 
 def _search(

@@ -196,8 +196,7 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
 
 
 def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> None:
-    """Refuse less than one mode, no snapshots, and snapshots of another mesh.  Collective."""
-    check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
+    """Refuse no snapshots, and snapshots of another mesh.  Collective."""
     check(
         bool(snapshots),
         "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.",
@@ -265,8 +264,7 @@ def _mean_plane_axes(coefficients: Array) -> Array:
 def _unit(vectors: Array) -> Array:
     """Vectors (n, 3) brought to unit length; zero vectors stay."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    result: Array = vectors / np.maximum(lengths, TINY)
-    return result
+    return vectors / np.maximum(lengths, TINY)
 
 
 def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
@@ -304,8 +302,7 @@ def _examples(film: Membrane, snapshots: Sequence[Array], values: Array, mass: f
     chosen = np.unique(positions.astype(int))
     shapes = np.stack([snapshots[i] for i in chosen])
     own = np.einsum("ni,tnx->tix", scalar_mass_times(film, values), shapes)
-    examples: Array = film.comm.allreduce(own) / mass
-    return examples
+    return film.comm.allreduce(own) / mass
 
 
 def _inner(film: Membrane, a: Array, b: Array) -> float:
@@ -320,5 +317,4 @@ def _with_ghosts(film: Membrane, fields: Array) -> Array:
     vector = la.vector(film.space.dofmap.index_map, count)
     vector.array[: fields.size] = fields.ravel()
     vector.scatter_forward()
-    result: Array = vector.array.reshape(-1, count).copy()
-    return result
+    return vector.array.reshape(-1, count).copy()

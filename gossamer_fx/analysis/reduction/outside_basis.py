@@ -212,8 +212,7 @@ class _Estimate:
 
     def _sum(self, values: Array) -> Array:
         """Sum over all ranks."""
-        total: Array = self._comm.allreduce(values)
-        return total
+        return self._comm.allreduce(values)
 
 
 def _normal(c: Array) -> Array:

@@ -119,8 +119,7 @@ class Points:
         rule."""
         N = self._c.array("N", self._N, "float64", self._N.shape, writable=True)
         self._c.lib.forces(self._stresses, self._gradients(α).pointer, N)
-        f: Array = self._G.T @ self._N
-        return f
+        return self._G.T @ self._N
 
     def stiffness(self, α: float, share: float) -> Array:
         """Derivatives K = Gᵀ (T G) (3r, 3r) [N/m] of the forces by the coefficients of the end of a

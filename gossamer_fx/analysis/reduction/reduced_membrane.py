@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
@@ -23,7 +23,7 @@ from gossamer_fx.analysis.reduction.reduced_energies import (
     coefficients,
 )
 from gossamer_fx.analysis.reduction.sampling import Sample, every_cell, sample_cells
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -257,7 +257,11 @@ class Motion(Protocol):
 
 @check_arguments
 def reduce(
-    body: Membrane, motions: Sequence[Motion], *, modes: int, cells: int | None = None
+    body: Membrane,
+    motions: Sequence[Motion],
+    *,
+    modes: Annotated[int, Range(1)],
+    cells: Annotated[int, Range(1)] | None = None,
 ) -> ReducedMembrane:
     """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
 
@@ -292,10 +296,6 @@ def reduce(
     )
     shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)
-    check(
-        cells is None or cells >= 1,
-        f"reduce: cells is {cells!r}; take one or more, or None for all.",
-    )
     # Without sampling the strains are integrated over all cells, each with the weight one.
     sample = every_cell(body) if cells is None else sample_cells(basis, cells)
     return ReducedMembrane(basis, sample, body.name)

@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
@@ -108,14 +108,15 @@ class RunTape:
         11
     """
 
-    def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
+    def __init__(
+        self, run: RunToRecord, *, memory: Annotated[float, positive("bytes")] = DEFAULT_MEMORY
+    ) -> None:
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
             f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; "
             "use Midpoint(dt=...).",
         )
-        check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
         self.system = run.system
         self.memory = memory
         self.stride = 1

@@ -152,8 +152,7 @@ class FormVariable(Variable):
             return first.get()
         if isinstance(first, fem.Constant):
             return np.array(np.ravel(first.value), dtype=float)
-        values: Array = first.x.array[: size_of(first)].copy()
-        return values
+        return first.x.array[: size_of(first)].copy()
 
     def set(self, values: Array) -> None:
         for one in self.coefficients:

@@ -45,7 +45,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -64,7 +64,7 @@ from gossamer_fx.analysis.statics.remedies import (
     remedies,
 )
 from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
@@ -157,38 +157,21 @@ class Continuation:
     """
 
     _: KW_ONLY
-    tolerance: float = 1e-8
-    first_step: float = 2e-3
-    growth_factor: float = 1.6
+    tolerance: Annotated[float, positive()] = 1e-8
+    first_step: Annotated[float, positive("s")] = 2e-3
+    growth_factor: Annotated[float, Range(1.0, above=True)] = 1.6
     fast_iterations: int = 12
-    cut_factor: float = 0.5
+    cut_factor: Annotated[float, positive()] = 0.5
     cap_growth: float = 1.1
-    inner_tolerance: float = 0.1
+    inner_tolerance: Annotated[float, positive()] = 0.1
     max_iterations: int = 25
     total_iterations: int = 1000
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "first_step", "inner_tolerance"):
+        # With a tolerance of 1 or more, the first guess would already be an equilibrium.
+        for name in ("tolerance", "inner_tolerance", "cut_factor"):
             value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"Continuation: {name} is {value!r}; give a positive number.",
-            )
-        # With a fraction of 1 or more, the first guess would already be an equilibrium.
-        for name in ("tolerance", "inner_tolerance"):
-            value = getattr(self, name)
-            check(
-                value < 1,
-                f"Continuation: {name} is {value!r}; give a number below 1.",
-            )
-        check(
-            self.growth_factor > 1,
-            f"Continuation: growth_factor is {self.growth_factor!r}; give a factor above 1.",
-        )
-        check(
-            0 < self.cut_factor < 1,
-            f"Continuation: cut_factor is {self.cut_factor!r}; give a factor between 0 and 1.",
-        )
+            check(value < 1, f"Continuation: {name} is {value!r}; give a number below 1.")
 
 
 @check_arguments

@@ -23,14 +23,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -65,16 +65,9 @@ class Prestress(IsotropicFilm):
     """
 
     _: KW_ONLY
-    tension: float
+    tension: Annotated[float, positive("N/m")]
 
     quadratic = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(
-            math.isfinite(self.tension) and self.tension > 0,
-            f"Prestress: tension is {self.tension!r} N/m; give a positive number.",
-        )
 
     # Its stress is the same at every strain.
     taut_strain = FilmLaw.taut_strain
@@ -121,14 +114,10 @@ class EdgeCable:
     body: Membrane
     edges: str
     _: KW_ONLY
-    force: float
+    force: Annotated[float, positive("N")]
     name: str = ""
 
     def __post_init__(self) -> None:
-        check(
-            math.isfinite(self.force) and self.force > 0,
-            f"EdgeCable: force is {self.force!r} N; give a positive number.",
-        )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 

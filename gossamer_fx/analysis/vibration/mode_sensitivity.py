@@ -11,7 +11,7 @@ energy forms along φ, from which UFL derives the rest.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -21,7 +21,7 @@ from ufl.algorithms import expand_derivatives
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Mode, modes
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
@@ -58,8 +58,7 @@ class Frequency:
 
     unit = "Hz"
 
-    def __init__(self, equilibrium: Equilibrium, *, number: int = 0) -> None:
-        check(number >= 0, f"Frequency: number is {number!r}; the lowest mode is 0.")
+    def __init__(self, equilibrium: Equilibrium, *, number: Annotated[int, Range(0)] = 0) -> None:
         self.number = number
         self._equilibrium = equilibrium
         self._forms: list[ufl.Form] | None = None

@@ -38,15 +38,17 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.remedies import advice, loaded_beams
 from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import DIFFERENT_PATTERN, Spectrum, is_symmetric
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -147,10 +149,10 @@ class Mode:
 @check_arguments
 def modes(
     equilibrium: Equilibrium,
-    count: int,
+    count: Annotated[int, Range(1)],
     *,
     spin: tuple[float, float, float] = AT_REST,
-    above: float = 0.0,
+    above: Annotated[float, not_negative("Hz")] = 0.0,
 ) -> list[Mode]:
     """The `count` modes whose frequencies are nearest to `above`, in ascending order.
 
@@ -181,8 +183,6 @@ def modes(
         [0.48, 0.48, 1.59]
     """
     system = equilibrium.system
-    check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
-    check(count > 0, f"modes: count is {count!r}; ask for one or more.")
     equilibrium.need("modes")
     system.set_inertia(0.0)
     K = system.tangent()
@@ -333,9 +333,6 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
     zeros = sum(mode.frequency <= limit for mode in found)
     if not zeros or result.regular:
         return
-    # Imported here, as for equilibria that are not stable.
-    from gossamer_fx.analysis.statics.instability import loaded_beams
-
     # Booms that are bent too far slacken the film between them; without film nothing is slack.
     beams = ""
     if any(isinstance(body, Membrane) for body in equilibrium.system.bodies):
@@ -363,9 +360,6 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
         return
-    # Imported here: stable equilibria do not need it, nor scenes without beams those.
-    from gossamer_fx.analysis.statics.instability import advice
-
     fastest = max(growing, key=lambda mode: mode.growth)
     words = advice(equilibrium.system, fastest.displacements)
     if equilibrium.comm.rank == 0:

@@ -301,8 +301,7 @@ def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
     comm.Allreduce(MPI.IN_PLACE, sums)
     # A part of multipliers only has no node; its centre is not used.
     node_counts = np.maximum(sums[:, 3:], 1)
-    centres: Array = sums[:, :3] / node_counts
-    return centres
+    return sums[:, :3] / node_counts
 
 
 def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array:
@@ -379,8 +378,7 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
     # Among these, the combinations that satisfy the first one.
     forces_svd = np.linalg.svd(forces @ unit_motions)
     is_free = n > forces_svd.S**2
-    found: Array = unit_motions @ forces_svd.Vh[is_free].T
-    return found
+    return unit_motions @ forces_svd.Vh[is_free].T
 
 
 # ---- words ---------------------------------------------------------------------------------------
@@ -460,8 +458,7 @@ def _aligned(motions: Array) -> Array:
                 rows[other] -= rows[other, 3 + pivot] * rows[i]
         pivots.append(pivot)
     order = np.argsort(pivots)
-    aligned: Array = rows[order].T
-    return aligned
+    return rows[order].T
 
 
 def _reduced(vectors: Array) -> list[Array]:

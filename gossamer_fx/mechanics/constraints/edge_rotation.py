@@ -127,8 +127,7 @@ class EdgeRotation:
             f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, "
             f"somewhere, or of shape {d.shape} instead of {X.shape}; correct its function.",
         )
-        unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
-        return unit_directions
+        return (d / np.linalg.norm(d, axis=0)).T
 
     def _check_is_across(self, start: State, directions: Callable[[Array], Array]) -> None:
         """Refuse a direction that lies along the edge, to which the plate is tangent there in any

@@ -294,8 +294,7 @@ class SectionRotation:
         # skew matrix of their cross product.
         v = cross_matrices(np.cross(normals, wanted))
         shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
-        turned: Array = rotations(wanted, self._angle(t, when)) @ shortest
-        return turned
+        return rotations(wanted, self._angle(t, when)) @ shortest
 
     def _directions(self, X: Array, normals: Array, t: float, when: str) -> Array:
         """Directions (n, 3), of any length, that the unit normals (n, 3) of sections at nodes X (3,

@@ -178,8 +178,7 @@ class RigidRegion:
     def _own(self) -> Array:
         """Local nodes (n,) of the region that this rank owns."""
         nodes = self.body.nodes(self.group)
-        own: Array = nodes[nodes < self.body.block.index_map.size_local]
-        return own
+        return nodes[nodes < self.body.block.index_map.size_local]
 
     @cached_property
     def _fit(self) -> tuple[Array, Array, Array]:
@@ -194,8 +193,7 @@ class RigidRegion:
     def _centre(self) -> list[float]:
         """Mean position [m] of the nodes at the start."""
         frame, _, _ = self._fit
-        centre: list[float] = frame[0].tolist()
-        return centre
+        return frame[0].tolist()
 
     def _nodes(self) -> Sequence[int]:
         """Global numbers of this rank's nodes."""

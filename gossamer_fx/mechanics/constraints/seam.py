@@ -28,12 +28,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
@@ -84,7 +84,7 @@ class Seam:
     edge_b: str
     _: KW_ONLY
     closing: tuple[float, float] | None = (0.0, 1.0)
-    max_ease: float = 0.02
+    max_ease: Annotated[float, not_negative()] = 0.02
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -102,10 +102,6 @@ class Seam:
                 f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; "
                 "give two times that rise, from 0 on.",
             )
-        check(
-            self.max_ease >= 0,
-            f"Seam '{self.name}': max_ease is {self.max_ease!r}; give none or a positive number.",
-        )
         line_a, line_b = self._lines
         check(
             line_a.is_closed == line_b.is_closed,

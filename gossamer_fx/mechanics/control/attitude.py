@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector, combine
 from gossamer_fx.core.model.parameters import Parameter
@@ -133,8 +132,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
             by_gain = wrapped(control.target - angles)
         axes = euler_axes(angles) @ control.axes.T
         by_torque = self._by_torque + self.forces_by_torque(X).T @ w
-        found: Array = (axes @ by_torque) * by_gain
-        return found
+        return (axes @ by_torque) * by_gain
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
         """Derivatives of the work w·force of all steps with one sampled torque by the frame's
@@ -260,8 +258,7 @@ def short_time(X: Array, V: Array) -> float:
 
 def wrapped(angles: Array) -> Array:
     """Differences of angles [rad], in [-π, π)."""
-    result: Array = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
-    return result
+    return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
 
 def _three_by_three(axes: object) -> Array:
@@ -323,17 +320,13 @@ class AttitudeControl:
         stiffness: float | Vector,
         damping: float | Vector,
         axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-        period: float = 0.0,
+        period: Annotated[float, not_negative("s")] = 0.0,
         name: str = "attitude control",
     ) -> None:
         check(
             len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; "
             "give the frame of a rigid body or beam, or a patch of a film.",
-        )
-        check(
-            math.isfinite(period) and period >= 0,
-            f"'{name}': period is {period!r} s; give none or a positive one.",
         )
         self.frame = frame
         self.period = period
@@ -395,8 +388,7 @@ class AttitudeControl:
         F = position_gradient(vectors, reference)
         of_rotation = rotation_derivative(F, position_gradient_derivative(vectors, reference))
         axes = euler_axes(self.angles_of(X, reference)) @ self.axes.T
-        derivatives: Array = np.linalg.solve(axes.T, of_rotation)
-        return derivatives
+        return np.linalg.solve(axes.T, of_rotation)
 
     def sample(self, X: Array, V: Array, reference: Array) -> Array:
         """The torque in space axes [N m], (3,), in a state of the frame: stacked vectors X (3k,) in
@@ -418,8 +410,7 @@ class AttitudeControl:
     def law(self, angles: Array, rates: Array) -> Array:
         """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates
         [rad/s]."""
-        torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
-        return torques
+        return self.stiffness * wrapped(self.target - angles) - self.damping * rates
 
     def torque_derivative(
         self, angles: Array, torques: Array, of_angles: Array, of_torques: Array
@@ -437,5 +428,4 @@ class AttitudeControl:
 
     def in_space(self, angles: Array, torques: Array) -> Array:
         """Sum in space axes [N m], (3,), of torques about the axes of the angles [rad]."""
-        total: Array = self.axes @ (euler_axes(angles).T @ torques)
-        return total
+        return self.axes @ (euler_axes(angles).T @ torques)

@@ -66,8 +66,7 @@ def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
     # A unit vector changes across itself.
     of_normal = (of_across - np.outer(direction, direction @ of_across)) / length
     in_plane_part = np.einsum("ibm,jb->ijm", of_images, in_plane)
-    derivative: Array = in_plane_part + np.einsum("im,j->ijm", of_normal, normal)
-    return derivative
+    return in_plane_part + np.einsum("im,j->ijm", of_normal, normal)
 
 
 def _derivative_of_product(weights: Array) -> Array:
@@ -89,16 +88,14 @@ def rotation_derivative(F: Array, of_F: Array) -> Array:
     turned = np.einsum("ijm,kj->ikm", of_F, R)
     skew = turned - turned.transpose(1, 0, 2)
     axial = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
-    rotations: Array = np.linalg.solve(np.trace(V) * np.eye(3) - V, axial)
-    return rotations
+    return np.linalg.solve(np.trace(V) * np.eye(3) - V, axial)
 
 
 def rotation(F: Array) -> Array:
     """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F >
     0."""
     U, _, Vt = np.linalg.svd(F)
-    R: Array = U @ Vt
-    return R
+    return U @ Vt
 
 
 def euler_angles(R: Array) -> Array:

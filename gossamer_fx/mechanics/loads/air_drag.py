@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, MeshBody, Vector
@@ -62,19 +60,11 @@ class AirDrag:
     USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³")}  # of gases
 
     body: Membrane
-    density: float
+    density: Annotated[float, positive("kg/m³")]
     _: KW_ONLY
-    drag_coefficient: float = 1.2
+    drag_coefficient: Annotated[float, positive()] = 1.2
     wind: Vector = (0.0, 0.0, 0.0)
     name: str = "air drag"
-
-    def __post_init__(self) -> None:
-        check_positive(self, "density", "kg/m³")
-        check(
-            math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
-            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; "
-            "give a positive number.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body

@@ -35,8 +35,7 @@ class _OnVectors:
         """Nothing to prepare: the force depends on positions only."""
 
     def force(self, X: Array) -> Array:
-        force: Array = self._K @ (X - self._c)
-        return force
+        return self._K @ (X - self._c)
 
     def tangent(self, X: Array) -> Array:
         return self._K

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, ClassVar, cast
+from typing import Annotated, Any, ClassVar, cast
 
 import basix.ufl
 import numpy as np
@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points, tabulate
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
@@ -70,19 +70,15 @@ class Damping:
 
     body: Body
     _: KW_ONLY
-    mass_factor: float = 0.0
-    stiffness_factor: float = 0.0
+    mass_factor: Annotated[float, not_negative("1/s")] = 0.0
+    stiffness_factor: Annotated[float, not_negative("s")] = 0.0
     tension_only: bool = False
     name: str = "damping"
 
     def __post_init__(self) -> None:
         check(
-            self.mass_factor >= 0
-            and self.stiffness_factor >= 0
-            and self.mass_factor + self.stiffness_factor > 0,
-            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s "
-            f"and stiffness_factor {self.stiffness_factor!r} s; "
-            "give one that is positive, and none that is negative.",
+            self.mass_factor + self.stiffness_factor > 0,
+            f"Damping '{self.name}': both factors are zero; give one of them.",
         )
         check(
             not self.tension_only

@@ -3,7 +3,6 @@ plate."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
@@ -229,11 +228,6 @@ class EdgeMoment:
         )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
-        check(
-            callable(self.moment) or math.isfinite(self.moment),
-            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; "
-            "give a finite number or a function of time.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body

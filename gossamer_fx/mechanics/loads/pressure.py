@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
@@ -10,7 +9,6 @@ from typing import Any, ClassVar
 import ufl
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
@@ -47,13 +45,6 @@ class Pressure:
     pressure: float | Callable[[float], float]
     _: KW_ONLY
     name: str = "pressure"
-
-    def __post_init__(self) -> None:
-        check(
-            callable(self.pressure) or math.isfinite(self.pressure),
-            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; "
-            "give a finite number or a function of time.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body

@@ -243,5 +243,4 @@ def _positions(body: MeshBody) -> Array:
     owned, _ = body.initial_state()
     x.x.array[: len(owned)] = owned
     x.x.scatter_forward()
-    positions: Array = x.x.array.reshape(-1, 3)
-    return positions
+    return x.x.array.reshape(-1, 3)

@@ -22,10 +22,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 
 
@@ -60,28 +61,20 @@ class Tolerances:
         >>> stepper = gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
     """
 
-    relative: float = 1e-10
-    absolute: float = 0.0
+    relative: Annotated[float, not_negative()] = 1e-10
+    absolute: Annotated[float, not_negative("N")] = 0.0
     _: KW_ONLY
-    floor: float = 4.0
-    energy: float = 1e-12
-    scalars: float = 1e-12
-    constraint: float = 1e-12
-    max_iterations: int = 40
+    floor: Annotated[float, not_negative()] = 4.0
+    energy: Annotated[float, not_negative()] = 1e-12
+    scalars: Annotated[float, not_negative()] = 1e-12
+    constraint: Annotated[float, not_negative()] = 1e-12
+    max_iterations: Annotated[int, Range(1)] = 40
 
     def __post_init__(self) -> None:
-        for name in ("relative", "absolute", "floor", "energy", "scalars", "constraint"):
-            value = getattr(self, name)
-            check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
         # With a fraction of 1 or more, the first guess would already count as solved.
         for name in ("relative", "energy", "scalars"):
             value = getattr(self, name)
             check(value < 1, f"Tolerances: {name} is {value!r}; give a number below 1.")
-        check(
-            self.max_iterations >= 1,
-            f"Tolerances: max_iterations is {self.max_iterations!r}; "
-            "give a number of at least one.",
-        )
 
 
 # A residual above this fraction of the one before no longer falls: it is round-off, provided that

@@ -302,8 +302,7 @@ class EliminatedJoints:
             return np.zeros(len(values))
         self._right.array[:] = values
         self._incomplete.apply(self._right, self._solution)
-        solution: Array = self._solution.array_r.copy()
-        return solution
+        return self._solution.array_r.copy()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Compute the correction z [m, or N for multipliers] of a residual r [N, or m and 1] by

@@ -91,8 +91,7 @@ def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
     def call(*args: P.args, **keywords: P.kwargs) -> T:
         bound = reference()
         assert bound is not None
-        result: T = bound(*args, **keywords)
-        return result
+        return bound(*args, **keywords)
 
     return call
 

@@ -4,11 +4,11 @@ nothing."""
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
@@ -60,17 +60,12 @@ class GeneralizedAlpha:
     """
 
     dt: float
-    spectral_radius: float = 0.8
+    spectral_radius: Annotated[float, Range(0.0, 1.0)] = 0.8
     _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
         check_step(self)
-        check(
-            0 <= self.spectral_radius <= 1,
-            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; "
-            "it lies between 0 and 1.",
-        )
 
     @property
     def rule(self) -> EndPoint:

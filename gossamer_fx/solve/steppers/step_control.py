@@ -41,12 +41,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
@@ -90,30 +90,17 @@ class StepControl:
     """
 
     _: KW_ONLY
-    target_iterations: int = 15
-    error: float | None = None
-    max_factor: float = 1.5
-    min_factor: float = 0.5
-    min_step: float | None = None
-    max_step: float = math.inf
+    target_iterations: Annotated[int, Range(1)] = 15
+    error: Annotated[float, positive("m")] | None = None
+    max_factor: Annotated[float, Range(1.0)] = 1.5
+    min_factor: Annotated[float, positive()] = 0.5
+    min_step: Annotated[float, positive("s")] | None = None
+    max_step: Annotated[float, positive("s")] = math.inf
 
     def __post_init__(self) -> None:
         check(
-            self.target_iterations >= 1,
-            f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
-        )
-        for name in ("error", "min_step", "max_step"):
-            value = getattr(self, name)
-            check(
-                value is None or value > 0,
-                f"StepControl: {name} is {value!r}; give a positive number.",
-            )
-        check(
-            self.max_factor >= 1, f"StepControl: max_factor is {self.max_factor!r}; give 1 or more."
-        )
-        check(
-            0 < self.min_factor < 1,
-            f"StepControl: min_factor is {self.min_factor!r}; give a number between 0 and 1.",
+            self.min_factor < 1,
+            f"StepControl: min_factor is {self.min_factor!r}; give a number below 1.",
         )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:

@@ -50,8 +50,7 @@ class Increment:
         self._scratch.waxpy(1.0, self._p, q0)
         self._supports.prescribe(self._scratch, t)
         fixed = self._supports.held
-        w: Array = self._scratch.array_r[fixed] - q0.array_r[fixed] - self._p.array_r[fixed]
-        return w
+        return self._scratch.array_r[fixed] - q0.array_r[fixed] - self._p.array_r[fixed]
 
     def end(self, w: PETSc.Vec, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Take w, and set q1 = q0 + p + w."""
@@ -98,8 +97,7 @@ class Increment:
         """diag(c M) [N/m]."""
         if self._masses is None:
             self._masses = M.getDiagonal()
-        inertia: Array = self._c * self._masses.array_r
-        return inertia
+        return self._c * self._masses.array_r
 
     def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m], by Knuth's

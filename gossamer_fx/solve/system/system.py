@@ -329,8 +329,7 @@ class System:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
         # Ranks decide together, as all of them solve the step again.
-        missed_anywhere: bool = self.comm.allreduce(any(missed))
-        return missed_anywhere
+        return self.comm.allreduce(any(missed))
 
     def inadmissible(self) -> str:
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
