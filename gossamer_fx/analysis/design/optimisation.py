@@ -25,7 +25,7 @@ from gossamer_fx.analysis.design.design_problem import (
 from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -105,7 +105,7 @@ def minimise(
     basis: Mapping[str, Any] | None = None,
     method: Method | None = None,
     iterations: Annotated[int, Range(1)] = 100,
-    tolerance: Annotated[float, positive()] = 1e-8,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
 ) -> Optimum:
@@ -176,7 +176,7 @@ def minimise_runs(
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     method: Method | None = None,
     iterations: Annotated[int, Range(1)] = 100,
-    tolerance: Annotated[float, positive()] = 1e-8,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
@@ -269,14 +269,8 @@ def _search(
         # Loaded here: SciPy does without.
         from gossamer_fx.analysis.design.tao_minimisation import tao_minimise
 
-        ended = tao_minimise(
-            problem,
-            problem.bounds(bounds),
-            method=method,
-            iterations=iterations,
-            tolerance=tolerance,
-        )
-        return _optimum(problem, ended.x, ended.iterations, ended.converged, ended.message)
+        ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)
+        return _optimum(problem, *ended)
     from scipy import optimize
 
     options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}

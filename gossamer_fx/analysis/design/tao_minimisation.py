@@ -11,8 +11,6 @@ quasi-Newton line search of the TAO users manual.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -24,17 +22,6 @@ GRADIENT_REDUCTION = 1e-14
 
 # Number that TAO takes as infinite, of bounds that are not given.
 UNBOUNDED = PETSc.INFINITY
-
-
-@dataclass(frozen=True)
-class TaoResult:
-    """How a search ended: scaled numbers of this rank, iterations, whether by its tolerance, and
-    the reason in words of TAO."""
-
-    x: Array
-    iterations: int
-    converged: bool
-    message: str
 
 
 class _Layout:
@@ -77,10 +64,14 @@ def tao_minimise(
     method: str,
     iterations: int,
     tolerance: float,
-) -> TaoResult:
+) -> tuple[Array, int, bool, str]:
     """Minimise from `problem.start` by the bounded quasi-Newton method "blmvm" or "bqnls", with
     bounds (n,), (n,) of this rank's scaled numbers, up to a change of the scaled result.  A search
-    that ends at the limit of iterations is not an error.  Collective."""
+    that ends at the limit of iterations is not an error.  Collective.
+
+    Returns scaled numbers (n,) of this rank, iterations, whether it ended by its tolerance, and how
+    it ended, in words of TAO.
+    """
     layout = _Layout(problem)
     low, high = bounds
     tao = PETSc.TAO().create(problem.comm)
@@ -129,14 +120,10 @@ def tao_minimise(
     tao.setMonitor(monitor)
     tao.solve(x)
     reason = tao.getConvergedReason()
-    found = TaoResult(
-        x=layout.numbers(tao.getSolution()),
-        iterations=int(tao.getIterationNumber()),
-        converged=reason > 0,
-        message=f"{method}: {_name_of(reason)}",
-    )
+    solution = layout.numbers(tao.getSolution())
+    used = int(tao.getIterationNumber())
     tao.destroy()
-    return found
+    return solution, used, reason > 0, f"{method}: {_name_of(reason)}"
 
 
 def _name_of(reason: int) -> str:

@@ -73,6 +73,9 @@ class System:
         q0, v0: coordinates and velocities of the accepted state.
         q1: coordinates at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
+        initial: the state in which the scene starts.
+        position_marks: 1 for each position and 0 for each director among the vectors of this rank's
+            nodes, (n,).
         time: of the accepted state [s].
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
@@ -83,7 +86,7 @@ class System:
 
     def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
         self.comm = start.comm
-        self._initial = start
+        self.initial = start
         self.rule = rule
         self.bodies: list[Body] = [one.body for one in start]
         self._parts = parts
@@ -123,7 +126,7 @@ class System:
         self.coordinates: dict[Body, Coordinates] = {
             body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
         }
-        self._is_position = self._mark_positions()
+        self.position_marks = self._mark_positions()
 
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
@@ -135,7 +138,6 @@ class System:
         self.losses = {name: 0.0 for kind in self.compiled for name in kind.losses}
 
     def _mark_positions(self) -> Array:
-        """1 for each position and 0 for each director among the vectors of this rank's nodes."""
         marks = []
         for body in self.bodies:
             of_node = np.zeros(body.block.size // 3)
@@ -152,17 +154,6 @@ class System:
         self.active_sets = [kind for kind in compiled if isinstance(kind, ActiveSet)]
         self.differentiable = [kind for kind in compiled if isinstance(kind, Differentiable)]
         self.shown: list[Shown] = [kind for kind in compiled if isinstance(kind, Shown)]
-
-    @property
-    def position_marks(self) -> Array:
-        """1 for each position and 0 for each director among the vectors of this rank's nodes,
-        (n,)."""
-        return self._is_position
-
-    @property
-    def initial(self) -> State:
-        """The state in which the scene starts."""
-        return self._initial
 
     # ---- look-ups --------------------------------------------------------------------------------
 
@@ -185,7 +176,7 @@ class System:
         """Set the initial state, with velocities of fixed coordinates zero, and set up the
         matrices, once scalar unknowns are attached, which begin with the volumes of this state.
         `InputError` if a constraint does not hold in it, or follows from others.  Collective."""
-        self._initial.copy_to(self.q0, self.v0)
+        self.initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
         if self.constraints:
             free = self.numbering.vector()
@@ -544,12 +535,12 @@ class System:
         start; the same on every rank.  Collective."""
         self.M.mult(self.v0, self._momenta)
         # Momenta p and coordinates q of this rank's vectors, (n, 3); qp is the matrix Σ q_i p_j.
-        size = 3 * len(self._is_position)  # without multipliers
+        size = 3 * len(self.position_marks)  # without multipliers
         p = self._momenta.array_r[:size].reshape(-1, 3)
         q = self.q0.array_r[:size].reshape(-1, 3)
         qp = q.T @ p
         # Sums over positions; the moment is summed over directors, too.
-        momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
+        momenta = np.stack([self.position_marks @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
         for kind in self.compiled:
             momenta += kind.momenta()
         stored: dict[str, float] = {}
