@@ -72,10 +72,10 @@ from .records.run.events import When as When
 from .records.run.simulation import Simulation as Simulation
 from .solve import scene as scene
 from .solve import steppers as steppers
-from .solve.scene.initial import RigidMotion as RigidMotion
-from .solve.scene.initial import StartFrom as StartFrom
+from .solve.scene.scene import RigidMotion as RigidMotion
 from .solve.scene.scene import Scene as Scene
-from .solve.solvers.tolerances import Tolerances as Tolerances
+from .solve.scene.scene import StartFrom as StartFrom
+from .solve.solvers.convergence import Tolerances as Tolerances
 from .solve.steppers.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from .solve.steppers.midpoint import Midpoint as Midpoint
 from .solve.steppers.step_control import StepControl as StepControl

@@ -1,4 +1,4 @@
-"""Shapes of a film from the folder of a run, for `reduce`.
+"""Shapes of a film, in memory or from the folder of a run, for `reduce`.
 
 Problem.  The run may have been made on another number of ranks, and may have been restarted, so the
 field files list the nodes in another order than the film at hand.
@@ -12,6 +12,7 @@ Algorithm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,59 @@ from gossamer_fx.records.outputs.adios import adios2_for
 from gossamer_fx.records.outputs.field_files import noted_steps
 from gossamer_fx.records.outputs.file_names import file_name, segments
 from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.solve.view import Run
+
+
+@check_arguments
+class Snapshots:
+    """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes
+    that it owns.
+
+    Args:
+        body: the film.
+        every: number of steps between two shapes.
+        times: times [s] of the shapes, in place of `every`.
+
+    Attributes:
+        positions: list of arrays (n, 3) [m], one for each shape.
+
+    Raises:
+        InputError: when the run starts, the film is not in its scene.
+
+    Example:
+        >>> shapes = gx.reduction.Snapshots(film, every=10)
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=2e-2)
+        >>> len(shapes.positions)
+        3
+    """
+
+    def __init__(self, body: Membrane, every: int = 1, *, times: Sequence[float] = ()) -> None:
+        self.body = body
+        self.schedule = Schedule(every, tuple(times))
+        self.positions: list[Array] = []
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times [s] at which the run has to end a step; empty if shapes follow steps."""
+        return self.schedule.times
+
+    def open(self, run: Run) -> None:
+        check(
+            self.body in run.system.bodies,
+            f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
+        )
+        self.positions.clear()
+
+    def record(self, run: Run, last: bool) -> None:
+        if self.schedule.due(run.step, run.time, last):
+            # a copy: the state changes in place
+            self.positions.append(run.system.state[self.body].positions().copy())
+
+    def close(self, run: Run) -> None:
+        """Do nothing: the shapes stay in memory."""
+
 
 # Edge of the cubes as a share of the largest coordinate: points in the same cube are the same node.
 CUBE_SIZE_RATIO = 1e-6
@@ -62,9 +116,6 @@ class RecordedShapes:
     """
 
     def __init__(self, body: Membrane, folder: str | Path) -> None:
-        """Read all shapes [m] from the field files, and give each node of the film its positions.
-
-        Collective."""
         self.body = body
         self.folder = Path(folder)
         self.times: list[float] = []
@@ -80,8 +131,8 @@ class RecordedShapes:
         for path in paths:
             part = _Part(comm, path)
             other_mesh = (
-                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film "
-                "that was recorded."
+                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; "
+                "give the film that was recorded."
             )
             displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
             by_time = displacements.reshape(owned, len(part.times), 3).transpose(1, 0, 2)
@@ -89,12 +140,8 @@ class RecordedShapes:
             self.positions += list(X + by_time)
 
     def _files(self) -> list[Path]:
-        """The field files of the film, one for each part of a run that was restarted.  Collective.
-
-        Raises:
-            InputError: the folder is not that of a run, or has no ADIOS2 fields of a film of this
-                name.
-        """
+        """The field files of the film, one for each part of a run that was restarted.
+        Collective."""
         comm = self.body.comm
         name = self.body.name
         path = self.folder / "fields" / f"{file_name(name)}.bp"
@@ -114,27 +161,18 @@ class RecordedShapes:
         return list(paths)
 
     def _names(self, X: Array) -> Names:
-        """Names of the nodes at points X (n, 3) [m], equal for equal points.
-
-        A name is a hash of the cube of the grid (edge `_cube_size` [m]) in which the point lies; it
-        does not depend on the rank.
-        """
+        """Names of the nodes at points X (n, 3) [m]: hashes of the cube of a grid in which the
+        point lies, the same on every rank."""
         cubes = np.floor(X / self._cube_size + CUBE_OFFSET)
         return hash_rows(cubes.astype(np.int64))
 
     def _check_distinct(self, names: Names) -> None:
-        """Check that no two nodes have the same name.  Collective.
-
-        Args:
-            names: hashes (n,) of the positions of this rank's nodes in the mesh.
-
-        Raises:
-            InputError: two nodes lie on each other, so that files cannot distinguish them.
-        """
+        """Check that no two nodes of all ranks have the same name (n,): files cannot distinguish
+        nodes that lie on each other.  Collective."""
         coincide = (
-            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot "
-            "be told apart in "
-            "files; record its shapes in memory with `Snapshots`."
+            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, "
+            "so that they cannot be told apart in files; "
+            "record its shapes in memory with `Snapshots`."
         )
         # All names of the same cube meet on one rank, which compares them; no values are exchanged.
         no_values = np.zeros((len(names), 0))
@@ -142,25 +180,11 @@ class RecordedShapes:
 
 
 class _Part:
-    """This rank's share of the points of one field file.  Collective.
-
-    Attributes:
-        times: of the shapes [s].
-        X: points (n, 3) on the mesh [m].
-        displacements: (n, 3 · times) [m].
-    """
+    """This rank's share of the points of one field file: times [s], points X (n, 3) [m] on the
+    mesh, and displacements (n, 3 · times) [m]."""
 
     def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
-        """Read this rank's share of a field file.  Collective.
-
-        Args:
-            comm: ranks, which take equal shares of the points.
-            path: of the ADIOS2 file.
-
-        Raises:
-            InputError: on all ranks, if the file is damaged, has no displacement, or this Python
-                has no ADIOS2.
-        """
+        """Read this rank's share of an ADIOS2 file.  Collective."""
         adios2 = adios2_for(path)
         on_rank_zero(comm, lambda: noted_steps(path))
         readable = True
@@ -176,12 +200,8 @@ class _Part:
         )
 
     def _read(self, file: Any, comm: MPI.Intracomm) -> None:
-        """Read this rank's share of an open file into `times` [s], `X` and `displacements` [m].
-
-        Raises:
-            Exception: whatever ADIOS2 raises for a damaged file; the caller turns it into
-                `InputError`.
-        """
+        """Read this rank's share of an open file; whatever ADIOS2 raises for a damaged one, the
+        caller turns into `InputError`."""
         steps = file.num_steps()
         times = file.read("step", step_selection=[0, steps])
         self.times = [float(t) for t in np.ravel(times)]
@@ -204,14 +224,8 @@ class _Part:
         self.displacements = np.concatenate(displacements, axis=1)
 
     def _own_rows(self, file: Any, comm: MPI.Intracomm) -> list[tuple[int, int, int]]:
-        """Blocks of a file with the first row and the number of rows that this rank reads.
-
-        Each rank that wrote the file wrote one block; ranks that read it take equal shares of all
-        rows.
-
-        Returns:
-            (block, first row, number of rows) for each block in which this rank has rows.
-        """
+        """(block, first row, number of rows) of each block in which this rank has rows.  Each rank
+        that wrote the file wrote one block; ranks that read it take equal shares of all rows."""
         blocks = file.all_blocks_info("geometry")[0]
         counts = [int(block["Count"].split(",")[0]) for block in blocks]
         ends = np.cumsum([0, *counts])
