@@ -45,7 +45,7 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
     equilibrium, film = drum(comm)
     result = equilibrium.find()
     recording = gx.Recording(folder / "drum", title="Drum")
-    gx.outputs.record(equilibrium, [recording, gx.outputs.VTX(folder / "drum.bp", film)])
+    gx.outputs.record(equilibrium, [recording, gx.outputs.VTU(folder / "drum.pvd", film)])
     comm.barrier()
     reader = gx.plot.RunReader(folder / "drum")
     assert reader.kind == "equilibrium"

@@ -72,7 +72,7 @@ def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path, ranks: 
 
 
 def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
-    said = meet(tmp_path, "full", "vtx")
+    said = meet(tmp_path, "full", "fields")
     assert said.returncode == 3, said.stderr
     assert "Cannot write" in said.stdout
     assert whole_checkpoints(tmp_path / "checkpoints")
@@ -81,23 +81,23 @@ def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_restart_where_nothing_can_be_written_is_refused(tmp_path: Path, ranks: int) -> None:
     """In a sentence, with fields too, and all that was written is as it was."""
-    assert meet(tmp_path, "nothing", "vtx", ranks=ranks).returncode == 0
+    assert meet(tmp_path, "nothing", "fields", ranks=ranks).returncode == 0
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    said = meet(tmp_path, "nothing", "vtx", "restart", "no room", ranks=ranks)
+    said = meet(tmp_path, "nothing", "fields", "restart", "no room", ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert said.stdout.count("Cannot write") == 1 and "Traceback" not in said.stderr
     measured = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
     assert measured == before
-    assert meet(tmp_path, "nothing", "vtx", "restart", ranks=ranks).returncode == 0
+    assert meet(tmp_path, "nothing", "fields", "restart", ranks=ranks).returncode == 0
     assert rows(tmp_path / "ledger.csv") == list(range(61))
 
 
 def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     """On a small file system in memory, where the system lets one be mounted."""
-    assert meet(tmp_path / "run", "nothing", "vtx").returncode == 0
+    assert meet(tmp_path / "run", "nothing", "fields").returncode == 0
     disk = tmp_path / "disk"
     disk.mkdir()
-    again = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx restart"
+    again = f"{sys.executable} -m tests.survival.faults {disk} nothing fields restart"
     mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
     script = (
         f"{mount} && cp -r {tmp_path}/run/. {disk} || exit 77;"
@@ -162,7 +162,7 @@ def test_a_start_on_a_disk_that_is_full_says_so(tmp_path: Path, free: int) -> No
     steps."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    start = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx"
+    start = f"{sys.executable} -m tests.survival.faults {disk} nothing fields"
     mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
     script = (
         f"{mount} || exit 77;"
@@ -198,18 +198,18 @@ def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTX", "Checkpoints"])
+@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTU", "Checkpoints"])
 def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     folder: Path, what: str
 ) -> None:
     if COMM.rank == 0:
         (folder / "file").write_text("")
     COMM.barrier()
-    at = folder / "file" / "x.bp"
+    at = folder / "file" / "x.pvd"
     outputs = {
         "Ledger": [gx.Ledger(at)],
         "Probes": [gx.outputs.Probes(at, {"one": lambda run: 1.0})],
-        "VTX": [gx.outputs.VTX(at)],
+        "VTU": [gx.outputs.VTU(at)],
     }
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):

@@ -541,12 +541,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "every": 1,
             "times": (0.1,),
         },
-        "outputs.VTX": {
-            "path": folder / "a.bp",
-            "fields": ("displacement",),
-            "every": 1,
-            "times": (0.1,),
-        },
         "plot.View": {
             "azimuth": 0.5,
             "elevation": 0.3,

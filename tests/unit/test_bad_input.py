@@ -291,12 +291,12 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
         lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=np.nan),
         "until",
     ),
-    "every = 0": (lambda: gx.outputs.VTX("x.bp", every=0), "every"),
+    "every = 0": (lambda: gx.outputs.VTU("x.pvd", every=0), "every"),
     "unknown field": (
         lambda: gx.Simulation(
             gx.Scene(film()),
             gx.Midpoint(dt=1e-3),
-            outputs=[gx.outputs.VTX("out/x.bp", fields=("stres",))],
+            outputs=[gx.outputs.VTU("out/x.pvd", fields=("stres",))],
         ),
         "stres",
     ),
@@ -613,7 +613,7 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
     outputs = [
         gx.Ledger(folder / "ledger.csv"),
         gx.outputs.Probes(folder / "probes.csv", {"a": lambda run: 1.0}),
-        gx.outputs.VTX(folder / "a.bp", fields=("stres",)),
+        gx.outputs.VTU(folder / "a.pvd", fields=("stres",)),
     ]
     with pytest.raises(gx.InputError, match="stres"):
         gx.Simulation(

@@ -251,6 +251,15 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
         check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
 
 
+def jumps(name: str) -> bool:
+    """Whether a field may jump between cells; then it is constant in each cell of a body of order
+    1."""
+    field = FIELDS[name]
+    is_of_cells = field.of_films or field.along_line is not None
+    # Maps of wrinkles are means at the vertices.
+    return is_of_cells and name not in WRINKLE_MAPS
+
+
 # ---- functions -----------------------------------------------------------------------------------
 
 
@@ -266,6 +275,7 @@ class FieldFunctions:
         system: the compiled scene.
         body: a body on a mesh in it.
         names: of the fields.
+        element: family and order of another element.
 
     Attributes:
         functions: one for each name, in their order; set by `update`.
@@ -274,13 +284,19 @@ class FieldFunctions:
         InputError: see `check_fields`.
     """
 
-    def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        system: System,
+        body: MeshBody,
+        names: Sequence[str],
+        element: tuple[str, int] | None = None,
+    ) -> None:
         """Make one function for each name, and what computes its values; `update` computes them.
 
         Collective: expressions are compiled."""
         check_fields(body, names)
         self._shape = BodyShape(system, body)
-        self._element = self._element_of(names)
+        self._element = element or self._element_of(names)
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
         for name in names:
@@ -291,8 +307,7 @@ class FieldFunctions:
     def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
         """Return family and order of an element that can represent all fields."""
         order = self._shape.body.space.ufl_element().degree
-        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
-        if jumps:
+        if any(jumps(name) for name in names):
             return "Discontinuous Lagrange", order
         return "Lagrange", order
 

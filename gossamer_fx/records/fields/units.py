@@ -40,11 +40,6 @@ def with_unit(field: str) -> str:
     return field
 
 
-def without_unit(name: str) -> str:
-    """Name of a field from its name with the unit."""
-    return name.partition(" [")[0]
-
-
 def scaled(largest: float) -> tuple[float, str]:
     """Return factor and prefix of the unit in which a number lies between 1 and 1000.
 

@@ -6,4 +6,3 @@ from .progress import Progress as Progress
 from .recording import Recording as Recording
 from .series import Series as Series
 from .vtu import VTU as VTU
-from .vtx import VTX as VTX

@@ -19,7 +19,7 @@ from gossamer_fx.version import VERSION
 Description = dict[str, Any]
 
 # Packages whose versions may change results; they are recorded with a run.
-_PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh", "adios2")
+_PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh")
 
 
 def describe(run: Run) -> Description:

@@ -23,7 +23,6 @@ from filelock import FileLock, Timeout
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.records.outputs.file_names import segment_number
 from gossamer_fx.records.outputs.output import make_parent
 
 # The last object of this process that took the lock on a path, for runs of one program that follow
@@ -43,8 +42,8 @@ class FileLocks:
         paths: files and folders that the run writes.
 
     Raises:
-        InputError: two of the paths are the same file or segments of one file, a folder cannot be
-            made or written, or another run holds one of the locks.
+        InputError: two of the paths are the same file, a folder cannot be made or written, or
+            another run holds one of the locks.
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
@@ -56,7 +55,10 @@ class FileLocks:
         # A run that is dropped without being closed must not block the next one.
         weakref.finalize(self, _release_all, self._locks)
         for one, other in combinations(self._paths, 2):
-            _check_different(one, other)
+            check(
+                one != other,
+                f"Two outputs of the run write '{one}'; give one of them another name.",
+            )
         self.acquire()
 
     def acquire(self) -> None:
@@ -100,14 +102,6 @@ class FileLocks:
             "another folder.",
         )
         return other._locks.pop(path)
-
-
-def _check_different(one: Path, other: Path) -> None:
-    """Raise `InputError` if two paths are one file, or one is a segment of the other (see
-    `file_names`)."""
-    same = segment_number(one, other) is not None or segment_number(other, one) is not None
-    longer = max(one, other, key=lambda path: len(str(path)))
-    check(not same, f"Two outputs of the run write '{longer}'; give one of them another name.")
 
 
 def _lock(path: Path) -> FileLock:

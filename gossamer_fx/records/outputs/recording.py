@@ -12,8 +12,7 @@
                        there are any
     tensions.csv       tensions of these lines and of cables and beams, at the same times
     probes.csv         the probes that were asked for
-    fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
-    fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
+    fields/NAME.pvd    fields of each body on a mesh, and the folder fields/NAME_files: `VTU`
 
 `RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
 `run.json` in addition.
@@ -49,18 +48,15 @@ from gossamer_fx.records.outputs.run_file import FORMAT
 from gossamer_fx.records.outputs.schedule import Schedule
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.outputs.vtx import VTX
 from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.solve.view import Run
 
 # What writes one of the files.
-RecordedPart = VTX | VTU | Probes | ConnectorLines | Ledger
+RecordedPart = VTU | Probes | ConnectorLines | Ledger
 
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
 
-# Formats of fields, and the endings of their files.
-FORMATS = {"vtx": ".bp", "vtu": ".pvd"}
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
@@ -85,12 +81,10 @@ class Recording:
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the
             first state is recorded, so that a run that is refused destroys nothing.
-        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are
-            read by pyvista as well as ParaView).
 
     Raises:
-        InputError: an unknown format; when the run is made: an unknown field or body, or a folder
-            that cannot be written or holds another run.
+        InputError: when the run is made: an unknown field or body, or a folder that cannot be
+            written or holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -112,16 +106,10 @@ class Recording:
         title: str = "",
         states_every: int | None = None,
         overwrite: bool = False,
-        format: str = "vtx",
     ) -> None:
-        check(
-            format in FORMATS,
-            f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
-        )
         self.folder = Path(folder)
         self.title = title
         self.overwrite = overwrite
-        self.format = format
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
@@ -130,7 +118,7 @@ class Recording:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
         self._clears_folder = False  # whether the first record removes the files of another run
-        self._fields: dict[str, VTX | VTU] = {}
+        self._fields: dict[str, VTU] = {}
         self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
 
     @property
@@ -283,17 +271,14 @@ class Recording:
         if any("group" in output.fields for output in self._fields.values()):
             self._about["groups"] = groups_of(films)[0]
 
-    def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
+    def _make_fields(self, run: Run) -> dict[str, VTU]:
         """The outputs of fields by the names of bodies: one for each body on a mesh."""
-        outputs: dict[str, VTX | VTU] = {}
-        kind: type[VTX] | type[VTU] = VTX
-        if self.format == "vtu":
-            kind = VTU
+        outputs: dict[str, VTU] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):
                 continue
-            outputs[body.name] = kind(
-                self.folder / "fields" / f"{file_name(body.name)}{FORMATS[self.format]}",
+            outputs[body.name] = VTU(
+                self.folder / "fields" / f"{file_name(body.name)}.pvd",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
                 every=self.schedule.every,

@@ -14,7 +14,7 @@ from typing import Any
 from gossamer_fx.core.checks.errors import InputError, check
 
 # Number of the format of run.json and of the other files in the folder.
-FORMAT = 1
+FORMAT = 2
 
 _REMEDY = "write the run again, or put back a copy of the file."
 

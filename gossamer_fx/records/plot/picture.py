@@ -17,7 +17,6 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.adios import adios2_for
 from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.outputs.schedule import Schedule
@@ -70,14 +69,12 @@ class DrawnRun:
         """Make the recording.  Collective.
 
         Raises:
-            InputError: the folder cannot be written, or this Python cannot read a recording.
+            InputError: the folder cannot be written.
         """
         make_parent(run.comm, self.path, file=True)
 
         def prepare() -> None:
             """Remove an old recording, and have the new one removed with this object."""
-            # Refuses, before anything is computed, a Python that could not read the recording.
-            adios2_for(self.folder)
             # A run that was killed may have left its recording.
             shutil.rmtree(self.folder, ignore_errors=True)
             weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import LINE_FIELDS
 from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
-from gossamer_fx.records.plot.run_reader import FieldFile, RunReader
+from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
 from gossamer_fx.records.plot.units import NAMES, scaled
 
@@ -40,7 +40,7 @@ class _Surface:
         origin: numbers (n,) of the pieces of the file that are kept.
     """
 
-    file: FieldFile
+    file: RecordedMesh
     points: Integers
     pieces: Integers
     origin: Integers
@@ -126,8 +126,8 @@ def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
 
 def _chosen_frames(
     run: RunReader,
-    files_of_frame: list[tuple[FieldFile, ...]],
-    surfaces: dict[FieldFile, _Surface],
+    files_of_frame: list[tuple[RecordedMesh, ...]],
+    surfaces: dict[RecordedMesh, _Surface],
     colour_bytes: int,
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many
@@ -238,12 +238,10 @@ def _piece_values(
     """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it."""
     if not has_field:
         return np.full((len(surface.origin), 3), np.nan)
-    corners = surface.file.pieces[surface.origin]
-    values: Array = surface.file.read(field, step)[corners]
-    return values
+    return surface.file.at_corners(field, step)[surface.origin]
 
 
-def _thinned(file: FieldFile, most: int) -> _Surface:
+def _thinned(file: RecordedMesh, most: int) -> _Surface:
     """A surface with few vertices: those that stay near to each other in the run become one.
 
     Nearness is that of the first, the middle and the last state, so that layers that touch for some
