@@ -35,6 +35,7 @@ SECTIONS = {
 # it
 CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
 CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
+CONTRACT |= {"reconstruct"}
 ROOMS = {
     "mesh": "Meshes",
     "bodies": "Bodies: films, plates, cables, beams, rigid bodies",

@@ -5,6 +5,7 @@ from .app import sweep as sweep
 from .app.cli.case import Case as Case
 from .build import assemblies as assemblies
 from .build import fold as fold
+from .build import meshes as meshes
 from .build import patterns as patterns
 from .build import presets as presets
 from .core import mesh as mesh
