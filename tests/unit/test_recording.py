@@ -305,11 +305,10 @@ def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit
 
 
 def test_components_of_a_probe_share_a_panel() -> None:
-    t = np.arange(3.0)
     x = np.zeros(3)
     y = np.ones(3)
     other = np.full(3, 2.0)
-    panels = grouped({"time": t, "step": t, "tip x [m]": x, "tip y [m]": y, "x of the ball": other})
+    panels = grouped({"tip x [m]": x, "tip y [m]": y, "x of the ball": other})
     assert {title: list(curves) for title, curves in panels.items()} == {
         "tip [m]": ["x", "y"],
         "x of the ball": [""],

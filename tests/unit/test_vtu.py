@@ -235,7 +235,7 @@ def test_an_export_has_all_parts_of_the_scene(tmp_path: Path) -> None:
     assert [entry.time for entry in entries] == pytest.approx([0.0, 2 * DT, 4 * DT])
     listed = scene.parent / entries[-1].file
     last = {name: read_vtu(listed.parent / file) for name, file in read_vtm(listed)}
-    assert list(last) == ["the/film", "solids", "points"]
+    assert list(last) == ["the/film", "solids", "solid lines", "points"]
     assert len(last["the/film"].cells) == 12
     assert last["the/film"].arrays["displacement [m]"][:, 2] == pytest.approx(SPEED * 4 * DT)
     assert last["points"].dimension == 0

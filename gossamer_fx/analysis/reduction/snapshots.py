@@ -9,7 +9,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.outputs.schedule import Schedule
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
@@ -46,17 +46,17 @@ class Snapshots:
         """Times [s] at which the run has to end a step; empty if shapes follow steps."""
         return self.schedule.times
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         check(
             self.body in run.system.bodies,
             f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
         )
         self.positions.clear()
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
             # a copy: the state changes in place
             self.positions.append(run.system.state[self.body].positions().copy())
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Do nothing: the shapes stay in memory."""

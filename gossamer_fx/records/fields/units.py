@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.view import Axis
+
 # Unit of each field; fields that are missing are pure numbers.
 UNITS = {
     "displacement": "m",
@@ -53,6 +58,14 @@ def scaled(largest: float) -> tuple[float, str]:
     fitting = [factor for factor in _PREFIXES if factor <= largest * (1 + _ROUND_OFF)]
     factor = max(fitting, default=1.0)
     return factor, _PREFIXES[factor]
+
+
+def scaled_axis(axis: Axis, values: Array) -> tuple[float, str]:
+    """Factor and unit of the axis of a figure that has these values; a pure number stays."""
+    if not axis.unit:
+        return 1.0, ""
+    factor, prefix = scaled(float(np.abs(values).max(initial=0.0)))
+    return factor, f"{prefix}{axis.unit}"
 
 
 def energy_words(energy: float) -> str:

@@ -10,7 +10,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port
 from gossamer_fx.mechanics.bodies.between import DrawnAsLines
 from gossamer_fx.records.outputs.output import Table
 from gossamer_fx.records.outputs.schedule import Schedule
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 class ConnectorLines:
@@ -26,7 +26,7 @@ class ConnectorLines:
         self.path = path
         self._schedule = schedule
         self._table = Table(path)
-        self._head = ["time", "step"]
+        self._columns: list[str] = []
         self._ends: list[Attached] = []
         number = 0
         for item in items:
@@ -36,7 +36,7 @@ class ConnectorLines:
                 number += 1
                 for end, letter in zip(pair, "ab", strict=True):
                     self._ends.append(end)
-                    self._head += [f"{number} {item.name} {letter}{axis}" for axis in "xyz"]
+                    self._columns += [f"{number} {item.name} {letter}{axis}" for axis in "xyz"]
 
     def __bool__(self) -> bool:
         """Whether there is anything to write."""
@@ -47,16 +47,16 @@ class ConnectorLines:
         """Times that the run must meet [s]."""
         return self._schedule.times
 
-    def open(self, run: Run) -> None:
-        self._table.create(run.comm, self._head)
+    def open(self, run: StateView) -> None:
+        self._table.create(run.comm, [run.axis.column, "step", *self._columns])
 
     def cursor(self) -> dict[str, Any]:
         return self._table.cursor()
 
-    def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
-        self._table.cut(run.comm, self._head, cursor)
+    def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
+        self._table.cut(run.comm, [run.axis.column, "step", *self._columns], cursor)
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Add a row with the end points of all lines [m] if it is due.  Collective.
 
         Raises:
@@ -77,5 +77,5 @@ class ConnectorLines:
             row += [float(x) for x in known[key]]
         self._table.append(run.comm, row)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Nothing to close: each row is written completely."""

@@ -13,7 +13,7 @@ import numpy as np
 from gossamer_fx.core.mesh.quality import box, corner_points, sizes
 from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
 Description = dict[str, Any]
@@ -22,7 +22,7 @@ Description = dict[str, Any]
 _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh")
 
 
-def describe(run: Run) -> Description:
+def describe(run: StateView) -> Description:
     """Bodies, terms, gas, energies and momenta of the present state, as data for `run.json`.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
@@ -71,7 +71,7 @@ def describe(run: Run) -> Description:
     }
 
 
-def _body(run: Run, body: Body) -> Description:
+def _body(run: StateView, body: Body) -> Description:
     """Kind, size, mass [kg], surrounding box [m] and law of a body, as data for JSON.  Collective.
 
     Returns:
@@ -110,7 +110,7 @@ def _body(run: Run, body: Body) -> Description:
     return found
 
 
-def _mass(run: Run, body: Body) -> float:
+def _mass(run: StateView, body: Body) -> float:
     """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective."""
     system = run.system
     owned = system.block(body).owned

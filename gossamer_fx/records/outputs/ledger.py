@@ -8,7 +8,7 @@ from typing import Any
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.records.outputs.output import Table
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Beginning of the columns of single causes of dissipation; readers of the table know them by it.
 LOST = "dissipated "
@@ -18,6 +18,8 @@ LOST = "dissipated "
 class Ledger:
     """CSV file with a row for every step: energies [J], momenta, gas masses [kg], closing errors,
     iterations.
+
+    The first column is the time [s], or the load parameter of a path of equilibria.
 
     `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far; it is zero
     at rest, while all energies are round-off.  H is the kinetic and stored energy, including that
@@ -49,44 +51,46 @@ class Ledger:
     def writes(self) -> Sequence[Path]:
         return [self.path]
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         self._table.create(run.comm, list(self._row(run)))
 
     def cursor(self) -> dict[str, Any]:
         return self._table.cursor()
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         self._table.cut(run.comm, list(self._row(run)), cursor)
 
-    def _row(self, run: Run) -> dict[str, Any]:
+    def _row(self, run: StateView) -> dict[str, Any]:
         """The present state of a run as columns by name; energies in J, momenta in kg m/s and kg
         m²/s.
 
-        Gas masses are in kg, the time in s; `energy_error` and `mass_error` are relative.  Columns
-        of gas are left out if there is no gas.  Collective; the same on every rank.
+        Gas masses are in kg; `energy_error` and `mass_error` are relative, and left out where no
+        energy is conserved.  Columns of gas are left out if there is no gas.  Collective; the same
+        on every rank.
         """
         t = run.totals
-        row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
-        row |= {"substeps": run.substeps, "kinetic": t.kinetic}
+        account = run.account
+        row: dict[str, Any] = {run.axis.column: run.time, "step": run.step}
+        row |= {"iterations": account.last_iterations, "substeps": account.rejected}
+        row |= {"kinetic": t.kinetic}
         row |= {f"stored {name}": energy for name, energy in t.stored.items()}
         row |= {"supplied": t.supplied, "dissipated": t.dissipated}
         if len(t.losses) > 1:
             row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
-        row |= {"energy_error": run.energy_error}
+        if account.balance is not None:
+            row |= {"energy_error": account.balance.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
         row |= {
             f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)
         }
         if t.mass:
-            row |= {
-                "gas mass": t.mass,
-                "gas mass supplied": t.mass_supplied,
-                "mass_error": run.mass_error,
-            }
+            row |= {"gas mass": t.mass, "gas mass supplied": t.mass_supplied}
+            if account.balance is not None:
+                row |= {"mass_error": account.balance.mass_error}
         return row
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         self._table.append(run.comm, self._row(run).values())
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         pass

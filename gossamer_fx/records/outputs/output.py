@@ -14,9 +14,9 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
-Probe = Callable[[Run], float]
+Probe = Callable[[StateView], float]
 
 # Files and folders of a recorded run, see `Recording`.
 RUN_FILES = (
@@ -42,15 +42,15 @@ class Output(Protocol):
         """Times [s] that the run must meet exactly."""
         ...
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Check the request and make the files; before anything is computed."""
         ...
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Look at the state; at the start and after every step."""
         ...
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Finish the files; also after a failure."""
         ...
 
@@ -65,7 +65,7 @@ class Continued(Output, Protocol):
         rank."""
         ...
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Remove what was written after the cursor, and continue there; called instead of
         `open`."""
         ...
@@ -90,7 +90,7 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
     return cursors
 
 
-def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
+def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
     """Open an output for a run, or let it continue at its position in a checkpoint.  Collective.
 
     Args:
@@ -352,7 +352,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
     on_rank_zero(comm, task)
 
 
-def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
+def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
     """The value of a probe in the state of a run.  Collective.
 
     Args:
@@ -363,7 +363,7 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
     Raises:
         InputError: the probe fails, or does not return the same finite number on every rank.
     """
-    return float(ask_numbers(run.comm, f"{name} at t = {run.time:.6g} s", lambda: probe(run)))
+    return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", lambda: probe(run)))
 
 
 def replace_file(path: Path, text: str) -> None:

@@ -10,12 +10,13 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.outputs.output import Probe, Table, evaluate_probe, make_parent
 from gossamer_fx.records.outputs.schedule import Schedule
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
 class Probes:
-    """CSV file with values of probes: columns time [s], step, and one for each probe.
+    """CSV file with values of probes: columns time [s] or load parameter, step, and one for each
+    probe.
 
     Args:
         path: of the file.
@@ -63,7 +64,6 @@ class Probes:
                 f"Probe '{name}' has the name of a column that exists; rename it.",
             )
         self._table = Table(self.path)
-        self._head = ["time", "step", *self.probes]
 
     @property
     def times(self) -> Sequence[float]:
@@ -74,35 +74,48 @@ class Probes:
     def writes(self) -> Sequence[Path]:
         return [self.path]
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         make_parent(run.comm, self.path)
         # A probe that fails must do so before the first step, and before an older table is lost.
         self._row(run)
-        self._table.create(run.comm, self._head)
+        self._table.create(run.comm, self._head(run))
 
     def cursor(self) -> dict[str, Any]:
         return self._table.cursor()
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove rows after the cursor.
 
         Raises:
             InputError: the table is gone, or has other columns.
         """
         self._row(run)
-        self._table.cut(run.comm, self._head, cursor)
+        self._table.cut(run.comm, self._head(run), cursor)
 
-    def _row(self, run: Run) -> list[float]:
+    def _head(self, run: StateView) -> list[str]:
+        """Names of the columns.
+
+        Raises:
+            InputError: a probe has the name of the first column.
+        """
+        first = run.axis.column
+        check(
+            first not in self.probes,
+            f"Probe '{first}' has the name of a column that exists; rename it.",
+        )
+        return [first, "step", *self.probes]
+
+    def _row(self, run: StateView) -> list[float]:
         """The values of all probes."""
         row = []
         for name, probe in self.probes.items():
             row.append(evaluate_probe(run, f"Probe '{name}'", probe))
         return row
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
             row = [float(run.time), run.step, *self._row(run)]
             self._table.append(run.comm, row)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Nothing to close: each row is written completely."""

@@ -24,6 +24,7 @@ import json
 import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ from gossamer_fx.records.outputs.schedule import Schedule
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
 from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # What writes one of the files.
 RecordedPart = VTU | Probes | ConnectorLines | Ledger
@@ -117,6 +118,7 @@ class Recording:
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
+        self._captions: list[str] = []  # of the states of a record that is not a run
         self._clears_folder = False  # whether the first record removes the files of another run
         self._fields: dict[str, VTU] = {}
         self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
@@ -132,7 +134,7 @@ class Recording:
 
     # ---- the protocol of outputs -----------------------------------------------------------------
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Check the request, and make all outputs.  Collective.
 
         Raises:
@@ -144,7 +146,7 @@ class Recording:
         for _, output in self._outputs():
             output.open(run)
 
-    def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
         """Continue after a restart, from the positions of all files in a checkpoint.
 
         Raises:
@@ -164,7 +166,7 @@ class Recording:
     def cursor(self) -> dict[str, Any]:
         return {name: output.cursor() for name, output in self._outputs()}
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Record the state of a run in all files where it is due.  Collective.
 
         Raises:
@@ -172,6 +174,9 @@ class Recording:
             InputError: a probe fails, or `run.json` cannot be written.
         """
         self.has_begun = True
+        caption = run.account.caption
+        if caption:
+            self._captions.append(caption)
         if self._clears_folder:
             # Also tables that this run does not write, e.g. of a gas that it does not have.
             on_rank_zero(run.comm, self._clear_folder)
@@ -199,7 +204,7 @@ class Recording:
             else:
                 path.unlink(missing_ok=True)
 
-    def record_fields(self, run: Run) -> None:
+    def record_fields(self, run: StateView) -> None:
         """Record the fields of the present state, unless they were just recorded."""
         is_new = any(output.last_time != run.time for output in self._fields.values())
         for output in self._fields.values():
@@ -210,7 +215,7 @@ class Recording:
             if is_new and table is not None:
                 table.record(run, last=True)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Close all files, and write to `run.json` how the run ended.  Collective.
 
         The status is "finished", "stopped", or "stopped: " with the message of the error that is
@@ -226,7 +231,7 @@ class Recording:
         failure = sys.exception()
         if failure is not None:
             self._write(run, f"stopped: {failure}")
-        elif run.time >= run.until * (1 - _END_TOLERANCE):
+        elif run.time >= run.account.until * (1 - _END_TOLERANCE):
             self._write(run, "finished")
         else:
             self._write(run, "stopped")
@@ -239,7 +244,7 @@ class Recording:
             yield f"fields of {name}", output
         yield from self._tables.items()
 
-    def _prepare(self, run: Run) -> None:
+    def _prepare(self, run: StateView) -> None:
         """Make the outputs, and the part of run.json that does not change.  Collective.
 
         Raises:
@@ -262,7 +267,6 @@ class Recording:
             "title": self.title,
             "scene": describe(run),
             "arguments": arguments_of(run.scene.items),
-            "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
             "fields": {name: list(output.fields) for name, output in self._fields.items()},
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
@@ -271,7 +275,7 @@ class Recording:
         if any("group" in output.fields for output in self._fields.values()):
             self._about["groups"] = groups_of(films)[0]
 
-    def _make_fields(self, run: Run) -> dict[str, VTU]:
+    def _make_fields(self, run: StateView) -> dict[str, VTU]:
         """The outputs of fields by the names of bodies: one for each body on a mesh."""
         outputs: dict[str, VTU] = {}
         for body in run.system.bodies:
@@ -288,7 +292,7 @@ class Recording:
 
     def _make_tables(
         self,
-        run: Run,
+        run: StateView,
         films: Sequence[Membrane],
     ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
         """Yield the tables by their file names; those without columns are left out.
@@ -362,7 +366,7 @@ class Recording:
                     columns[f"{number} {solid.name} {vector}{axis}"] = FramePart(solid, 3 * i + j)
         return columns
 
-    def _write(self, run: Run, status: str) -> None:
+    def _write(self, run: StateView, status: str) -> None:
         """Write run.json with the scene and the statistics of the run so far.  Collective.
 
         Args:
@@ -372,24 +376,28 @@ class Recording:
         Raises:
             InputError: the file cannot be written.
         """
-        statistics = {
-            "time": run.time,
-            "until": run.until,
+        account = run.account
+        statistics: dict[str, Any] = {
             "steps": run.step,
-            "rejected": run.substeps,
-            "iterations": run.iterations,
-            "iterations a step": run.iterations / max(run.step, 1),
-            "seconds": run.seconds,
-            "seconds of compilation": run.compile_seconds,
-            "at rest": run.at_rest,
-            "energy error": run.energy_error,
-            "energy defect": run.energy_defect,
-            "largest energy": run.largest_energy,
-            "mass error": run.mass_error,
+            "rejected": account.rejected,
+            "iterations": account.iterations,
+            "iterations a step": account.iterations / max(run.step, 1),
+            "seconds": account.seconds,
+            "seconds of compilation": account.compile_seconds,
         }
-        about = self._about | {"status": status, "statistics": statistics}
-        # Records of equilibria and modes have more to tell, see `static_records`.
-        about |= getattr(run, "about", {})
+        if account.balance is not None:
+            for name, value in asdict(account.balance).items():
+                statistics[name.replace("_", " ")] = value
+        axis = {**asdict(run.axis), "at": run.time, "until": account.until}
+        about = self._about | {
+            "kind": account.kind,
+            "status": status,
+            "axis": axis,
+            "method": dict(account.method),
+            "statistics": statistics,
+            "captions": self._captions,
+            **account.details,
+        }
         text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 
@@ -402,7 +410,7 @@ class _Coordinate:
         self._body = body
         self._axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The coordinate in the state of a run."""
         positions = run.system.state[self._body].positions()
         # Ranks without the node contribute minus infinity.
@@ -410,7 +418,7 @@ class _Coordinate:
         return float(run.comm.allreduce(own, MPI.MAX))
 
 
-def _tension_columns(run: Run) -> dict[str, Probe]:
+def _tension_columns(run: StateView) -> dict[str, Probe]:
     """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones."""
     lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
     if not lines:
@@ -428,7 +436,7 @@ def _tension_columns(run: Run) -> dict[str, Probe]:
     return columns
 
 
-def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
+def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     """Names of the fields of a body that are recorded if none were asked for."""
     if not isinstance(body, Membrane):
         return ("displacement",)

@@ -21,9 +21,6 @@ _REMEDY = "write the run again, or put back a copy of the file."
 # Larger integers do not fit into the arrays of NumPy.
 _MAX_INTEGER = 2**63
 
-# Keys of statistics that older versions wrote, and their present names.
-_OLD_STATISTICS = {"halved": "rejected"}
-
 # Characters of a value in a message: the file may contain a text of any length.
 _MAX_SHOWN = 60
 
@@ -100,18 +97,17 @@ _RUN = {
         "angular momentum": Several(NUMBER, 3),
     },
     "arguments?": Each(Each(_ANYTHING)),
-    "stepper": {"kind": str, "dt": NUMBER},
+    "kind": str,
+    "axis": {"name": str, "unit": str, "at": NUMBER, "until": NUMBER},
+    "method": Each(_ANYTHING),
     "fields": Each(Several(str)),
     "groups?": Several(str),
     "solids?": Several(_SOLID),
     "versions": Each(str),
-    "kind?": str,
-    "captions?": Several(str),
+    "captions": Several(str),
     "result?": Each(_ANYTHING),
     "prestress?": Each(_PRESTRESS),
     "statistics": {
-        "time": NUMBER,
-        "until": NUMBER,
         "steps": int,
         "rejected": int,
         "iterations": int,
@@ -119,10 +115,10 @@ _RUN = {
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
         "at rest?": bool,
-        "energy error": NUMBER,
+        "energy error?": NUMBER,
         "energy defect?": NUMBER,
         "largest energy?": NUMBER,
-        "mass error": NUMBER,
+        "mass error?": NUMBER,
     },
 }
 
@@ -157,7 +153,6 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         not isinstance(version, int) or version == FORMAT,
         f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
     )
-    _rename_old_keys(about)
     _check_kind(path, "the file", about, _RUN)
     for solid in about.get("solids", []):
         point_count = len(solid["X"])
@@ -169,17 +164,6 @@ def read_run_file(folder: Path) -> dict[str, Any]:
             f"'{path}': a solid has {point_count} points, but its faces use others; {_REMEDY}",
         )
     return dict(about)
-
-
-def _rename_old_keys(about: Any) -> None:
-    """Give the statistics of an older version their present names, in place."""
-    # Not yet checked: the file may hold anything.
-    if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
-        return
-    statistics = about["statistics"]
-    for old, new in _OLD_STATISTICS.items():
-        if old in statistics:
-            statistics.setdefault(new, statistics.pop(old))
 
 
 def _check_kind(

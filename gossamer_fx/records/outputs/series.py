@@ -10,7 +10,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
@@ -47,16 +47,16 @@ class Series:
             )
         self._rows: list[list[float]] = []
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Nothing to prepare; rows of an earlier run with the same series are kept."""
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         row = [run.time]
         for name, probe in self.probes.items():
             row.append(evaluate_probe(run, f"Probe '{name}'", probe))
         self._rows.append(row)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Nothing to close."""
 
     @property

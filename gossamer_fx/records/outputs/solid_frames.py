@@ -10,7 +10,7 @@ from gossamer_fx.core.drawing.solids import Solid
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.roles import Drawable, playing
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Origin and axes of a solid that is not moved, (4, 3).
 REST = np.vstack([np.zeros(3), np.eye(3)])
@@ -90,7 +90,7 @@ class FramePart:
         self._solid = solid
         self._part = part
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component in the state of a run."""
         frame = frame_of(self._solid, run.system)
         return float(frame.ravel()[self._part])

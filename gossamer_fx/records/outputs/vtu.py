@@ -44,7 +44,7 @@ from gossamer_fx.records.outputs.vtu_format import (
     write_pvd,
     write_vtu,
 )
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Names of the files of records and of meshes.
 _NUMBERED = re.compile(r"(?:mesh_)?(\d{5,})(?:_\d+)?\.vtu")
@@ -122,7 +122,7 @@ class VTU:
     def writes(self) -> Sequence[Path]:
         return [self.path, self.folder]
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Check the request, and number the points that this rank writes.  Collective.
 
         Raises:
@@ -154,7 +154,7 @@ class VTU:
         self._blocks: list[Block] = cell_blocks(self._cells, self._dimension)
         self._has_mesh = False
 
-    def _chosen_body(self, run: Run) -> MeshBody:
+    def _chosen_body(self, run: StateView) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh.
 
         Raises:
@@ -175,7 +175,7 @@ class VTU:
         )
         return self.body
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Write the fields of the state if they are due.  Collective.
 
         Raises:
@@ -232,14 +232,14 @@ class VTU:
         positions = self._X + arrays[with_unit("displacement")]
         return Grid(positions, self._cells, self._dimension, arrays, in_cells)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Nothing to close: each record is written completely."""
 
     def cursor(self) -> dict[str, Any]:
         """Position for a checkpoint: number of records, and time of the last one [s]."""
         return {"records": self._records, "time": self.last_time}
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove records after the cursor.  Collective.
 
         Raises:

@@ -21,7 +21,7 @@ from gossamer_fx.records.plot.colours import by_state
 from gossamer_fx.records.plot.picture import NEVER, DrawnRun
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
 from gossamer_fx.records.plot.units import plain_text
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,7 @@ class FlightPicture(DrawnRun):
                 f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
             )
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording of the run: position, velocity, sunlight and the probes."""
         probes: dict[str, Probe] = {}
         for what, names in enumerate((_POSITION, _VELOCITY, _TO_SUN)):
@@ -100,7 +100,7 @@ class FlightPicture(DrawnRun):
         probes[_LIT] = self._lit
         return Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
-    def _lit(self, run: Run) -> float:
+    def _lit(self, run: StateView) -> float:
         position, _ = self.orbit.flight(run.system).state()
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
@@ -184,7 +184,7 @@ class _FlightNumber:
         self._what = what
         self._axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         position, velocity = self._orbit.flight(run.system).state()
         vectors = (position, velocity, self._orbit.sun(run.time))
         return float(vectors[self._what][self._axis])

@@ -12,7 +12,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.units import unit_factor
 
 # "tip x [mm]": a name and a unit; the unit may be absent.
@@ -43,7 +43,8 @@ class MeasuredSeries:
 def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     """Series of a CSV file whose columns are named like probes of a run.
 
-    The first row is the heading: "time [s]" and names of probes with units, e.g. "tip x [mm]".
+    The first row is the heading: "time [s]", or the load parameter of a path of equilibria, and
+    names of probes with units, e.g. "tip x [mm]".
     Columns are separated by commas or semicolons.  An empty cell is a value that was not measured.
 
     Args:
@@ -60,21 +61,25 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     probe_units = {}
     for column in probes:
         name, unit = _parts(column)
-        if column not in ("time", "step"):
+        if column not in run.not_values:
             probe_units[name] = (column, unit)
     check(
         bool(probe_units),
         f"The run in '{run.folder}' recorded no probes; give its Recording some, to compare "
         f"'{path}' with.",
     )
+    axis = run.axis
     times: Array | None = None
     columns = []
     for k, heading in enumerate(headings):
         name, unit = _parts(heading)
         values = np.array([row[k] for row in cells])
-        if name in ("time", "t"):
-            check(times is None, f"'{path}' has two columns of times; leave one of them.")
-            times = values * unit_factor(unit or "s", "s", f"'{path}', column '{heading}'")
+        if name in (axis.name, axis.symbol):
+            check(times is None, f"'{path}' has two columns '{axis.name}'; leave one of them.")
+            if unit is not None or axis.unit:
+                where = f"'{path}', column '{heading}'"
+                values *= unit_factor(unit or axis.unit, axis.unit or "1", where)
+            times = values
             continue
         known = ", ".join(f"'{column}'" for column, _ in list(probe_units.values())[:_LISTED])
         check(
@@ -88,8 +93,14 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
             factor = unit_factor(unit or "1", probe_unit or "1", f"'{path}', column '{heading}'")
         columns.append((column, values * factor))
     if times is None:
-        raise InputError(f"'{path}' has no column 'time [s]'; add the times of its rows.")
-    check(bool(columns), f"'{path}' has no column besides the time; add one named like a probe.")
+        raise InputError(
+            f"'{path}' has no column '{axis.name} [{axis.unit or 1}]'; add the {axis.name} of each "
+            "row."
+        )
+    check(
+        bool(columns),
+        f"'{path}' has no column besides the {axis.name}; add one named like a probe.",
+    )
     found = []
     for column, values in columns:
         given = np.isfinite(values) & np.isfinite(times)
@@ -101,13 +112,13 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     return found
 
 
-def rms_difference(series: MeasuredSeries, probes: Tables) -> float:
-    """Root mean square of probe minus measurement, over the measured times within the run; NaN if
-    there is none."""
-    is_within = (series.t >= probes["time"][0]) & (series.t <= probes["time"][-1])
+def rms_difference(series: MeasuredSeries, times: Array, values: Array) -> float:
+    """Root mean square of the values (n,) of a probe minus the measurement, over the measured times
+    within those of the probe; NaN if there is none."""
+    is_within = (series.t >= times[0]) & (series.t <= times[-1])
     if not is_within.any():
         return math.nan
-    computed = np.interp(series.t[is_within], probes["time"], probes[series.probe])
+    computed = np.interp(series.t[is_within], times, values)
     return float(np.sqrt(np.mean((computed - series.y[is_within]) ** 2)))
 
 

@@ -365,4 +365,4 @@ def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
     for axes, draw in zip(grid, curves.panels, strict=False):
         draw(axes)
         axes.minorticks_off()  # they would take half of the time of a page with logarithmic axes
-        axes.set(xlabel=f"t [{curves.unit}]", xlim=(curves.start, curves.end))
+        axes.set(xlabel=curves.label, xlim=(curves.start, curves.end))

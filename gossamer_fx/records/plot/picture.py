@@ -27,7 +27,7 @@ from gossamer_fx.records.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.records.plot.plot import field_views
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewpoint import View
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Shapes in one picture: more would be too small.
 MAX_SHAPES = 24
@@ -65,7 +65,7 @@ class DrawnRun:
     def writes(self) -> Sequence[Path]:
         return [self.path, self.folder]
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Make the recording.  Collective.
 
         Raises:
@@ -83,11 +83,11 @@ class DrawnRun:
         self._recording = self.recording(run)
         self._recording.open(run)
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         assert self._recording is not None
         self._recording.record(run, last)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Close the recording, and draw the picture on rank 0.  Collective.
 
         Nothing is drawn if no state was recorded.
@@ -107,7 +107,7 @@ class DrawnRun:
         recording.close(run)
         on_rank_zero(run.comm, lambda: self.draw(RunReader(self.folder)))
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording that the picture needs."""
         raise NotImplementedError
 
@@ -173,7 +173,7 @@ class Picture(DrawnRun):
             check_section(f"Picture '{path}'", section)
         self.section = section
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording that the picture needs: displacements, and the field that gives the
         colours.
 
@@ -228,8 +228,8 @@ class Picture(DrawnRun):
         chosen = {k for k, time in enumerate(run.times) if schedule.meets(float(time))}
         if not self.times:
             chosen = {0, last}
-        statistics = run.about["statistics"]
-        was_stopped = statistics["time"] < statistics["until"]
+        axis = run.about["axis"]
+        was_stopped = axis["at"] < axis["until"]
         # A run that stopped before the first time that was asked for has a picture, too.
         if not chosen or was_stopped:
             chosen.add(last)

@@ -15,6 +15,7 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.units import scaled_axis
 from gossamer_fx.records.plot.camera import Camera, aim, render
 from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
 from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
@@ -22,7 +23,7 @@ from gossamer_fx.records.plot.measured_series import read_measured
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
-from gossamer_fx.records.plot.units import NAMES, scaled
+from gossamer_fx.records.plot.units import NAMES
 from gossamer_fx.records.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
@@ -274,14 +275,13 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
         frames: indices of the states in `run.times` [s].
         zooms: enlargement of each picture, dimensionless; below 1.05 it is not written.
     """
-    factor, prefix = scaled(float(run.times[-1]))
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
         enlarged = ""
         if zoom > _SAME_SCALE:
             # Spaces at which a long caption is not broken into lines
             enlarged = f", {zoom:.2g}\u00a0times\u00a0larger"
-        words = run.caption(frame, f"t = {run.times[frame] / factor:.4g} {prefix}s")
+        words = run.caption(frame)
         found.append(f"{words}{enlarged}")
     return found
 
@@ -453,7 +453,7 @@ def _images(
     letters = round(_TIME_SIZE * dpi)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
     caption = (place.left, place.top - _TIME_ABOVE * dpi)
-    factor, prefix = scaled(float(run.times[-1]))
+    factor, _ = scaled_axis(run.axis, run.times)
     # As many digits as tell two records from each other, the same in all frames.
     shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)
     digits = max(0, 1 - int(np.floor(np.log10(shortest))))
@@ -468,7 +468,7 @@ def _images(
         for image in render(camera, [shape], place.scale, colours.table):
             bytes_of_image = np.rint(255 * image).astype(np.uint8)
             whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
-        words = run.caption(int(frame), f"t = {shape.time / factor:.{digits}f} {prefix}s")
+        words = run.caption(int(frame), digits)
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 

@@ -21,20 +21,19 @@ from gossamer_fx.core.drawing.html import table
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS, with_unit
+from gossamer_fx.records.fields.units import LINE_FIELDS, scaled_axis, with_unit
 from gossamer_fx.records.outputs.file_names import file_name
 from gossamer_fx.records.outputs.run_file import read_run_file
 from gossamer_fx.records.outputs.solid_frames import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
 from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
+from gossamer_fx.solve.view import Axis
 
 Tables = dict[str, Array]
 
 # Columns that a table has in any case.
-_REQUIRED = {
-    "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
-}
+_REQUIRED = {"ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated")}
 # Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of
 # the size.
 _FINE = 12000
@@ -55,10 +54,11 @@ class RunReader:
         about: the contents of run.json.
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
+        axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
         groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the
             field "group" was not recorded.
-        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes,
-            of all steps.
+        times: values on the axis at which pictures can be drawn: those of the fields or, without
+            bodies on meshes, of all steps.
 
     Raises:
         InputError: it is not the folder of a run, or its files cannot be read.
@@ -76,20 +76,23 @@ class RunReader:
         a missing or damaged run.json or field file is an error."""
         self.folder = Path(folder)
         self.about = read_run_file(self.folder)
+        axis = self.about["axis"]
+        self.axis = Axis(axis["name"], axis["unit"])
         self.fields: dict[str, list[str]] = self.about["fields"]
         self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
         self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
-        self._connector_names = _names_of_lines(self.table("lines.csv"))
+        firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
+        self._connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
         self._tensions = self.table("tensions.csv")
         self.times: Array = self._points[0]
         if self.bodies:
             # a run that was killed may have written fewer steps of one body
             self.times = min((body.times for body in self.bodies.values()), key=len)
         self.groups: list[str] = self.about.get("groups", [])
-        self._captions: list[str] = self.about.get("captions", [])
+        self._captions: list[str] = self.about["captions"]
 
     def __repr__(self) -> str:
         """Title, how the run ended, and what there is to draw."""
@@ -119,14 +122,23 @@ class RunReader:
     @property
     def kind(self) -> str:
         """What was recorded: "run", "equilibrium" or "mode"."""
-        return str(self.about.get("kind", "run"))
+        return str(self.about["kind"])
 
-    def caption(self, frame: int, of_time: str) -> str:
-        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones
-        of its time."""
+    def caption(self, frame: int, decimals: int | None = None) -> str:
+        """Words below a recorded state: those of an equilibrium or a mode, or else its time.
+
+        Args:
+            frame: number of the state, see `frame`.
+            decimals: of the time; default: four digits.
+        """
         if len(self._captions) == len(self.times):
             return self._captions[frame]
-        return of_time
+        factor, unit = scaled_axis(self.axis, self.times)
+        value = self.times[frame] / factor
+        number = f"{value:.4g}"
+        if decimals is not None:
+            number = f"{value:.{decimals}f}"
+        return f"{self.axis.symbol} = {number} {unit}".rstrip()
 
     # ---- numbers ---------------------------------------------------------------------------------
 
@@ -160,12 +172,23 @@ class RunReader:
             raise InputError(
                 f"'{path}' holds something else than numbers ({error}); write the run again."
             ) from error
-        missing = [column for column in ("time", *_REQUIRED.get(name, ())) if column not in head]
+        required = (self.axis.column, *_REQUIRED.get(name, ()))
+        missing = [column for column in required if column not in head]
         check(
             not missing or not head,
             f"'{path}' has no column '{''.join(missing[:1])}'; write the run again.",
         )
         return dict(zip(head, values.T, strict=True))
+
+    @property
+    def not_values(self) -> tuple[str, str]:
+        """Columns of each table that are no results: that of the axis, and the number of the
+        step."""
+        return self.axis.column, "step"
+
+    def along(self, table: Tables) -> Array:
+        """Values on the axis (n,) of the rows of a table; an empty array without a table."""
+        return table.get(self.axis.column, np.zeros(0))
 
     def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
         """Times of a table, and its other columns as vectors.
@@ -178,13 +201,13 @@ class RunReader:
             InputError: the file cannot be read, or its columns are not groups of `size`.
         """
         table = self.table(name)
-        columns = [column for key, column in table.items() if key not in ("time", "step")]
+        columns = [column for key, column in table.items() if key not in self.not_values]
         check(
             len(columns) % size == 0,
             f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; "
             "write the run again.",
         )
-        times = table.get("time", np.zeros(0))
+        times = self.along(table)
         if not columns:
             return times, np.zeros((len(times), 0, size))
         return times, np.stack(columns, axis=1).reshape(len(times), -1, size)
@@ -209,8 +232,8 @@ class RunReader:
         slack = _TIME_SLACK * (last - first)
         check(
             first - slack <= time <= last + slack,
-            f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s "
-            "is not in it.",
+            f"The run in '{self.folder}' goes from {self.axis.words(first)} to "
+            f"{self.axis.words(last)}; {self.axis.words(time)} is not in it.",
         )
         return int(abs(self.times - time).argmin())
 
@@ -292,7 +315,7 @@ class RunReader:
         values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
         if not len(values):
             return float("nan")
-        return float(values[int(np.abs(self._tensions["time"] - time).argmin())])
+        return float(values[int(np.abs(self.along(self._tensions) - time).argmin())])
 
     def _line_kinds(
         self, names: list[str], field: str, time: float, kinds: Callable[[Array], Integers]
@@ -411,12 +434,6 @@ class RunReader:
         return [
             placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
         ]
-
-
-def _names_of_lines(table: Tables) -> list[str]:
-    """Names (n,) of the connectors to which the lines of lines.csv belong."""
-    firsts = [column for column in table if column not in ("time", "step")][::_LINE_PARTS]
-    return [column.partition(" ")[2].removesuffix(" ax") for column in firsts]
 
 
 def _at_time(table: tuple[Array, Array], time: float) -> Array:

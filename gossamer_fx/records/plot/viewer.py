@@ -15,7 +15,7 @@ from gossamer_fx.records.fields.units import LINE_FIELDS
 from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
-from gossamer_fx.records.plot.units import NAMES, scaled
+from gossamer_fx.records.plot.units import NAMES
 
 _MAX_BYTES = 6_000_000  # of positions and colours together, about
 _MAX_FRAMES = 80
@@ -90,7 +90,6 @@ def view_data(run: RunReader) -> dict[str, Any]:
     }
     frames = _chosen_frames(run, files_of_frame, surfaces, colour_bytes)
     box = _box_around(run, frames)
-    second, prefix = scaled(float(run.times[-1]))
     parts: list[dict[str, Any]] = []
     first = 0
     # The mesh stays the same while a run writes to the same files; a restart on other ranks has
@@ -104,9 +103,7 @@ def view_data(run: RunReader) -> dict[str, Any]:
     return {
         "low": box.low.tolist(),
         "span": box.span.tolist(),
-        "labels": [
-            run.caption(frame, f"t = {run.times[frame] / second:.4g} {prefix}s") for frame in frames
-        ],
+        "labels": [run.caption(frame) for frame in frames],
         "fields": [_legend(name, colours) for name, colours in fields],
         "parts": parts,
     }

@@ -11,7 +11,7 @@ from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_face
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
@@ -48,7 +48,7 @@ class Crossings:
         self.bodies = bodies
         self._mesh: CollisionMesh | None = None
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The number of edges that intersect a triangle in the state of a run.  Collective.
 
         Args:

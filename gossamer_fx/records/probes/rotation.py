@@ -13,7 +13,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.records.probes.points import AXES, check_axis
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
@@ -47,7 +47,7 @@ class AngularMomentum:
         self.axis = axis
         self.frame = frame
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component [kg m²/s] in the state of a run."""
         momentum = angular_momentum_about_centre(run)
         if self.frame is None:
@@ -83,7 +83,7 @@ class Nutation:
         )
         self.frame = frame
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run; 0 where nothing turns."""
         momentum = angular_momentum_about_centre(run)
         axis = run.system.state.vectors([self.frame.directors[2]])[0]
@@ -92,7 +92,7 @@ class Nutation:
         return math.atan2(across, float(axis @ momentum))
 
 
-def angular_momentum_about_centre(run: Run) -> Array:
+def angular_momentum_about_centre(run: StateView) -> Array:
     """Angular momentum (3,) [kg m²/s] of all bodies about their centre of mass.
 
     Args:

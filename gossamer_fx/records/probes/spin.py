@@ -13,7 +13,7 @@ from gossamer_fx.core.model.body import Array, Body, Port, is_body
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.records.probes.points import AXES
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Quantities of `PolarPosition`
 POLAR = ("radius", "angle")
@@ -50,7 +50,7 @@ class MeanSpin:
         self.body = body
         self.axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia.
 
         Args:
@@ -151,7 +151,7 @@ class PolarPosition:
         self.frame = frame
         self.quantity = quantity
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The radius [m], or the angle [rad] in -π to π, in the state of a run.
 
         Args:

@@ -11,7 +11,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Quantities and parts of `Waves`
 QUANTITIES = ("height", "radius")
@@ -86,7 +86,7 @@ class Waves:
         is_extreme = 2 * number in (0, count)
         self._weights = pattern * (1 if is_extreme else 2) / count
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The coefficient [m] in the state of a run."""
         heights, radii = cylindrical(run, self.ports, self.frame)
         values = heights if self.quantity == "height" else radii
@@ -120,7 +120,7 @@ class Imbalance:
         self.ports = tuple(ports)
         self.frame = frame
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The imbalance in the state of a run; 0 where all points are on the axis."""
         _, radii = cylindrical(run, self.ports, self.frame)
         mean = radii.mean()
@@ -129,7 +129,7 @@ class Imbalance:
         return float((radii.max() - radii.min()) / mean)
 
 
-def cylindrical(run: Run, ports: Sequence[Port], frame: Frame) -> tuple[Array, Array]:
+def cylindrical(run: StateView, ports: Sequence[Port], frame: Frame) -> tuple[Array, Array]:
     """Heights and radii (n,) [m] of points in a frame, on every rank.  Collective."""
     vectors = run.system.state.vectors([*ports, frame.origin, *frame.directors])
     points = np.array(vectors[: len(ports)])

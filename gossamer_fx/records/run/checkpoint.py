@@ -47,8 +47,10 @@ from gossamer_fx.core.model.roles import HistoryVariables
 from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.records.run.node_keys import all_names, cell_names
 from gossamer_fx.records.run.same_scene import compare, compare_energies
+from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
 # Number of the format; it changes with the contents of the files.
@@ -73,15 +75,19 @@ CELL_VALUES = "cells"
 Cursors = list[tuple[str, dict[str, Any]]]
 
 
-class SavedRun(Run, HistoryVariables, Protocol):
+class SavedRun(StateView, HistoryVariables, Protocol):
     """A run, with its outputs.
 
     Attributes:
+        stepper: the time stepping rule that was given.
+        history: what earlier steps left for the next, e.g. for extrapolation.
         outputs: those of the run, whose positions in their files are saved with it.
         recorded: whether the outputs have recorded the present state.
         cursors: positions of the outputs before the present state, for the case that they have not.
     """
 
+    stepper: Stepper
+    history: History
     outputs: list[Output]
     recorded: bool
     cursors: Cursors

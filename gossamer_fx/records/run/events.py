@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
@@ -27,13 +27,21 @@ from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.records.outputs.arguments import of_item
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Stepping
+from gossamer_fx.solve.steppers.stepping import Stepper, Stepping
+from gossamer_fx.solve.view import StateView
 
-if TYPE_CHECKING:
-    from gossamer_fx.solve.view import Run
 
-Action = Callable[["Run"], object]
+class SteppedRun(StateView, Protocol):
+    """What events read of a run: a view with a time stepper and a log."""
 
+    stepper: Stepper
+
+    def log(self, words: str) -> None:
+        """Pass a line to the listeners of the log."""
+        ...
+
+
+Action = Callable[[SteppedRun], object]
 
 # Times that differ by less than this fraction of a step are the same.
 SAME_TIME = 1e-9
@@ -178,7 +186,7 @@ class EventMonitor:
         InputError: something else is among the events, or a probe fails.
     """
 
-    def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
+    def __init__(self, run: SteppedRun, events: Sequence[Event], history: History) -> None:
         """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective."""
         self._run = run
         self._history = history

@@ -41,6 +41,7 @@ from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import TIME, Account, Balance
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.state import ChamberState
@@ -74,6 +75,7 @@ class Simulation:
             checkpoint's.
 
     Attributes:
+        axis: of records: the time.
         system: the compiled scene, with its state.
         step: number of steps that were made.
         iterations: Newton iterations of all steps.
@@ -99,6 +101,8 @@ class Simulation:
         >>> round(height, 4)  # 1 - g t²/2
         0.2152
     """
+
+    axis = TIME
 
     def __init__(
         self,
@@ -226,7 +230,7 @@ class Simulation:
         events: list[dict[str, Any]] = []
         if self._monitor:
             events = self._monitor.describe()
-        return scene_of(self, events)
+        return scene_of(self, self.stepper, self.history, events)
 
     def _restart(
         self,
@@ -305,6 +309,29 @@ class Simulation:
             return 0.0
         missing = now.mass - self.first.mass - now.mass_supplied
         return missing / max(now.mass, self.first.mass)
+
+    @property
+    def account(self) -> Account:
+        """Counters, wall times [s] and closing errors of the run so far.  Collective."""
+        return Account(
+            kind="run",
+            method={"kind": type(self.stepper).__name__, "dt": self.stepper.dt},
+            until=self.until,
+            iterations=self.iterations,
+            last_iterations=self.last_iterations,
+            rejected=self.substeps,
+            seconds=self.seconds,
+            compile_seconds=self.compile_seconds,
+            output_seconds=self.output_seconds,
+            solver=self.solver.newton.summary(),
+            balance=Balance(
+                at_rest=self.at_rest,
+                energy_error=self.energy_error,
+                energy_defect=self.energy_defect,
+                largest_energy=self.largest_energy,
+                mass_error=self.mass_error,
+            ),
+        )
 
     @property
     def chambers(self) -> dict[str, ChamberState]:
