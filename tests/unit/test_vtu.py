@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from gossamer_fx.records.outputs.vtu_format import (
 )
 
 WORLD = MPI.COMM_WORLD
+ROOT = Path(__file__).parents[2]
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 DT = 1e-3
 SPEED = 0.5
@@ -202,6 +204,31 @@ def test_pyvista_reads_the_files(tmp_path: Path) -> None:
     assert grid.n_cells == 12
     assert grid["displacement [m]"][:, 2] == pytest.approx(SPEED * 4 * DT)
     assert grid.points[:, 2] == pytest.approx(SPEED * 4 * DT)
+
+
+def test_the_recipe_for_pyvista_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The programs of the page, on a film between springs: by pyvista where it is at hand, and in
+    any case by the reader of this package."""
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    page = (ROOT / "docs" / "howto" / "paraview.md").read_text(encoding="utf-8")
+    [makes] = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    [shows] = re.findall(r"^```text\n(import pyvista.*?)^```", page, re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    exec(makes, {"__name__": "page"})
+    listed = Path("out/hammock/vtu/run.pvd")
+    assert str(listed) in shows
+    of_last_time = listed.parent / read_pvd(listed)[-1].file
+    scene = {name: read_vtu(of_last_time.parent / file) for name, file in read_vtm(of_last_time)}
+    assert list(scene) == ["film", "connectors"]
+    for name, array in re.findall(r'scene\["(.*?)"\], scalars="(.*?)"', shows):
+        assert array in {**scene[name].arrays, **scene[name].cell_arrays}
+    # Four springs of 50 N/m hold the weight of a film of 0.14 kg: each is stretched.
+    assert (scene["connectors"].cell_arrays["tension [N]"] > 0).all()
+    assert scene["film"].arrays["displacement [m]"][:, 2].min() < 0
+    pytest.importorskip("pyvista")
+    exec(shows, {"__name__": "page"})
+    assert Path("out/hammock/scene.png").stat().st_size > 10_000
 
 
 def test_an_export_has_all_parts_of_the_scene(tmp_path: Path) -> None:
