@@ -223,16 +223,7 @@ FIELDS = {
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
-    """Check the names of output fields of a body.
-
-    Args:
-        body: film, plate, cable or beam.
-        names: of its fields, keys of `FIELDS`.
-
-    Raises:
-        InputError: no name is given, or the body does not have one of the fields; the message lists
-            those that it has.
-    """
+    """Check the names of output fields of a body."""
     is_film = isinstance(body, Membrane)
     is_line = isinstance(body, Curve)
     bends = isinstance(body, Membrane) and body.bends
@@ -271,17 +262,8 @@ class FieldFunctions:
     Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
     nothing is lost or smoothed.
 
-    Args:
-        system: the compiled scene.
-        body: a body on a mesh in it.
-        names: of the fields.
-        element: family and order of another element.
-
     Attributes:
         functions: one for each name, in their order; set by `update`.
-
-    Raises:
-        InputError: see `check_fields`.
     """
 
     def __init__(
@@ -319,16 +301,7 @@ class FieldFunctions:
     def _update_of(
         self, function: fem.Function, body: MeshBody, system: System
     ) -> Callable[[], None]:
-        """Return what sets the function of a field to the accepted state; collective.
-
-        Returns:
-            a function without arguments: a map of wrinkles, the interpolation of a compiled
-            expression, or the collection of values from the scene.
-
-        Raises:
-            InputError: no C compiler was found, or a map of wrinkles is asked for and the law of
-                the film has none.
-        """
+        """Return what sets the function of a field to the accepted state; collective."""
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
             # Imported here, as few outputs need it.

@@ -42,15 +42,7 @@ class LineForces:
 
 
 def line_forces(system: System, connector: DrawnAsLines) -> LineForces:
-    """Tensions and lengths of a connector in the accepted state.  Collective.
-
-    Args:
-        system: the compiled scene.
-        connector: a `Spring`, `Rope`, `RopeBundle`, `Tether` or `Tape` in it.
-
-    Raises:
-        InputError: the connector is not in the scene.
-    """
+    """Tensions and lengths of a connector in the accepted state.  Collective."""
     terms = system.terms_of(connector)
     check(
         bool(terms),
@@ -71,9 +63,6 @@ def _of_stored_energy(
     The measure is e = ½ α l² + c of the length l.  With the stress S = dψ/de the tension is
     dψ/dl = S α l = 2 S (e - c)/l.  A spring has α = 1 and c = 0.  A tape has a multiple of
     ½(l²/L² - 1), so that l²/L² = (c - e)/c.
-
-    Args:
-        term: of a spring, of one or several ropes, or of a tape.
     """
     compiled = next(kind for kind in system.compiled if isinstance(kind, PointEnergies))
     count = len(term.measure.ports)

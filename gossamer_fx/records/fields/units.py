@@ -48,10 +48,6 @@ def with_unit(field: str) -> str:
 def scaled(largest: float) -> tuple[float, str]:
     """Return factor and prefix of the unit in which a number lies between 1 and 1000.
 
-    Args:
-        largest: number in the unit without prefix, ≥ 0.  Below 1e-9 the factor is 1, from 1e12 on
-            the largest one, 1e9.
-
     Example:
         `scaled(0.02)` is `(1e-3, "m")`: 0.02 s are 20 ms.
     """

@@ -63,12 +63,6 @@ def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
 
     A checkpoint stores them, and a restart compares them with those of the present scene.  Initial
     conditions are left out: a restart replaces them by the state of the checkpoint.
-
-    Args:
-        items: bodies, loads, constraints and other items of the scene, each with a name.
-
-    Returns:
-        for each item the values of its arguments as data for JSON, as `describe` makes them.
     """
     arguments = {}
     for item in items:
@@ -80,14 +74,6 @@ def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
 def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
     """The arguments of an item of a scene, by name, and its public attributes that are numbers,
     words or obstacles.  Collective.
-
-    Args:
-        item: it keeps each argument as an attribute of the argument's name, maybe after an
-            underscore.
-        items: of the scene; references to them are stored as class and name.
-
-    Returns:
-        values as data for JSON, as `describe` makes them.
     """
     return _attributes(item, functools.partial(describe, items=tuple(items), depth=1))
 
@@ -99,11 +85,6 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
     Numbers and words are returned as they are, items of the scene as "Class 'name'", objects of
     this package by their arguments, functions by what their code contains.  Collective, as
     positions of attached points are sums over all ranks.
-
-    Args:
-        value: any object.
-        items: of the scene, which are described by class and name.
-        depth: number of objects in which the value is; deeper than 6 all objects are unknown.
     """
     known_items = tuple(items)
     inner = functools.partial(describe, items=known_items, depth=depth + 1)
@@ -142,15 +123,7 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
 
 
 def unknown(known: Known, where: str = "") -> list[str]:
-    """Names, joined to words, that lead to the values of a description that could not be stored.
-
-    Args:
-        known: a description, as `describe` returns it: numbers, words, lists and dictionaries.
-        where: words that lead to it.
-
-    Returns:
-        one text for each `{"unknown": class}`; an empty list if all values are stored.
-    """
+    """Names, joined to words, that lead to the values of a description that could not be stored."""
     if isinstance(known, dict):
         if UNKNOWN in known:
             return [where]
@@ -176,15 +149,7 @@ def _is_of_package(value: Any) -> bool:
 
 
 def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
-    """The arguments with which an object was made, if it keeps them, and other plain attributes.
-
-    Args:
-        thing: the object; an argument is looked for under its name, or with an underscore before
-            it.
-
-    Returns:
-        the data by name, without names, meshes and communicators, which are not compared.
-    """
+    """The arguments with which an object was made, if it keeps them, and other plain attributes."""
     if is_dataclass(thing):
         arguments = [field.name for field in fields(thing)]
     else:

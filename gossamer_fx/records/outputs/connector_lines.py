@@ -14,13 +14,7 @@ from gossamer_fx.solve.view import StateView
 
 
 class ConnectorLines:
-    """CSV file with the two ends of each line of the connectors [m], six columns a line.
-
-    Args:
-        path: of the file.
-        items: of the scene; those that are not drawn as lines are left out.
-        schedule: when rows are written; the first and the last state always.
-    """
+    """CSV file with the two ends of each line of the connectors [m], six columns a line."""
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
         self.path = path
@@ -57,11 +51,7 @@ class ConnectorLines:
         self._table.cut(run.comm, [run.axis.column, "step", *self._columns], cursor)
 
     def record(self, run: StateView, last: bool) -> None:
-        """Add a row with the end points of all lines [m] if it is due.  Collective.
-
-        Raises:
-            OutputFailure: the disk is full or the folder is gone.
-        """
+        """Add a row with the end points of all lines [m] if it is due.  Collective."""
         if not self._schedule.due(run.step, run.time, last):
             return
         row: list[float] = [float(run.time), run.step]

@@ -27,9 +27,6 @@ def describe(run: StateView) -> Description:
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
     energies [J], momenta [kg m/s, kg m²/s].  Collective; the same on every rank.
-
-    Args:
-        run: whose scene and state are described.
     """
     system = run.system
     totals = run.totals
@@ -139,12 +136,7 @@ def versions() -> dict[str, str]:
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description of a run as lines of text: one for each body, chamber and kind of term.
-
-    Args:
-        about: the entry "scene" of a run.json, as `describe` returns it: masses in kg, energies in
-            J.
-    """
+    """A description of a run as lines of text: one for each body, chamber and kind of term."""
     ranks = f"{about['ranks']} ranks"
     if about["ranks"] == 1:
         ranks = "1 rank"

@@ -36,14 +36,6 @@ class FileLocks:
     Runs of one program may follow each other: a run takes over the locks of an earlier run of the
     same program, unless that one is inside `Simulation.run` (`running` is true).  On a file system
     without locks nothing is locked.
-
-    Args:
-        comm: ranks of the run; rank 0 holds the locks, the others only learn of errors.
-        paths: files and folders that the run writes.
-
-    Raises:
-        InputError: two of the paths are the same file, a folder cannot be made or written, or
-            another run holds one of the locks.
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
@@ -72,11 +64,7 @@ class FileLocks:
         _release_all(self._locks)
 
     def _acquire_all(self) -> None:
-        """Lock every file on this rank; if one is locked by another run, release all and raise.
-
-        Raises:
-            InputError: another run of this or another program writes one of the files.
-        """
+        """Lock every file on this rank; if one is locked by another run, release all and raise."""
         try:
             for path in self._paths:
                 if path not in self._locks:
@@ -89,9 +77,6 @@ class FileLocks:
     def _take_over(self, path: Path) -> FileLock | None:
         """The lock that an earlier run of this program holds on a path, which it loses; None if
         there is none.
-
-        Raises:
-            InputError: the earlier run is inside `Simulation.run` and still writes the file.
         """
         other = _LAST_OWNER.get(path)
         if other is None or path not in other._locks:
@@ -105,15 +90,7 @@ class FileLocks:
 
 
 def _lock(path: Path) -> FileLock:
-    """Lock a path for this process, and write a file next to it that names the process.
-
-    Returns:
-        the lock, which is held until it is released or the process ends.  On a file system without
-        locks it is not held, and no error is raised.
-
-    Raises:
-        InputError: another process holds the lock; the message names it if it is known.
-    """
+    """Lock a path for this process, and write a file next to it that names the process."""
     # The run may be closed by another thread than the one that opened it.
     lock = FileLock(_lock_file(path), thread_local=False)
     try:

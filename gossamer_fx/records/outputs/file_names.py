@@ -22,9 +22,6 @@ def file_name(name: str) -> str:
     become % and the hexadecimal digits of their UTF-8.  A name over 100 characters is cut and ends
     in a hash.
 
-    Args:
-        name: any text, e.g. the name of a body; an empty one gives "%".
-
     Example:
         >>> file_name("film/left")
         'film%2Fleft'

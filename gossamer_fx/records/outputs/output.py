@@ -91,18 +91,7 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
 
 
 def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective.
-
-    Args:
-        run: that begins.
-        output: a record of the run, e.g. a table or field files.
-        cursors: class names and positions of the outputs of a checkpoint; the first one of the same
-            class is used and removed from the list.  Empty for a run from the start.
-
-    Raises:
-        InputError: the output would replace the files of another run, its request is wrong, or the
-            files do not fit the checkpoint.
-    """
+    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective."""
     kind = type(output).__name__
     # Outputs have no names: those of one kind are matched in the order in which they are given.
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
@@ -120,13 +109,6 @@ def check_no_other_run(comm: MPI.Intracomm, output: Output) -> None:
     An output with the attribute `overwrite` owns all that it writes: unless that attribute is true,
     none of its files may exist.  Any other output replaces a file of its name, but not one that
     belongs to the folder of a recorded run.
-
-    Args:
-        comm: of the run; rank 0 looks, as other ranks may see the folder later.
-        output: that begins, and does not continue after a restart.
-
-    Raises:
-        InputError: names the folder and the file.
     """
     if not isinstance(output, Writing) or getattr(output, "overwrite", False):
         return
@@ -155,9 +137,6 @@ def _is_of_a_run(path: Path) -> bool:
 class Table:
     """A CSV file that rank 0 writes row by row; a row is in it completely or not at all.
 
-    Args:
-        path: of the file.
-
     Attributes:
         end: length of the file after the last complete row [bytes].
     """
@@ -169,30 +148,14 @@ class Table:
         self._head: Sequence[str] = ()  # columns that are written with the first row
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
-        """Begin an empty table; an older file is kept until the first row.  Collective.
-
-        Args:
-            comm: of the run; rank 0 writes.
-            head: names of the columns.
-
-        Raises:
-            InputError: the folder cannot be made or written.
-        """
+        """Begin an empty table; an older file is kept until the first row.  Collective."""
         make_parent(comm, self.path, file=True)
         self.end = 0
         self._rows = 0
         self._head = head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
-        """Add a row to the file.  Collective.
-
-        Args:
-            comm: of the run; rank 0 writes.
-            row: a value for each column: numbers or words, the same on every rank.
-
-        Raises:
-            OutputFailure: the disk is full or the folder is gone; the rows before are whole.
-        """
+        """Add a row to the file.  Collective."""
         lines = _csv_line(row)
         # The head comes with the first row, so that a run that fails before keeps an older file.
         if self._head:
@@ -217,12 +180,7 @@ class Table:
         """Go on with a table as it was at a cursor; later rows are cut off.  Collective.
 
         Args:
-            comm: of the run; rank 0 works on the file.
-            head: names of the columns that the table must have.
             cursor: position that `cursor` returned: length `end` [bytes] and number of `rows`.
-
-        Raises:
-            InputError: the file is shorter, or has other columns or another number of rows.
         """
         make_parent(comm, self.path, file=True)
         on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["rows"]))
@@ -237,10 +195,6 @@ class Table:
 
         Args:
             end: length of the file that is kept [bytes].
-
-        Raises:
-            InputError: the file is shorter, or has other columns or another number of rows.
-            OSError: the file cannot be read or shortened.
         """
         content = b""
         if self.path.is_file():
@@ -272,12 +226,7 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
     written.
 
     Args:
-        path: of the file, which exists.
         end: position [bytes] at which `content` begins, normally the end of the file.
-        content: the bytes.
-
-    Raises:
-        OSError: the disk is full, or the file does not exist.
     """
     # Without a buffer, a full disk is noticed here and not when the file is closed.
     with path.open("r+b", buffering=0) as file:
@@ -306,25 +255,10 @@ def _csv_line(values: Iterable[Any]) -> bytes:
 
 
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
-    """Make the folder of an output and try to write in it.
-
-    Args:
-        comm: of the run.
-        path: of the output.
-        file: whether it is to be a file (True) or a folder (False), if that is known.
-
-    Raises:
-        InputError: the folder cannot be made or written, or a folder has the name of the file, or
-            the other way.
-    """
+    """Make the folder of an output and try to write in it."""
 
     def task() -> None:
-        """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0.
-
-        Raises:
-            InputError: the folder cannot be made or written, or `path` is a folder instead of a
-                file, or the other way.
-        """
+        """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
@@ -353,29 +287,13 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
 
 
 def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
-    """The value of a probe in the state of a run.  Collective.
-
-    Args:
-        run: whose state is read.
-        name: of the probe, for messages.
-        probe: a function of the run that returns one number, in any unit.
-
-    Raises:
-        InputError: the probe fails, or does not return the same finite number on every rank.
-    """
+    """The value of a probe in the state of a run.  Collective."""
     return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", lambda: probe(run)))
 
 
 def replace_file(path: Path, text: str) -> None:
     """Replace the contents of a file at once, so that a reader never finds half of them; on one
     rank.
-
-    Args:
-        path: of the file, which need not exist; a file with the ending `.new` is made next to it.
-        text: its new contents.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     try:
         new = path.with_suffix(".new")

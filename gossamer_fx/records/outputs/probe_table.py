@@ -84,20 +84,12 @@ class Probes:
         return self._table.cursor()
 
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
-        """Continue after a restart: remove rows after the cursor.
-
-        Raises:
-            InputError: the table is gone, or has other columns.
-        """
+        """Continue after a restart: remove rows after the cursor."""
         self._row(run)
         self._table.cut(run.comm, self._head(run), cursor)
 
     def _head(self, run: StateView) -> list[str]:
-        """Names of the columns.
-
-        Raises:
-            InputError: a probe has the name of the first column.
-        """
+        """Names of the columns."""
         first = run.axis.column
         check(
             first not in self.probes,

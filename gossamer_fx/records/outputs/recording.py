@@ -135,23 +135,14 @@ class Recording:
     # ---- the protocol of outputs -----------------------------------------------------------------
 
     def open(self, run: StateView) -> None:
-        """Check the request, and make all outputs.  Collective.
-
-        Raises:
-            InputError: an unknown field or body, a probe that fails, or a folder that cannot be
-                written.
-        """
+        """Check the request, and make all outputs.  Collective."""
         self._prepare(run)
         self._clears_folder = self.overwrite
         for _, output in self._outputs():
             output.open(run)
 
     def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
-        """Continue after a restart, from the positions of all files in a checkpoint.
-
-        Raises:
-            InputError: the checkpoint is of a recording with other files.
-        """
+        """Continue after a restart, from the positions of all files in a checkpoint."""
         self._prepare(run)
         # All names are known before the first file is shortened to its position.
         missing = [name for name, _ in self._outputs() if name not in cursor]
@@ -167,12 +158,7 @@ class Recording:
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: StateView, last: bool) -> None:
-        """Record the state of a run in all files where it is due.  Collective.
-
-        Raises:
-            OutputFailure: a file cannot be written.
-            InputError: a probe fails, or `run.json` cannot be written.
-        """
+        """Record the state of a run in all files where it is due.  Collective."""
         self.has_begun = True
         caption = run.account.caption
         if caption:
@@ -190,9 +176,6 @@ class Recording:
     def _clear_folder(self) -> None:
         """Remove the files of another run from the folder; the folder of the fields stays.  On one
         rank.
-
-        Raises:
-            OSError: a file cannot be removed.
         """
         for path in self.writes:
             if path.is_dir():
@@ -220,10 +203,6 @@ class Recording:
 
         The status is "finished", "stopped", or "stopped: " with the message of the error that is
         being raised.
-
-        Raises:
-            OutputFailure: a field file cannot be closed.
-            InputError: `run.json` cannot be written.
         """
         for _, output in self._outputs():
             output.close(run)
@@ -245,11 +224,7 @@ class Recording:
         yield from self._tables.items()
 
     def _prepare(self, run: StateView) -> None:
-        """Make the outputs, and the part of run.json that does not change.  Collective.
-
-        Raises:
-            InputError: a body of `fields` is not in the scene, or the folder cannot be written.
-        """
+        """Make the outputs, and the part of run.json that does not change.  Collective."""
         make_parent(run.comm, self.folder / "run.json")
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
         names = [body.name for body in run.system.bodies if is_on_mesh(body)]
@@ -299,9 +274,6 @@ class Recording:
 
         These are tables of gas states, area fractions of films, positions of points, frames of
         solids, the user's probes, ends of connectors, tensions, and the energy balance.
-
-        Raises:
-            InputError: a probe, a film or a name of a file is refused by the table that it is for.
         """
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
@@ -371,10 +343,6 @@ class Recording:
 
         Args:
             run: with time [s], steps, iterations, wall times [s] and closing errors.
-            status: how the run ended, or "running".
-
-        Raises:
-            InputError: the file cannot be written.
         """
         account = run.account
         statistics: dict[str, Any] = {
@@ -406,7 +374,6 @@ class _Coordinate:
     """A coordinate [m] of the first node of a body, as a probe."""
 
     def __init__(self, body: Body, axis: int) -> None:
-        """Take the body, and the number of the axis: 0, 1 or 2 for x, y or z."""
         self._body = body
         self._axis = axis
 

@@ -124,18 +124,7 @@ _RUN = {
 
 
 def read_run_file(folder: Path) -> dict[str, Any]:
-    """The contents of a run's `run.json`, checked.
-
-    Args:
-        folder: of the run.
-
-    Returns:
-        a dictionary with the keys and types that `_RUN` lists, quantities in SI units.
-
-    Raises:
-        InputError: the file does not exist, it is not JSON, of another format, or has other keys or
-            types than a run writes.
-    """
+    """The contents of a run's `run.json`, checked."""
     path = folder / "run.json"
     check(
         path.is_file(),
@@ -172,15 +161,7 @@ def _check_kind(
     value: Any,
     kind: Any,
 ) -> None:
-    """Raise `InputError` unless a value of a JSON file has the expected structure.
-
-    Args:
-        kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
-            or `Each`, `Several` or `Row` of kinds.
-
-    Raises:
-        InputError: names the file, the key, the value and what it must be.
-    """
+    """Raise `InputError` unless a value of a JSON file has the expected structure."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         for key, inner in kind.items():

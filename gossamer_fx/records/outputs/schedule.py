@@ -17,23 +17,14 @@ class Schedule:
     """Every n-th step, or given times; the first and the last state are always due.
 
     Args:
-        every: steps between two records.
         times: of records, instead [s].
-
-    Raises:
-        InputError: a value is out of its range.
     """
 
     every: int = 1
     times: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the number of steps between two records, and the times of records.
-
-        Raises:
-            InputError: `every` is not an integer of at least 1, or a time [s] is negative or not
-                finite.
-        """
+        """Check the number of steps between two records, and the times of records."""
         check(
             isinstance(self.every, int) and self.every >= 1,
             f"every is {self.every!r}; give the number of steps between two outputs.",
@@ -48,9 +39,7 @@ class Schedule:
         """Whether a record is due after a step.
 
         Args:
-            step: its number, 0 for the start.
             time: [s].
-            last: whether the run ends with it.
         """
         if step == 0 or last:
             return True

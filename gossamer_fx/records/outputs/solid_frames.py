@@ -30,10 +30,6 @@ def frame_of(solid: Solid, system: System) -> Array:
     A solid is a rigid shape in pictures: on a rigid body, with a prescribed motion, or at rest.
     Its axes are the rows 1 to 3; those of a solid that is not on a body are the coordinate axes.
 
-    Args:
-        solid: of the scene.
-        system: the compiled scene, with the state and the time.
-
     Collective: all ranks call it.
     """
     if solid.on is not None:
@@ -62,9 +58,6 @@ def as_data(solid: Solid) -> dict[str, Any]:
 
     Args:
         solid: a rigid shape that pictures show, with points X (n, 3) [m].
-
-    Returns:
-        a dictionary with the keys "X", "triangles", "lines" (indices of points), and "moves".
     """
     points = []
     for point in solid.X:
@@ -82,7 +75,6 @@ class FramePart:
     """A component of a solid's frame, as a probe.
 
     Args:
-        solid: of the scene.
         part: index of the component in the frame (4, 3), row by row.
     """
 

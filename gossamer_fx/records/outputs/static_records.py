@@ -66,11 +66,7 @@ class ModeView:
     mode without a frequency is shown as if its period were 1 s.
 
     Args:
-        equilibrium: about which the mode vibrates.
-        mode: of this equilibrium.
-        number: of the mode, from 1.
         amplitude: largest displacement of a node [m].
-        frames: states of the period.
     """
 
     axis = TIME
@@ -313,11 +309,7 @@ def record_modes(
 
 
 class _Opened(ExitStack):
-    """Locks the files of outputs and opens them; at its end closes them and releases the files.
-
-    Raises:
-        InputError: a file cannot be written, holds another run, or is locked by one.
-    """
+    """Locks the files of outputs and opens them; at its end closes them and releases the files."""
 
     def __init__(self, view: StateView, outputs: Sequence[Output]) -> None:
         super().__init__()

@@ -123,11 +123,7 @@ class VTU:
         return [self.path, self.folder]
 
     def open(self, run: StateView) -> None:
-        """Check the request, and number the points that this rank writes.  Collective.
-
-        Raises:
-            InputError: an unknown field or body, or a folder that cannot be written.
-        """
+        """Check the request, and number the points that this rank writes.  Collective."""
         body = self._chosen_body(run)
         check_fields(body, self.fields)
         make_parent(run.comm, self.path, file=True)
@@ -155,11 +151,7 @@ class VTU:
         self._has_mesh = False
 
     def _chosen_body(self, run: StateView) -> MeshBody:
-        """The body whose fields are recorded: the given one, else the only one on a mesh.
-
-        Raises:
-            InputError: the body is not in the scene, or none was given and the scene has several.
-        """
+        """The body whose fields are recorded: the given one, else the only one on a mesh."""
         bodies = [one for one in run.system.bodies if is_on_mesh(one)]
         names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
         if self.body is None:
@@ -176,11 +168,7 @@ class VTU:
         return self.body
 
     def record(self, run: StateView, last: bool) -> None:
-        """Write the fields of the state if they are due.  Collective.
-
-        Raises:
-            OutputFailure: a file cannot be written; earlier records are whole.
-        """
+        """Write the fields of the state if they are due.  Collective."""
         if not self.schedule.due(run.step, run.time, last):
             return
         for functions in self._functions:
@@ -240,25 +228,14 @@ class VTU:
         return {"records": self._records, "time": self.last_time}
 
     def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
-        """Continue after a restart: remove records after the cursor.  Collective.
-
-        Raises:
-            InputError: a file of a record before the cursor is gone, or the list was replaced.
-        """
+        """Continue after a restart: remove records after the cursor.  Collective."""
         self.open(run)
         self._records = cursor["records"]
         self.last_time = cursor["time"]
         self._entries = run.comm.bcast(on_rank_zero(run.comm, self._cut) or [])
 
     def _cut(self) -> list[Entry]:
-        """Remove the records after those of the checkpoint from the list and the disk; on rank 0.
-
-        Returns:
-            the entries of the list that are left.
-
-        Raises:
-            InputError: the list is damaged or was replaced, or a file that it keeps is damaged.
-        """
+        """Remove the records after those of the checkpoint from the list and the disk; on rank 0."""
         if not self._records:
             return []
         entries = read_pvd(self.path)
@@ -315,14 +292,7 @@ class FieldRecords:
 
 
 def read_records(path: Path) -> list[FieldRecords]:
-    """The records that a PVD file of `VTU` lists, in the order of their times.
-
-    Args:
-        path: of the PVD file.
-
-    Raises:
-        InputError: the list is missing or damaged, or a mesh is missing.
-    """
+    """The records that a PVD file of `VTU` lists, in the order of their times."""
     files_of_time: dict[float, list[Path]] = {}
     for entry in read_pvd(path):
         files_of_time.setdefault(entry.time, []).append(path.parent / entry.file)

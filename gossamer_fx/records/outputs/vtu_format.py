@@ -113,7 +113,6 @@ def cell_blocks(cells: Integers, dimension: int) -> list[Block]:
 
     Args:
         cells: points (n, k) of the cells, in the order of dolfinx.
-        dimension: of the cells.
     """
     count, nodes_of_cell = cells.shape
     ends = nodes_of_cell * np.arange(1, count + 1)
@@ -126,16 +125,7 @@ def cell_blocks(cells: Integers, dimension: int) -> list[Block]:
 
 
 def write_vtu(path: Path, grid: Grid, cells: Sequence[Block] = ()) -> None:
-    """Write a grid as VTU, an XML format of VTK.
-
-    Args:
-        path: of the file, which is replaced.
-        grid: points, cells and arrays.
-        cells: the cells of the grid as `cell_blocks` returns them, if they are known already.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a grid as VTU, an XML format of VTK."""
     sections = {
         "PointData": [_block(name, values) for name, values in grid.arrays.items()],
         "CellData": [_block(name, values) for name, values in grid.cell_arrays.items()],
@@ -192,15 +182,7 @@ def _block(name: str, values: npt.NDArray) -> Block:
 
 
 def write_vtm(path: Path, parts: Iterable[tuple[str, str]]) -> None:
-    """Write a VTM file, which lists the parts of a scene.
-
-    Args:
-        path: of the file, which is replaced.
-        parts: names, and paths of VTU files from the folder of the list.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a VTM file, which lists the parts of a scene."""
     elements = []
     for number, (name, file) in enumerate(parts):
         shown = _NOT_XML.sub("\ufffd", name)
@@ -214,11 +196,7 @@ def write_pvd(path: Path, entries: Iterable[Entry]) -> None:
     """Write a PVD file, which lists files with their times.
 
     Args:
-        path: of the file, which is replaced.
         entries: time [s], part and file name of each file.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     elements = []
     for entry in entries:
@@ -249,14 +227,7 @@ def _write_list(path: Path, kind: str, elements: Sequence[str]) -> None:
 
 
 def read_vtu(path: Path) -> Grid:
-    """Read a grid that `write_vtu` wrote.
-
-    Args:
-        path: of the file, which may come from a stranger.
-
-    Raises:
-        InputError: the file is missing, damaged, or of another kind.
-    """
+    """Read a grid that `write_vtu` wrote."""
     try:
         check_end(path)
         with path.open("rb") as file:
@@ -302,11 +273,7 @@ def check_end(path: Path) -> None:
 
 
 def _head(file: BinaryIO) -> tuple[ElementTree.Element, int]:
-    """The XML head of an open VTU file, and the position behind it, where the arrays begin.
-
-    Raises:
-        ValueError: the file has no arrays behind a head.
-    """
+    """The XML head of an open VTU file, and the position behind it, where the arrays begin."""
     head = b""
     while _HEAD_END not in head:
         more = file.read(_SAMPLE_BYTES)
@@ -318,25 +285,14 @@ def _head(file: BinaryIO) -> tuple[ElementTree.Element, int]:
 
 
 def _parsed(text: bytes) -> ElementTree.Element:
-    """The root of an XML text without declarations, which could name other files or grow.
-
-    Raises:
-        ValueError: it has declarations.
-        ParseError: it is not XML.
-    """
+    """The root of an XML text without declarations, which could name other files or grow."""
     if b"<!" in text:
         raise ValueError("it has declarations")
     return ElementTree.fromstring(text)
 
 
 def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDArray:
-    """The values (n,) or (n, k) of an array in an open VTU file, of the type that is written in it.
-
-    Raises:
-        ValueError: its length is not that of its header.
-        KeyError: it is of a type that this package does not write, or an attribute is missing.
-        zlib.error: the compressed block is damaged.
-    """
+    """The values (n,) or (n, k) of an array in an open VTU file, of the type that is written in it."""
     kind = np.dtype(_TYPES[element.attrib["type"]])
     components = int(element.attrib["NumberOfComponents"])
     file_size = file.seek(0, os.SEEK_END)
@@ -358,12 +314,7 @@ def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDA
 
 
 def _cells(connectivity: Integers, offsets: Integers, types: Integers) -> tuple[Integers, int]:
-    """Cells (n, k) in the order of dolfinx, and their dimension; of a grid without cells 0.
-
-    Raises:
-        ValueError: the cells are of several kinds, or the arrays do not fit each other.
-        KeyError: the cells are of a kind that this package does not write.
-    """
+    """Cells (n, k) in the order of dolfinx, and their dimension; of a grid without cells 0."""
     if not len(types):
         return np.zeros((0, 1), dtype=np.int64), 0
     kinds = {number: kind for kind, number in _CELL_TYPES.items()}
@@ -376,14 +327,7 @@ def _cells(connectivity: Integers, offsets: Integers, types: Integers) -> tuple[
 
 
 def read_pvd(path: Path) -> list[Entry]:
-    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file.
-
-    Args:
-        path: of the file, which may come from a stranger.
-
-    Raises:
-        InputError: the file is missing or damaged, or names a file outside its folder.
-    """
+    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file."""
     entries = []
     try:
         for element in _listed(path):
@@ -402,11 +346,7 @@ def read_pvd(path: Path) -> list[Entry]:
 
 
 def read_vtm(path: Path) -> list[tuple[str, str]]:
-    """Names and files of the parts that a VTM file lists, as `write_vtm` wrote them.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Names and files of the parts that a VTM file lists, as `write_vtm` wrote them."""
     try:
         return [(element.attrib["name"], element.attrib["file"]) for element in _listed(path)]
     except _DAMAGE as error:

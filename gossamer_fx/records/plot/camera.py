@@ -79,7 +79,6 @@ def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (
 
     Args:
         shapes: the scene at one or more times, each with points (p, 3) [m]; at least one.
-        view: choices of the user; what is None there is chosen from the shapes.
     """
     axes = _axes(_spread(shapes), view)
     lows = np.full((len(shapes), 3), np.inf)
@@ -171,16 +170,11 @@ def render(
     """Draw shapes (a scene at one or more times) as images with shading and hidden surfaces.
 
     Args:
-        camera: for these shapes.
         shapes: as many as the camera has centres, with points [m].
-        scale: pixels of the image per metre.
         colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
 
     Yields:
         An image (height, width, 3) in [0, 1] of each shape.
-
-    Raises:
-        ValueError: there are not as many shapes as the camera has centres.
     """
     n = _SUPERSAMPLES
     width = round(camera.size[0] * scale) * n
@@ -257,9 +251,6 @@ def _bars(ends: Array, kinds: Integers) -> _Triangles:
     Args:
         ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
         kinds: rows (m,) of the palette.
-
-    Returns:
-        4 m triangles with their brightness.
     """
     half_width = _HALF_LINE * _SUPERSAMPLES
     # the axis stands out by the radius, so that a line is seen on the film on which it lies
@@ -284,9 +275,6 @@ def _balls(centres: Array, kind: int) -> _Triangles:
 
     Args:
         centres: (k, 3) [pixels]: to the right, down and away from the eye.
-
-    Returns:
-        24 k triangles with their brightness.
     """
     radius = _DOT * _SUPERSAMPLES
     angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)

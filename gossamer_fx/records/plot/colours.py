@@ -81,11 +81,6 @@ def scale(field: str, samples: Sequence[Array]) -> Scale:
     matter.
 
     It runs from the 0.5 to the 99.5 percentile, and from zero where one sign is negligible.
-
-    Args:
-        field: name of the field, which gives the unit.
-        samples: arrays of values in the SI unit of the field; values that are not finite are left
-            out.  Without any the scale is from 0 to 0.
     """
     values = np.concatenate([np.zeros(0), *samples])
     values = values[np.isfinite(values)]
@@ -128,16 +123,7 @@ class Colouring:
 
 
 def colouring(run: RunReader, field: str) -> Colouring:
-    """The colours of a field, on one scale for the whole run.
-
-    Args:
-        run: reads the recorded run.
-        field: name of a recorded field, e.g. "stress1"; "state" and "group" have a colour for each
-            kind.
-
-    Raises:
-        InputError: an unknown field, or a file that cannot be read.
-    """
+    """The colours of a field, on one scale for the whole run."""
     run.check_field(field)
     if field == "group":
         key = dict(zip(run.groups, GROUP_COLOURS, strict=False))
@@ -173,12 +159,6 @@ def sampled(run: RunReader) -> list[int]:
 def default_field(run: RunReader) -> str:
     """The field that shows most: the amplitude of a mode, the state of films, or else the first
     one.
-
-    Args:
-        run: reads the recorded run.
-
-    Raises:
-        InputError: the run has no bodies on a mesh.
     """
     from gossamer_fx.core.checks.errors import check
 

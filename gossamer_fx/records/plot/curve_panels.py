@@ -75,17 +75,6 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     points: of a longer table rows at about equal distances are drawn, the first and the last
     included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
     is absent.
-
-    Args:
-        run: reads the tables of a recorded run.
-        solver: whether iterations and probes are shown, too.
-
-    Returns:
-        functions that draw the panels, and start, end and unit of the time axis.
-
-    Raises:
-        InputError: a table exists, but cannot be read, lacks a column or has cells that are not
-            numbers.
     """
     ledger = _thinned(run.table("ledger.csv"))
     if len(run.along(ledger)) < 2:
@@ -144,14 +133,7 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
     """A panel for each probe that was measured, with the measured series over it.
 
     Args:
-        run: reads a recorded run with these probes.
         series: measured, at least one, with times [s] and values in the units of the probes.
-
-    Returns:
-        functions that draw the panels, and start, end and unit of the time axis.
-
-    Raises:
-        InputError: there is no series.
     """
     check(
         len(series) > 0,
@@ -373,12 +355,7 @@ def _overlay(
     factor: float,
     axes: Axes,
 ) -> None:
-    """Draw the values (n,) of a probe as a line and measured values as marks, with a legend.
-
-    Args:
-        series: measured, in the unit of the probe.
-        factor: by which times are divided.
-    """
+    """Draw the values (n,) of a probe as a line and measured values as marks, with a legend."""
     unit = _UNIT.search(name)
     words = "" if unit is None else f" {unit[1]}"
     axes.plot(times / factor, values, color=LINES[0], label="computed")
@@ -408,13 +385,7 @@ def _overlay(
 
 
 def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
-    """Name curves at their right ends, moved apart where the names would overlap.
-
-    Args:
-        axes: of matplotlib, on which the curves are drawn.
-        ends: the last value (in the unit of the axis) and the colour of each curve, by name; curves
-            whose value is not finite are not named.
-    """
+    """Name curves at their right ends, moved apart where the names would overlap."""
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
     labels = sorted(
@@ -455,11 +426,6 @@ def wrapped(name: str, width: int, most_lines: int) -> str:
     """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
 
     The ends of names distinguish them, e.g. "damping of the film (mass)" and "(stiffness)".
-
-    Args:
-        name: to be written in a picture.
-        width: letters of a line.
-        most_lines: 1 or 2.
     """
     # `textwrap` would join all white space, also line ends, so that no text has more lines than it
     # says.

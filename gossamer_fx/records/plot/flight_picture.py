@@ -175,10 +175,8 @@ class _FlightNumber:
         """Choose the component.
 
         Args:
-            orbit: of the scene.
             what: 0 for the position [m], 1 for the velocity [m/s], 2 for the position of the Sun
                 [m], all from the attracting centre.
-            axis: 0, 1 or 2 for x, y or z.
         """
         self._orbit = orbit
         self._what = what

@@ -46,14 +46,6 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     The first row is the heading: "time [s]", or the load parameter of a path of equilibria, and
     names of probes with units, e.g. "tip x [mm]".
     Columns are separated by commas or semicolons.  An empty cell is a value that was not measured.
-
-    Args:
-        path: of the file.
-        run: whose probes are meant.
-
-    Raises:
-        InputError: the file cannot be read, has no column of times or none of a probe, a unit of
-            another dimension, or a cell that is not a finite number.
     """
     path = Path(path)
     headings, cells = _rows(path)
@@ -131,15 +123,7 @@ def _parts(heading: str) -> tuple[str, str | None]:
 
 
 def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
-    """Headings and numbers of a CSV file; empty cells are NaN.
-
-    Returns:
-        k headings, and rows of k numbers as they are in the file.
-
-    Raises:
-        InputError: the file cannot be read, has no rows or too many, a row has another number of
-            cells than the heading, or a cell is not a finite number.
-    """
+    """Headings and numbers of a CSV file; empty cells are NaN."""
     try:
         # Spreadsheets write a byte order mark.
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -171,11 +155,7 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
 
 
 def _number(cell: str, path: Path, line: int) -> float:
-    """A finite number, or NaN for an empty cell.
-
-    Raises:
-        InputError: the text is not a finite number.
-    """
+    """A finite number, or NaN for an empty cell."""
     if not cell.strip():
         return math.nan
     try:

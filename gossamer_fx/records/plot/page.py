@@ -105,18 +105,10 @@ def write_page(
     """Write a page of images and curves as PNG.
 
     Args:
-        path: of the file.
-        title: on top; may be empty.
-        views: images of the scene with captions, if there are any.
-        curves: panels below, if there are any.
-        dpi: pixels per inch.
         width: of the page [inches]; letters have the same size in pages of any width.
 
     Returns:
         Where the first image is [pixels], and its scale [pixels/m]; None without images.
-
-    Raises:
-        OutputFailure: the file cannot be written.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -176,11 +168,7 @@ def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
     """Rows and columns in which images become largest; full rows and few are preferred.
 
     Args:
-        views: images of one size; None: there are no images.
         page_width: [inches].
-
-    Returns:
-        numbers of rows and of columns; zero and zero without images.
     """
     if views is None:
         return 0, 0
@@ -285,11 +273,7 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
 
 
 def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Draw names and colours at the left end of the line above the images, or a bar of a scale.
-
-    Args:
-        key: colours of matplotlib by name, or a scale of colours for numbers.
-    """
+    """Draw names and colours at the left end of the line above the images, or a bar of a scale."""
     from matplotlib.patches import Patch
 
     header.set_axis_off()

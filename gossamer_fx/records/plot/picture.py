@@ -37,14 +37,7 @@ NEVER = 10**9
 
 
 class DrawnRun:
-    """Base of outputs that record a run and draw a picture from the record when the run ends.
-
-    Args:
-        path: of the picture, ending in `.png`.
-
-    Raises:
-        InputError: the path has another ending.
-    """
+    """Base of outputs that record a run and draw a picture from the record when the run ends."""
 
     times: Sequence[float] = ()
 
@@ -66,11 +59,7 @@ class DrawnRun:
         return [self.path, self.folder]
 
     def open(self, run: StateView) -> None:
-        """Make the recording.  Collective.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
+        """Make the recording.  Collective."""
         make_parent(run.comm, self.path, file=True)
 
         def prepare() -> None:
@@ -91,10 +80,6 @@ class DrawnRun:
         """Close the recording, and draw the picture on rank 0.  Collective.
 
         Nothing is drawn if no state was recorded.
-
-        Raises:
-            OutputFailure: a file cannot be written.
-            InputError: the recording cannot be read.
         """
         recording = self._recording
         if recording is None or not recording.has_begun:
@@ -199,11 +184,7 @@ class Picture(DrawnRun):
         write_page(self.path, self.title, self._views(run), curves)
 
     def _views(self, run: RunReader) -> Views | None:
-        """The shapes or sections to draw; None for a run without recorded states.
-
-        Raises:
-            InputError: the recording cannot be read.
-        """
+        """The shapes or sections to draw; None for a run without recorded states."""
         frames = self._frames(run)
         if not frames:
             return None

@@ -242,19 +242,9 @@ def field_views(
 ) -> Views:
     """Pictures of the scene in recorded states, coloured by a field.
 
-    Args:
-        run: reads a recorded run.
-        field: name of a recorded field.
-        colours: its colours, the same in all pictures.
-        frames: indices of the states in `run.times`.
-        view: camera and transparency.
-
     Returns:
         captions, size [m], key, and a function that draws the pictures at a number of pixels per
         metre.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
     camera = aim(shapes, view)
@@ -271,9 +261,7 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
     bar.
 
     Args:
-        run: reads a recorded run.
         frames: indices of the states in `run.times` [s].
-        zooms: enlargement of each picture, dimensionless; below 1.05 it is not written.
     """
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
@@ -420,14 +408,8 @@ def _images(
     """Yield the frames of an animation: the page is laid out once, then pictures and times are put
     in.
 
-    Args:
-        camera: which sees all frames, or is moved with each shape.
-
     Yields:
         bytes (height, width, 3), with even numbers of rows and columns.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
@@ -479,9 +461,6 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     Args:
         images: bytes (height, width, 3), all of one size, at least one.
         pause: between two frames [s]; at least 0.02 s are written.
-
-    Raises:
-        OutputFailure: the file cannot be written.
     """
     from PIL import Image
 
@@ -558,9 +537,6 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 
     Args:
         images: bytes (height, width, 3), all of one size with even numbers, at least one.
-
-    Raises:
-        OutputFailure: ffmpeg failed; the text contains its last message.
     """
     first = next(images)
     height, width = first.shape[:2]
@@ -590,14 +566,7 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 
 
 def file_to_write(path: str | Path) -> Path:
-    """The path of a file to be written, with its folder made.
-
-    Args:
-        path: of the file, which need not exist.
-
-    Raises:
-        InputError: the folder cannot be made, or the path is a folder.
-    """
+    """The path of a file to be written, with its folder made."""
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -139,11 +139,7 @@ class InlineReport:
 
 
 def _check_recorded(run: RunReader) -> None:
-    """Refuse a run that has made no step.
-
-    Raises:
-        InputError: the run has no ledger, the table of energies with a row for each step.
-    """
+    """Refuse a run that has made no step."""
     check(
         bool(run.table("ledger.csv")),
         f"The run in '{run.folder}' has no ledger yet; let it make a step.",
@@ -151,11 +147,7 @@ def _check_recorded(run: RunReader) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    """Yield the lines of the HTML page of a report.
-
-    Raises:
-        InputError: the files of the run cannot be read.
-    """
+    """Yield the lines of the HTML page of a report."""
     script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0

@@ -196,9 +196,6 @@ class RunReader:
         Returns:
             times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
             arrays.
-
-        Raises:
-            InputError: the file cannot be read, or its columns are not groups of `size`.
         """
         table = self.table(name)
         columns = [column for key, column in table.items() if key not in self.not_values]
@@ -476,7 +473,6 @@ class RecordedSolid:
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
-        """Read the arrays of an entry of "solids" in run.json."""
         self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
         self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
         self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)
@@ -484,15 +480,7 @@ class RecordedSolid:
 
 
 class RecordedBody:
-    """One body on a mesh, in the files that a run and its restarts wrote one after the other.
-
-    Args:
-        folder: of the field files.
-        name: of the body.
-
-    Raises:
-        InputError: a file does not exist or cannot be read.
-    """
+    """One body on a mesh, in the files that a run and its restarts wrote one after the other."""
 
     def __init__(self, folder: Path, name: str) -> None:
         records = read_records(folder / f"{file_name(name)}.pvd")
@@ -511,9 +499,6 @@ class RecordedBody:
 class RecordedMesh:
     """A mesh as the ranks of a run divided it, and fields on it at some times.
 
-    Args:
-        records: its files.
-
     Attributes:
         times: of the steps [s].
         X: points (p, 3) of the stress-free mesh [m]; points that ranks share come several times,
@@ -521,9 +506,6 @@ class RecordedMesh:
         pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
         vertices: numbers of the same shape, equal where pieces share a point.
         is_film: whether the pieces are triangles.
-
-    Raises:
-        InputError: a file is missing or damaged.
     """
 
     def __init__(self, records: FieldRecords) -> None:
@@ -544,11 +526,7 @@ class RecordedMesh:
         self._find_vertices()
 
     def grid(self, step: int) -> Grid:
-        """The shares of all ranks at a step as one grid, with the names that arrays have in files.
-
-        Raises:
-            InputError: a file is missing or damaged, or of another mesh.
-        """
+        """The shares of all ranks at a step as one grid, with the names that arrays have in files."""
         if step != self._step:
             files = self._records.files[step]
             grid = _joined([read_vtu(path) for path in files])
@@ -562,11 +540,7 @@ class RecordedMesh:
         return self._grid
 
     def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step, or (n,), (n, 3) in the cells.
-
-        Raises:
-            InputError: the field is not in the files, or a file is missing or damaged.
-        """
+        """Values (p,) or (p, 3) of a field at the points at a step, or (n,), (n, 3) in the cells."""
         grid = self.grid(step)
         name = with_unit(field)
         check(

@@ -79,16 +79,7 @@ _POWERS = {"²": 2, "³": 3}
 
 
 def unit_factor(unit: str, wanted: str, where: str) -> float:
-    """Factor by which values in a unit are multiplied to get values in another one.
-
-    Args:
-        unit: of the values, e.g. "mm", "N mm" or "deg/s".
-        wanted: unit of the result, e.g. "m".
-        where: what the values are, for the message.
-
-    Raises:
-        InputError: the units have different dimensions, or one of them is not known.
-    """
+    """Factor by which values in a unit are multiplied to get values in another one."""
     powers, size = _decomposed(unit)
     wanted_powers, wanted_size = _decomposed(wanted)
     check(
@@ -100,11 +91,7 @@ def unit_factor(unit: str, wanted: str, where: str) -> float:
 
 
 def _decomposed(unit: str) -> tuple[dict[str, int], float]:
-    """Powers of the units of SI in a product of units, and its size in them.
-
-    Returns:
-        powers by unit, e.g. {"N": 1, "m": 1, "s": -2}, and the factor 1e-3.
-    """
+    """Powers of the units of SI in a product of units, and its size in them."""
     powers: dict[str, int] = {}
     size = 1.0
     sign = 1

@@ -71,12 +71,6 @@ def view_data(run: RunReader) -> dict[str, Any]:
     Positions are 16-bit fractions of the box [m] around the whole run; colours are rows of a table
     for each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out
     where there would be more than 80, or more than about six megabytes.
-
-    Args:
-        run: reads a recorded run with at least one state and one body on a mesh.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     fields = _fields(run)
     files_of_frame = [
@@ -174,9 +168,6 @@ def _part(
     Returns:
         numbers of frames and vertices, and arrays in base 64: triangles and lines as numbers of
         vertices, positions (16 bits), and for each field the rows of its table of colours (8 bits).
-
-    Raises:
-        InputError: a file of fields of the run is missing or damaged.
     """
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
@@ -276,10 +267,6 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
 
     Args:
         colours: its table (kinds, 3), and its key: a scale or names of kinds.
-
-    Returns:
-        the name, the table in bytes, whether it varies within triangles, and either the ends and
-        the unit of the scale or the names of kinds with their rows.
     """
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),

@@ -84,11 +84,7 @@ def export(run: RunReader, folder: str | Path) -> Path:
 
 
 def _check_own(folder: Path) -> None:
-    """Check that a folder holds nothing but an earlier export.
-
-    Raises:
-        InputError: it holds anything else, or its list of files is damaged.
-    """
+    """Check that a folder holds nothing but an earlier export."""
     own = []
     scene = folder / _SCENE
     # A recording of a body named "run" has files of these names too, but lists no VTM files.
@@ -102,11 +98,7 @@ def _check_own(folder: Path) -> None:
 
 
 def _parts(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
-    """The parts of the scene in a recorded state by name, with arrays in SI units.
-
-    Raises:
-        InputError: the files of the run cannot be read.
-    """
+    """The parts of the scene in a recorded state by name, with arrays in SI units."""
     for name, body in run.bodies.items():
         segment, step = body.at(frame)
         yield name, segment.grid(step)

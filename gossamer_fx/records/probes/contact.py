@@ -22,15 +22,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 # Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
-    """The compiled pairs of a contact in a run.
-
-    Args:
-        contact: an item of the scene.
-        run: of the scene; on every rank the object holds the pairs of this rank.
-
-    Raises:
-        InputError: the contact is not in the run's scene.
-    """
+    """The compiled pairs of a contact in a run."""
     for compiled in run.system.compiled:
         if isinstance(compiled, CompiledContacts) and contact in compiled.contact_sets:
             return compiled.contact_sets[contact]

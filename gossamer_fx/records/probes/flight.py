@@ -208,15 +208,7 @@ class LoadResultant:
 
 
 def resultant(run: StateView, load: str) -> Array:
-    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective.
-
-    Args:
-        run: of a scene with the load; before the first step both are zero.
-        load: name of the load.
-
-    Raises:
-        InputError: the scene has no load of this name, which is asked after the first step only.
-    """
+    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective."""
     total = np.zeros((2, 3))
     found = 0
     for kind in playing(Resultants, run.system.compiled):
@@ -237,11 +229,7 @@ def direction_of(run: StateView, of: Membrane | Port) -> Array:
     The mean normal is the sum of the triangles' area vectors, here times two [m²].
 
     Args:
-        run: in whose state it is evaluated.
         of: the film, or a vector attached to a body, such as a director [-].
-
-    Raises:
-        InputError: the body is not in the scene of the run.
     """
     if isinstance(of, Port):
         return run.system.state.vector(of)

@@ -308,11 +308,7 @@ class RingArea:
 
 
 def check_axis(axis: str) -> None:
-    """Check the name of a component of a vector.
-
-    Raises:
-        InputError: it is not "x", "y" or "z".
-    """
+    """Check the name of a component of a vector."""
     check(
         axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
     )

@@ -93,11 +93,7 @@ class Nutation:
 
 
 def angular_momentum_about_centre(run: StateView) -> Array:
-    """Angular momentum (3,) [kg m²/s] of all bodies about their centre of mass.
-
-    Args:
-        run: with the present state; the result is the same on every rank.  Collective.
-    """
+    """Angular momentum (3,) [kg m²/s] of all bodies about their centre of mass."""
     system = run.system
     momenta = system.v0.duplicate()
     system.M.mult(system.v0, momenta)
@@ -116,12 +112,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
 
 
 def centre_of_mass(system: System) -> Array:
-    """Centre of mass (3,) [m] of all bodies of a scene; NaN for a scene without mass.
-
-    Args:
-        system: the compiled scene, with the mass matrix; the result is the same on every rank.
-            Collective.
-    """
+    """Centre of mass (3,) [m] of all bodies of a scene; NaN for a scene without mass."""
     is_position = system.position_marks
     size = 3 * len(is_position)
     translation = system.q0.duplicate()

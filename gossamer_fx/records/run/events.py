@@ -175,16 +175,7 @@ class _StepWithEvents:
 
 
 class EventMonitor:
-    """The events of a run: makes its steps, and lets events act.
-
-    Args:
-        run: at its start.
-        events: `At` and `When`.
-        history: state of the run, for steps that are undone.
-
-    Raises:
-        InputError: something else is among the events, or a probe fails.
-    """
+    """The events of a run: makes its steps, and lets events act."""
 
     def __init__(self, run: SteppedRun, events: Sequence[Event], history: History) -> None:
         """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective."""
@@ -216,16 +207,7 @@ class EventMonitor:
         """Advance the run by a length of time, or to the first event, and let it act.  Collective.
 
         Args:
-            stepping: makes steps, which may be divided.
             h: length of the step [s].
-
-        Returns:
-            Whether the run ends there.
-
-        Raises:
-            StepFailure: the step failed.
-            InputError: a probe failed, and the run is at the start of the step; or an action
-                failed.
         """
         run = self._run
         step = _StepWithEvents(run.time)
@@ -286,10 +268,6 @@ class EventMonitor:
         Returns:
             The events that happen at the end that was found; its error is the smallest of their
             tolerances [s].
-
-        Raises:
-            StepFailure: a repeated step failed.
-            InputError: a probe failed.
         """
         run = self._run
         # No event has happened after the length `shorter`, and some have after `longer`.
@@ -346,10 +324,6 @@ class EventMonitor:
         Args:
             step: time [s] and values of the probes at the start of the step.
             length: of the step [s].
-
-        Raises:
-            StepFailure: the step failed.
-            InputError: a probe failed.
         """
         run = self._run
         self._history.rollback()
@@ -361,11 +335,7 @@ class EventMonitor:
         return self._passed(step.waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        """Log an event and call its action.  Collective.
-
-        Raises:
-            InputError: the action failed.
-        """
+        """Log an event and call its action.  Collective."""
         run = self._run
         run.log(words)
         then = event.then
@@ -394,9 +364,6 @@ class EventMonitor:
 
         Events are found by their keys, as they may come in another order; a new event has not
         happened, and its probe is evaluated.  Collective.
-
-        Raises:
-            InputError: the probe of a new event fails.
         """
         # Of events with equal keys, each is found once.
         remaining = list(enumerate(self._events))

@@ -58,12 +58,6 @@ def scene_of(
 ) -> Description:
     """Describe a scene for the comparison, as data for JSON that is the same on any number of
     ranks.  Collective.
-
-    Args:
-        run: at its start.
-        stepper: of the run.
-        history: of the run, whose vectors depend on the stepper and its control.
-        events: descriptions of the events, see `EventMonitor.describe`.
     """
     meshes: dict[str, Any] = {}
     for body in run.system.bodies:
@@ -87,21 +81,7 @@ def scene_of(
 
 
 def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> str:
-    """Compare the description of this scene with that of a checkpoint.
-
-    Args:
-        path: of the checkpoint.
-        there: description of the scene that wrote the checkpoint, see `scene_of`.
-        here: description of this scene.
-        changes: names of items and events whose arguments are meant to be others.
-
-    Returns:
-        In words, what could not be compared; empty if all was.
-
-    Raises:
-        InputError: the first difference, with both values; or `changes` names something that the
-            scene does not have.
-    """
+    """Compare the description of this scene with that of a checkpoint."""
     refusal = f"The checkpoint '{path}' is of another scene: "
     # The order of the checks is that of their causes: another item also changes the unknowns.
     unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
@@ -143,12 +123,7 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
 def _compare_events(
     refusal: str, there: Iterable[Description], here: Iterable[Description], changes: Sequence[str]
 ) -> None:
-    """Check that the events are the same, which may come in another order.
-
-    Raises:
-        InputError: names the event that differs, is missing or is new; the text begins with
-            `refusal`.
-    """
+    """Check that the events are the same, which may come in another order."""
     remaining = list(there)
     for event in here:
         # Several events may have the same key: each is compared with another one.
@@ -187,14 +162,6 @@ def differences(
     """Yield all differences of two descriptions, except values that are unknown in both.
 
     Numbers count as equal if they differ by less than 1e-9 of their size.
-
-    Args:
-        there: description in the checkpoint: numbers, words, lists and dictionaries of them.
-        here: description of this scene.
-        words: keys that lead to both.
-
-    Yields:
-        keys that lead to the difference, and both values; None for one that is missing.
     """
     if isinstance(there, dict) and isinstance(here, dict):
         if UNKNOWN in there and UNKNOWN in here:
@@ -269,9 +236,6 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
     """Check that this scene has the energies [J] of the checkpoint in the same state.
 
     This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
-
-    Raises:
-        InputError: names the first energy that differs, with both values.
     """
     ours = {"kinetic": here.kinetic, **here.stored}
     theirs = {"kinetic": there["kinetic"], **there["stored"]}

@@ -191,11 +191,7 @@ class Simulation:
         self.history.rollback()
 
     def _lock_files(self) -> FileLocks | None:
-        """Lock all files and folders that this run writes; None if there are none.  Collective.
-
-        Raises:
-            InputError: another run writes one of them, or two outputs have the same file.
-        """
+        """Lock all files and folders that this run writes; None if there are none.  Collective."""
         paths: list[Path] = []
         for output in self.outputs:
             if isinstance(output, Writing):
@@ -237,17 +233,7 @@ class Simulation:
         restart: str | Path,
         changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Restore the state of a checkpoint.  Collective.
-
-        Args:
-            restart: file of the checkpoint, or a folder, of which the newest one is taken.
-
-        Returns:
-            Kinds of the outputs, and their positions in their files.
-
-        Raises:
-            InputError: the checkpoint does not exist, or is one of another scene.
-        """
+        """Restore the state of a checkpoint.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
         cursors, not_compared = read(self, restart, self._description, changes)
@@ -409,14 +395,6 @@ class Simulation:
 
         Args:
             until: end time [s].
-
-        Returns:
-            the number of the signal that ended the run, or 0.
-
-        Raises:
-            StepFailure: a step failed.
-            InputError: a probe or another function of the user failed.
-            OutputFailure: a file could not be written.
         """
         ended = False
         if self._monitor is not None and not self._started:
@@ -439,14 +417,6 @@ class Simulation:
 
         Args:
             milestones: times [s] in increasing order; the last one is the end of the run.
-
-        Returns:
-            the number of the signal that ended the run, or 0; 0 too if an event ended it.
-
-        Raises:
-            StepFailure: a step failed; the last good state has been recorded.
-            InputError: a probe or another function of the user failed.
-            OutputFailure: a file could not be written.
         """
         for milestone in milestones:
             while True:
@@ -471,12 +441,7 @@ class Simulation:
         return 0
 
     def _record(self, last: bool) -> None:
-        """Let the outputs record the state, and write a checkpoint if it is due.  Collective.
-
-        Raises:
-            OutputFailure: a file could not be written.
-            InputError: a probe failed.
-        """
+        """Let the outputs record the state, and write a checkpoint if it is due.  Collective."""
         started = time.perf_counter()
         # If an output fails, a checkpoint must contain the positions in their files at which the
         # outputs were before this record.
@@ -515,13 +480,6 @@ class Simulation:
         Args:
             h: length of the step [s]; a step control may make it shorter.
             milestone: time [s] that is set exactly if the step ends there but for round-off.
-
-        Returns:
-            whether an event ends the run there.
-
-        Raises:
-            StepFailure: the step failed, also in sub-steps; those that were made count.
-            InputError: a probe or an action of an event failed.
         """
         started = time.perf_counter()
         time_before = self.time
@@ -556,11 +514,7 @@ class Simulation:
         return ended
 
     def _leave(self, number: int) -> None:
-        """Log where the run ended, and end the program.
-
-        Raises:
-            Interrupted: always.
-        """
+        """Log where the run ended, and end the program."""
         interrupted = Interrupted(number)
         remedy = ""
         if self.checkpoints is not None:
@@ -631,14 +585,7 @@ class Simulation:
 
 
 def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
-    """Copy a sequence of objects of a kind into a list.
-
-    Args:
-        kind: class, or protocol, of each object.
-
-    Raises:
-        InputError: it is a single object, or contains something else.
-    """
+    """Copy a sequence of objects of a kind into a list."""
     check(
         isinstance(given, Sequence)
         and not isinstance(given, str)
