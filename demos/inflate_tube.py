@@ -37,8 +37,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.records.outputs.output import Output
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import Output, Schedule
 
 TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH = 0.8  # m

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.outputs.file_names import file_name
+from gossamer_fx.records.outputs.run_file import file_name
 from tests.survival.scenes import DT, LAW
 
 COMM = MPI.COMM_WORLD

@@ -18,8 +18,8 @@ from gossamer_fx.records.plot.measured_series import (
     MeasuredSeries,
     read_measured,
     rms_difference,
+    unit_factor,
 )
-from gossamer_fx.records.plot.units import unit_factor
 
 G = 9.81
 DT = 0.01

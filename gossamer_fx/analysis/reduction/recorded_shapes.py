@@ -23,8 +23,7 @@ from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.units import with_unit
-from gossamer_fx.records.outputs.file_names import file_name
-from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import read_vtu
 

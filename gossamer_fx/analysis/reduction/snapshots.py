@@ -8,7 +8,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import Schedule
 from gossamer_fx.solve.view import StateView
 
 

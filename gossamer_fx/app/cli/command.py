@@ -561,9 +561,9 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.core.checks.errors import check
     from gossamer_fx.records.plot import plot as pictures
+    from gossamer_fx.records.plot.camera import View
     from gossamer_fx.records.plot.colours import default_field
     from gossamer_fx.records.plot.run_reader import RunReader
-    from gossamer_fx.records.plot.viewpoint import View
 
     run, folder = RunReader(wanted.run), wanted.run
     pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}

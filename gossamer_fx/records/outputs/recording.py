@@ -33,27 +33,26 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero
-from gossamer_fx.core.model.body import Body, is_on_mesh
+from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
 from gossamer_fx.mechanics.bodies.between import DrawnAsLines
 from gossamer_fx.mechanics.bodies.curve import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of
-from gossamer_fx.records.outputs.connector_lines import ConnectorLines
 from gossamer_fx.records.outputs.description import describe, versions
-from gossamer_fx.records.outputs.file_names import file_name
-from gossamer_fx.records.outputs.ledger import Ledger
-from gossamer_fx.records.outputs.output import RUN_FILES, Probe, make_parent, replace_file
-from gossamer_fx.records.outputs.probe_table import Probes
-from gossamer_fx.records.outputs.run_file import FORMAT
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import (
+    RUN_FILES,
+    Probe,
+    Schedule,
+    make_parent,
+    replace_file,
+)
+from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.records.outputs.tables import Ledger, Probes, Table
 from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.solve.view import StateView
-
-# What writes one of the files.
-RecordedPart = VTU | Probes | ConnectorLines | Ledger
 
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
@@ -413,3 +412,65 @@ def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     if bounds_gas:
         return (*FILM_FIELDS, "pressure")
     return FILM_FIELDS
+
+
+class ConnectorLines:
+    """CSV file with the two ends of each line of the connectors [m], six columns a line."""
+
+    def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
+        self.path = path
+        self._schedule = schedule
+        self._table = Table(path)
+        self._columns: list[str] = []
+        self._ends: list[Attached] = []
+        number = 0
+        for item in items:
+            if not isinstance(item, DrawnAsLines):
+                continue
+            for pair in item.lines_to_draw:
+                number += 1
+                for end, letter in zip(pair, "ab", strict=True):
+                    self._ends.append(end)
+                    self._columns += [f"{number} {item.name} {letter}{axis}" for axis in "xyz"]
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to write."""
+        return bool(self._ends)
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
+        return self._schedule.times
+
+    def open(self, run: StateView) -> None:
+        self._table.create(run.comm, [run.axis.column, "step", *self._columns])
+
+    def cursor(self) -> dict[str, Any]:
+        return self._table.cursor()
+
+    def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
+        self._table.cut(run.comm, [run.axis.column, "step", *self._columns], cursor)
+
+    def record(self, run: StateView, last: bool) -> None:
+        """Add a row with the end points of all lines [m] if it is due.  Collective."""
+        if not self._schedule.due(run.step, run.time, last):
+            return
+        row: list[float] = [float(run.time), run.step]
+        # Neighbouring bars of a tape share their points, and the position of each is a sum over all
+        # ranks.
+        known: dict[Any, Array] = {}
+        for end in self._ends:
+            key: Any = id(end)
+            if isinstance(end, Port):
+                key = (id(end.body), end.nodes, end.weights, end.vectors)
+            if key not in known:
+                known[key] = run.system.state.vector(end)
+            row += [float(x) for x in known[key]]
+        self._table.append(run.comm, row)
+
+    def close(self, run: StateView) -> None:
+        """Nothing to close: each row is written completely."""
+
+
+# What writes one of the files.
+RecordedPart = VTU | Probes | ConnectorLines | Ledger

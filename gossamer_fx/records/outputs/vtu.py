@@ -31,8 +31,7 @@ from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jumps
 from gossamer_fx.records.fields.units import with_unit
-from gossamer_fx.records.outputs.output import make_parent
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.vtu_format import (
     Block,
     Entry,
@@ -235,7 +234,7 @@ class VTU:
         self._entries = run.comm.bcast(on_rank_zero(run.comm, self._cut) or [])
 
     def _cut(self) -> list[Entry]:
-        """Remove the records after those of the checkpoint from the list and the disk; on rank 0."""
+        """Remove records after the checkpoint from the list and the disk; on rank 0."""
         if not self._records:
             return []
         entries = read_pvd(self.path)

@@ -292,7 +292,7 @@ def _parsed(text: bytes) -> ElementTree.Element:
 
 
 def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDArray:
-    """The values (n,) or (n, k) of an array in an open VTU file, of the type that is written in it."""
+    """The values (n,) or (n, k) of an array in an open VTU file."""
     kind = np.dtype(_TYPES[element.attrib["type"]])
     components = int(element.attrib["NumberOfComponents"])
     file_size = file.seek(0, os.SEEK_END)

@@ -12,10 +12,9 @@ import numpy as np
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.fields.units import LINE_FIELDS
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, UNITS, scaled
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers
-from gossamer_fx.records.plot.units import NAMES, UNITS, scaled
 
 # Blue, orange, light grey: told apart with any colour vision, and in print by their brightness.
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}

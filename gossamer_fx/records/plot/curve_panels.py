@@ -16,12 +16,11 @@ import numpy as np
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.fields.units import scaled_axis
-from gossamer_fx.records.outputs.ledger import LOST
+from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
+from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 from gossamer_fx.records.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
-from gossamer_fx.records.plot.units import plain_text, scaled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

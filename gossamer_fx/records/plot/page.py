@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.core.checks.errors import OutputFailure
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.units import plain_text
 from gossamer_fx.records.plot.colours import Scale
 from gossamer_fx.records.plot.curve_panels import INK, Curves
-from gossamer_fx.records.plot.units import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,16 +17,15 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import make_parent
+from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.recording import Recording
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import by_state, colouring
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.records.plot.plot import field_views
 from gossamer_fx.records.plot.run_reader import RunReader
-from gossamer_fx.records.plot.viewpoint import View
 from gossamer_fx.solve.view import StateView
 
 # Shapes in one picture: more would be too small.

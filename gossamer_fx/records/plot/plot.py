@@ -15,16 +15,14 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import scaled_axis
-from gossamer_fx.records.plot.camera import Camera, aim, render
+from gossamer_fx.records.fields.units import NAMES, scaled_axis
+from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
 from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
 from gossamer_fx.records.plot.measured_series import read_measured
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
-from gossamer_fx.records.plot.units import NAMES
-from gossamer_fx.records.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
 

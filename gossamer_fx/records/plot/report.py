@@ -24,13 +24,13 @@ from gossamer_fx.core.checks.errors import OutputFailure, check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
+from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import view_data
-from gossamer_fx.records.plot.viewpoint import View
 from gossamer_fx.solve.view import Axis
 
 _STYLE = """

@@ -22,8 +22,7 @@ from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import LINE_FIELDS, scaled_axis, with_unit
-from gossamer_fx.records.outputs.file_names import file_name
-from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.solid_frames import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
@@ -526,7 +525,7 @@ class RecordedMesh:
         self._find_vertices()
 
     def grid(self, step: int) -> Grid:
-        """The shares of all ranks at a step as one grid, with the names that arrays have in files."""
+        """The shares of all ranks at a step as one grid, with names as in the files."""
         if step != self._step:
             files = self._records.files[step]
             grid = _joined([read_vtu(path) for path in files])
@@ -540,7 +539,7 @@ class RecordedMesh:
         return self._grid
 
     def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step, or (n,), (n, 3) in the cells."""
+        """Values of a field at a step: (p,) or (p, 3) at points, or (n,), (n, 3) in cells."""
         grid = self.grid(step)
         name = with_unit(field)
         check(

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
 from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
-from gossamer_fx.records.plot.units import NAMES
 
 _MAX_BYTES = 6_000_000  # of positions and colours together, about
 _MAX_FRAMES = 80

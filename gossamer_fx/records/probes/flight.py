@@ -208,7 +208,7 @@ class LoadResultant:
 
 
 def resultant(run: StateView, load: str) -> Array:
-    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective."""
+    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
     total = np.zeros((2, 3))
     found = 0
     for kind in playing(Resultants, run.system.compiled):

@@ -12,7 +12,7 @@ from gossamer_fx.mechanics.bodies.between import DrawnAsLines
 from gossamer_fx.mechanics.bodies.curve import Curve
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import BodyShape
-from gossamer_fx.records.fields.line_forces import LineForces, line_forces
+from gossamer_fx.records.fields.lines import LineForces, line_forces
 from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
@@ -21,7 +21,7 @@ KINDS = ("mean", "least", "largest")
 
 
 class _ForSystem[T]:
-    """What a probe compiles for the system of its last call: it is called at each step of one run."""
+    """What a probe compiles for the system of its last call."""
 
     def __init__(self, compiled: Callable[[System], T]) -> None:
         self._compile = compiled
@@ -57,7 +57,7 @@ class _AlongLine:
             self._values = _ForSystem(lambda system: GaussValues(system, line, of_body))
 
     def __call__(self, run: HasSystem) -> float:
-        """The value in the state of a run or an equilibrium.  Collective, the same on every rank."""
+        """The value in a state.  Collective, the same on every rank."""
         if isinstance(self.line, Curve):
             return self._along_body(run.system)
         lines = line_forces(run.system, self.line)

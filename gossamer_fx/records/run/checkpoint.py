@@ -165,7 +165,7 @@ class Checkpoints:
             self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
-        """Check that no checkpoints would be lost from which the run does not continue; on rank 0."""
+        """Refuse to lose checkpoints from which the run does not continue; on rank 0."""
         newest = latest_checkpoint(self.folder)
         # The checkpoint of a start has no results that could be lost.
         if newest is None or _step(newest) == 0 or self.overwrite:
@@ -408,7 +408,7 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
 
 
 def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
-    """Set coordinates, velocities and other vectors from what all ranks have loaded.  Collective."""
+    """Set coordinates, velocities and other vectors from what all ranks have loaded."""
     numbering = run.system.numbering
     names_here = all_names(run.system)
     for name, vector in run.history.vectors.items():
