@@ -238,7 +238,7 @@ def test_recorded_tensions_are_in_table_report_and_curves(comm, tmp_path):
     recorded = gx.plot.RunReader(tmp_path / "run")
     tensions = recorded.table("tensions.csv")
     columns = [f"cable {which} [N]" for which in ("mean", "least", "largest")]
-    assert list(tensions) == ["time", "step", *columns, "spring mean [N]"]
+    assert list(tensions) == ["load parameter", "step", *columns, "spring mean [N]"]
     for name in (*columns, "spring mean [N]"):
         assert tensions[name][-1] == pytest.approx(10.0, rel=1e-6)
     assert recorded.known_fields() == ["displacement", "tension"]

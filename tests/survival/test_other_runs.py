@@ -345,5 +345,7 @@ def test_a_recording_that_was_replaced_by_another_runs_is_refused(tmp_path: Path
         said = refused(lambda: record(tmp_path / "one", 5, restart=tmp_path / "one" / "saves"))
         assert "was replaced since the checkpoint was written" in said and words in said
         assert files(tmp_path / "one" / "run") == spoiled
+        for name in files(tmp_path / "one" / "run").keys() - kept.keys():
+            (tmp_path / "one" / "run" / name).unlink()
         restore(tmp_path / "one" / "run", kept)
     record(tmp_path / "one", 5, restart=tmp_path / "one" / "saves")

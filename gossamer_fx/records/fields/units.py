@@ -102,5 +102,6 @@ NAMES = {
 def plain_text(text: str) -> str:
     """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture
     are replaced."""
-    shown = "".join(c if c.isprintable() else "\ufffd" for c in text)
+    # Python does not count the space at which no line is broken as printable.
+    shown = "".join(c if c.isprintable() or c == "\u00a0" else "\ufffd" for c in text)
     return shown.replace("$", r"\$")

@@ -180,7 +180,7 @@ def _thinned(table: Tables) -> Tables:
     """A table with at most so many rows as are seen in a curve; the first and the last row stay."""
     if not table:
         return table
-    count = len(table["step"])
+    count = len(next(iter(table.values())))
     rows = np.unique(np.linspace(0, count - 1, _MAX_POINTS).astype(int))
     return {name: values[rows] for name, values in table.items()}
 

@@ -211,7 +211,7 @@ def _wrapped_captions(views: Views, columns: int, page_width: float) -> list[str
         page_width: [inches].
     """
     letters = max(int((page_width / columns - _GAP) / _LETTER), 1)
-    return [textwrap.fill(caption, letters) for caption in views.captions]
+    return [textwrap.fill(plain_text(caption), letters) for caption in views.captions]
 
 
 def _caption_height(views: Views, columns: int, page_width: float) -> float:
@@ -349,4 +349,4 @@ def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
     for axes, draw in zip(grid, curves.panels, strict=False):
         draw(axes)
         axes.minorticks_off()  # they would take half of the time of a page with logarithmic axes
-        axes.set(xlabel=curves.label, xlim=(curves.start, curves.end))
+        axes.set(xlabel=plain_text(curves.label), xlim=(curves.start, curves.end))
