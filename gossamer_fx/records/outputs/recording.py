@@ -49,7 +49,7 @@ from gossamer_fx.records.outputs.output import (
 )
 from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
-from gossamer_fx.records.outputs.tables import Ledger, Probes, Table
+from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.solve.view import StateView
@@ -120,7 +120,7 @@ class Recording:
         self._captions: list[str] = []  # of the states of a record that is not a run
         self._clears_folder = False  # whether the first record removes the files of another run
         self._fields: dict[str, VTU] = {}
-        self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
+        self._tables: dict[str, TableOutput] = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -216,7 +216,7 @@ class Recording:
 
     # ---- outputs for the files -------------------------------------------------------------------
 
-    def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
+    def _outputs(self) -> Iterator[tuple[str, VTU | TableOutput]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
@@ -268,7 +268,7 @@ class Recording:
         self,
         run: StateView,
         films: Sequence[Membrane],
-    ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
+    ) -> Iterator[tuple[str, TableOutput]]:
         """Yield the tables by their file names; those without columns are left out.
 
         These are tables of gas states, area fractions of films, positions of points, frames of
@@ -414,15 +414,12 @@ def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     return FILM_FIELDS
 
 
-class ConnectorLines:
+class ConnectorLines(TableOutput):
     """CSV file with the two ends of each line of the connectors [m], six columns a line."""
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
-        self.path = path
-        self._schedule = schedule
-        self._table = Table(path)
-        self._columns: list[str] = []
-        self._ends: list[Attached] = []
+        super().__init__(path, schedule)
+        self._ends: dict[str, Attached] = {}  # by the beginnings of their three columns
         number = 0
         for item in items:
             if not isinstance(item, DrawnAsLines):
@@ -430,47 +427,23 @@ class ConnectorLines:
             for pair in item.lines_to_draw:
                 number += 1
                 for end, letter in zip(pair, "ab", strict=True):
-                    self._ends.append(end)
-                    self._columns += [f"{number} {item.name} {letter}{axis}" for axis in "xyz"]
+                    self._ends[f"{number} {item.name} {letter}"] = end
 
     def __bool__(self) -> bool:
         """Whether there is anything to write."""
         return bool(self._ends)
 
-    @property
-    def times(self) -> Sequence[float]:
-        """Times that the run must meet [s]."""
-        return self._schedule.times
-
-    def open(self, run: StateView) -> None:
-        self._table.create(run.comm, [run.axis.column, "step", *self._columns])
-
-    def cursor(self) -> dict[str, Any]:
-        return self._table.cursor()
-
-    def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
-        self._table.cut(run.comm, [run.axis.column, "step", *self._columns], cursor)
-
-    def record(self, run: StateView, last: bool) -> None:
-        """Add a row with the end points of all lines [m] if it is due.  Collective."""
-        if not self._schedule.due(run.step, run.time, last):
-            return
-        row: list[float] = [float(run.time), run.step]
+    def values(self, run: StateView) -> dict[str, Any]:
         # Neighbouring bars of a tape share their points, and the position of each is a sum over all
         # ranks.
         known: dict[Any, Array] = {}
-        for end in self._ends:
+        found = {}
+        for name, end in self._ends.items():
             key: Any = id(end)
             if isinstance(end, Port):
                 key = (id(end.body), end.nodes, end.weights, end.vectors)
             if key not in known:
                 known[key] = run.system.state.vector(end)
-            row += [float(x) for x in known[key]]
-        self._table.append(run.comm, row)
-
-    def close(self, run: StateView) -> None:
-        """Nothing to close: each row is written completely."""
-
-
-# What writes one of the files.
-RecordedPart = VTU | Probes | ConnectorLines | Ledger
+            for axis, x in zip("xyz", known[key], strict=True):
+                found[f"{name}{axis}"] = float(x)
+        return found

@@ -145,12 +145,70 @@ def _csv_line(values: Iterable[Any]) -> bytes:
     return line.getvalue().encode(errors="backslashreplace")
 
 
+class TableOutput:
+    """An output of a table, with a row for each step or time at which it is due.
+
+    Args:
+        path: of the file.
+        schedule: when rows are written; the first and the last state always.
+    """
+
+    def __init__(self, path: str | Path, schedule: Schedule) -> None:
+        self.path = Path(path)
+        self.schedule = schedule
+        self._table = Table(self.path)
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
+        return self.schedule.times
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path]
+
+    def values(self, run: StateView) -> dict[str, Any]:
+        """Values of the present state by the names of columns; the same on every rank.
+        Collective."""
+        raise NotImplementedError
+
+    def _row(self, run: StateView) -> dict[str, Any]:
+        """The value on the axis, the number of the step, and the values, by names of columns."""
+        values = self.values(run)
+        row = {run.axis.column: float(run.time), "step": run.step}
+        for name in row:
+            check(
+                name not in values,
+                f"'{self.path}' would have two columns '{name}'; give one of them another name.",
+            )
+        return row | values
+
+    def open(self, run: StateView) -> None:
+        make_parent(run.comm, self.path)
+        # A probe that fails must do so before the first step, and before an older table is lost.
+        self._table.create(run.comm, list(self._row(run)))
+
+    def cursor(self) -> dict[str, Any]:
+        return self._table.cursor()
+
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
+        """Continue after a restart: remove rows after the cursor."""
+        self._table.cut(run.comm, list(self._row(run)), cursor)
+
+    def record(self, run: StateView, last: bool) -> None:
+        if self.schedule.due(run.step, run.time, last):
+            self._table.append(run.comm, self._row(run).values())
+
+    def close(self, run: StateView) -> None:
+        """Nothing to close: each row is written completely."""
+
+
 # Beginning of the columns of single causes of dissipation; readers of the table know them by it.
 LOST = "dissipated "
 
 
 @check_arguments
-class Ledger:
+class Ledger(TableOutput):
     """CSV file with a row for every step: energies [J], momenta, gas masses [kg], closing errors,
     iterations.
 
@@ -176,27 +234,11 @@ class Ledger:
         'time,step,iterations,substeps,kineti'
     """
 
-    times: Sequence[float] = ()
-
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self._table = Table(self.path)
+        super().__init__(path, Schedule())
 
-    @property
-    def writes(self) -> Sequence[Path]:
-        return [self.path]
-
-    def open(self, run: StateView) -> None:
-        self._table.create(run.comm, list(self._row(run)))
-
-    def cursor(self) -> dict[str, Any]:
-        return self._table.cursor()
-
-    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
-        self._table.cut(run.comm, list(self._row(run)), cursor)
-
-    def _row(self, run: StateView) -> dict[str, Any]:
-        """The present state of a run as columns by name; energies in J, momenta in kg m/s and kg
+    def values(self, run: StateView) -> dict[str, Any]:
+        """The present state as columns by name; energies in J, momenta in kg m/s and kg
         m²/s.
 
         Gas masses are in kg; `energy_error` and `mass_error` are relative, and left out where no
@@ -205,9 +247,11 @@ class Ledger:
         """
         t = run.totals
         account = run.account
-        row: dict[str, Any] = {run.axis.column: run.time, "step": run.step}
-        row |= {"iterations": account.last_iterations, "substeps": account.rejected}
-        row |= {"kinetic": t.kinetic}
+        row: dict[str, Any] = {
+            "iterations": account.last_iterations,
+            "substeps": account.rejected,
+            "kinetic": t.kinetic,
+        }
         row |= {f"stored {name}": energy for name, energy in t.stored.items()}
         row |= {"supplied": t.supplied, "dissipated": t.dissipated}
         if len(t.losses) > 1:
@@ -224,15 +268,9 @@ class Ledger:
                 row |= {"mass_error": account.balance.mass_error}
         return row
 
-    def record(self, run: StateView, last: bool) -> None:
-        self._table.append(run.comm, self._row(run).values())
-
-    def close(self, run: StateView) -> None:
-        pass
-
 
 @check_arguments
-class Probes:
+class Probes(TableOutput):
     """CSV file with values of probes: columns time [s] or load parameter, step, and one for each
     probe.
 
@@ -265,9 +303,8 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        self.path = Path(path)
+        super().__init__(path, Schedule(every, tuple(times)))
         self.probes = dict(probes)
-        self.schedule = Schedule(every, tuple(times))
         check(
             bool(self.probes),
             f"Probes '{path}': there is none; give a dict of names and functions of the run.",
@@ -281,54 +318,12 @@ class Probes:
                 name not in ("time", "step"),
                 f"Probe '{name}' has the name of a column that exists; rename it.",
             )
-        self._table = Table(self.path)
 
-    @property
-    def times(self) -> Sequence[float]:
-        """Times that the run must meet [s]."""
-        return self.schedule.times
-
-    @property
-    def writes(self) -> Sequence[Path]:
-        return [self.path]
-
-    def open(self, run: StateView) -> None:
-        make_parent(run.comm, self.path)
-        # A probe that fails must do so before the first step, and before an older table is lost.
-        self._row(run)
-        self._table.create(run.comm, self._head(run))
-
-    def cursor(self) -> dict[str, Any]:
-        return self._table.cursor()
-
-    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
-        """Continue after a restart: remove rows after the cursor."""
-        self._row(run)
-        self._table.cut(run.comm, self._head(run), cursor)
-
-    def _head(self, run: StateView) -> list[str]:
-        """Names of the columns."""
-        first = run.axis.column
-        check(
-            first not in self.probes,
-            f"Probe '{first}' has the name of a column that exists; rename it.",
-        )
-        return [first, "step", *self.probes]
-
-    def _row(self, run: StateView) -> list[float]:
-        """The values of all probes."""
-        row = []
+    def values(self, run: StateView) -> dict[str, Any]:
+        found = {}
         for name, probe in self.probes.items():
-            row.append(evaluate_probe(run, f"Probe '{name}'", probe))
-        return row
-
-    def record(self, run: StateView, last: bool) -> None:
-        if self.schedule.due(run.step, run.time, last):
-            row = [float(run.time), run.step, *self._row(run)]
-            self._table.append(run.comm, row)
-
-    def close(self, run: StateView) -> None:
-        """Nothing to close: each row is written completely."""
+            found[name] = evaluate_probe(run, f"Probe '{name}'", probe)
+        return found
 
 
 @check_arguments
