@@ -36,9 +36,11 @@ class Axis:
     @classmethod
     def of(cls, words: str) -> Axis:
         """The axis of a name with its unit, e.g. "pressure [Pa]"."""
-        found = _NAME_AND_UNIT.fullmatch(words)
+        # Tables and run.json, which both hold the name, write other characters in different ways.
+        shown = "".join(c if c.isprintable() else "\ufffd" for c in words)
+        found = _NAME_AND_UNIT.fullmatch(shown)
         if found is None:
-            return cls(words)
+            return cls(shown)
         return cls(found[1], found[2])
 
     @property
