@@ -101,7 +101,7 @@ def vtkhdf(run: gx.Simulation, film: gx.Membrane, folder: Path) -> Write:
     file: Any = h5py.File(folder / "film.vtkhdf", "w") if COMM.rank == 0 else None
 
     def add(name: str, values: np.ndarray) -> None:
-        gathered = COMM.gather(values)
+        gathered = COMM.gather(values) or []
         if COMM.rank == 0:
             file[name] = np.concatenate(gathered)
 

@@ -83,7 +83,7 @@ class DrawnRun:
         recording = self._recording
         if recording is None or not recording.has_begun:
             return
-        if run.time < run.until:
+        if run.time < run.account.until:
             # The run was stopped; the picture ends with its last state.  If that cannot be written,
             # there is a failure already, and the picture shows the states before.
             with suppress(OutputFailure):
