@@ -15,6 +15,9 @@ General kinds of terms
     `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `WithHistory`
+Laws and obstacles
+    `FilmLaw`, the base of laws of films; `Obstacle`, that of what contact keeps films off;
+    `line_derivative`, `area_vector` for measures in UFL
 Own kinds of terms
     `Assembly`, `CompiledTerms` and the roles that it may play: `Forces`, `Tangents`, ...
 Gas

@@ -22,6 +22,7 @@ from .core.forms.compilation import compile_form as compile_form
 from .core.forms.compilation import constant as constant
 from .core.forms.kinematics import Expr as Expr
 from .core.forms.kinematics import area_vector as area_vector
+from .core.forms.kinematics import line_derivative as line_derivative
 from .core.forms.spaces import cell_nodes as cell_nodes
 from .core.model.body import Array as Array
 from .core.model.body import Attached as Attached
@@ -65,11 +66,13 @@ from .core.model.terms import BringsTerms as BringsTerms
 from .core.model.terms import RefersToItems as RefersToItems
 from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of
+from .mechanics.contact.obstacles import Obstacle as Obstacle
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
 from .mechanics.gas.contract import Wall as Wall
 from .mechanics.gas.enclosure import CompiledEnclosure as CompiledEnclosure
 from .mechanics.gas.enclosure import Enclosure as Enclosure
+from .mechanics.materials.film import FilmLaw as FilmLaw
 from .mechanics.terms.assembly import Assembly as Assembly
 from .mechanics.terms.assembly import CompiledConstraints as CompiledConstraints
 from .mechanics.terms.assembly import CompiledTerms as CompiledTerms

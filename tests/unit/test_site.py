@@ -109,9 +109,9 @@ def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.M
         # The programs of tutorials and how-tos follow each other.
         follows = path.parent.name in ("tutorials", "howto")
         if not follows or not names:
-            names = {"__name__": "page"}
+            names = {"__name__": "__main__"}
         with contextlib.redirect_stdout(io.StringIO()):
-            exec(compile(program, str(path), "exec"), names)
+            exec(compile(program, str(path), "exec", dont_inherit=True), names)
 
 
 def _not_in(text: str, programs: list[str]) -> str:
