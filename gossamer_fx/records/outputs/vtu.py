@@ -172,11 +172,17 @@ class VTU:
             return
         for functions in self._functions:
             functions.update()
+        rank = run.comm.rank
+
+        def make_folder() -> None:
+            if rank == 0:
+                shutil.rmtree(self.folder, ignore_errors=True)
+                self.folder.mkdir(parents=True)
+
         # A run from the start replaces all records of an earlier one.
         if not self._records:
-            on_rank_zero(run.comm, self._make_folder)
+            write_on_all(run.comm, self.folder, make_folder)
         grid = self._grid()
-        rank = run.comm.rank
         path = self.folder / _file_name(self._records, rank)
 
         def write_files() -> None:
@@ -199,12 +205,6 @@ class VTU:
 
         # After the files that it lists: a run that is killed leaves a list of whole records.
         write_on_all(run.comm, self.path, write_list)
-
-    def _make_folder(self) -> None:
-        """Make an empty folder for the files of a new run."""
-        if self.folder.is_dir():
-            shutil.rmtree(self.folder)
-        self.folder.mkdir(parents=True)
 
     def _grid(self) -> Grid:
         """The cells of this rank at their present positions [m], with the values of all fields."""
