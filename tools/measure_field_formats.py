@@ -125,10 +125,13 @@ def size_of(folder: Path) -> int:
     return COMM.bcast(sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()))
 
 
-def measure(start: Callable[[gx.Simulation, gx.Membrane, Path], Write], cells: int) -> list[float]:
+def measure(
+    start: Callable[[gx.Simulation, gx.Membrane, Path], Write],
+    run: gx.Simulation,
+    film: gx.Membrane,
+) -> list[float]:
     """Seconds of a record, bytes of a record, and bytes that are written once."""
     folder = Path(COMM.bcast(tempfile.mkdtemp() if COMM.rank == 0 else ""))
-    run, film = film_run(cells)
     write = start(run, film, folder)
     write(0.0)
     first = size_of(folder)
@@ -150,6 +153,7 @@ def main() -> None:
     cells = USUAL_CELLS
     if len(sys.argv) > 1:
         cells = int(sys.argv[1])
+    run, film = film_run(cells)
     formats = {"VTU": vtu, "XDMF with HDF5": xdmf}
     if has_adios2:
         formats["VTX"] = vtx
@@ -162,7 +166,7 @@ def main() -> None:
     if COMM.rank == 0:
         print("| format | s a record | MB a record | MB once |\n|---|---|---|---|")
     for name, start in formats.items():
-        seconds, a_record, once = measure(start, cells)
+        seconds, a_record, once = measure(start, run, film)
         if COMM.rank == 0:
             print(f"| {name} | {seconds:.2f} | {a_record / 1e6:.1f} | {once / 1e6:.1f} |")
 
