@@ -19,6 +19,7 @@ from types import FunctionType
 from typing import Any
 
 import gossamer_fx
+from gossamer_fx.app.cli.demo import demos_of
 from gossamer_fx.core.checks.lazy_names import public_names
 
 HERE = Path(__file__).parent
@@ -302,10 +303,14 @@ def reference() -> dict[str, str]:
 # ---- gallery, options, presets -------------------------------------------------------------------
 
 
+# the program of each demo by its name
+PROGRAMS = demos_of(ROOT / "demos")
+
+
 def demos() -> list[tuple[str, str, str]]:
     """Name, title and docstring of each demo."""
     found = []
-    for path in sorted((ROOT / "demos").glob("*.py")):
+    for path in PROGRAMS.values():
         doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
         found.append((path.stem, doc.split("\n\n")[0].replace("\n", " "), doc.partition("\n\n")[2]))
     return found
@@ -318,11 +323,13 @@ def subjects() -> list[dict[str, Any]]:
     """The demos by subject, with level and run time, as `gallery.toml` lists them.
 
     Raises:
-        ValueError: a demo is not in the list, or in it without being there.
+        ValueError: a demo is not in the list of its folder, or in it without being there.
     """
     found = tomllib.loads((HERE / "gallery.toml").read_text(encoding="utf-8"))["subject"]
-    listed = {demo["name"] for subject in found for demo in subject["demos"]}
-    there = {name for name, _, _ in demos()}
+    listed = {
+        f"{subject['folder']}/{demo['name']}" for subject in found for demo in subject["demos"]
+    }
+    there = {f"{path.parent.name}/{name}" for name, path in PROGRAMS.items()}
     if listed != there:
         raise ValueError(
             f"docs/gallery.toml and demos differ by {sorted(listed ^ there)}: list every demo once"
@@ -368,19 +375,20 @@ def _demo_page(name: str, heading: str, title: str, text: str) -> str:
     """The page of a demo: what it shows, its picture, its text, and its notebook."""
     parts = [f"# {heading}\n\n{prose(title)}\n"]
     if _picture(name):
-        shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
+        shutil.copy(PROGRAMS[name].with_suffix(".png"), OUT / f"{name}.png")
         parts.append(f"![{title}]({name}.png)\n")
     parts.append(markdown(text) + "\n")
     notebook(name, heading)
+    program = PROGRAMS[name].relative_to(ROOT)
     parts.append(
-        f"{{download}}`notebook <{name}.ipynb>` · {{download}}`Python <../../demos/{name}.py>`\n"
+        f"{{download}}`notebook <{name}.ipynb>` · {{download}}`Python <../../{program}>`\n"
     )
     return "\n".join(parts)
 
 
 def _picture(name: str) -> Path | None:
     """The picture of a demo, None if it has none."""
-    path = ROOT / "demos" / f"{name}.png"
+    path = PROGRAMS[name].with_suffix(".png")
     if not path.exists():
         return None
     return path
@@ -395,7 +403,7 @@ def _thumbnail(name: str, crop: Sequence[float]) -> str:
     """A small copy of a part of a demo's picture, on white; its name relative to the page."""
     from PIL import Image
 
-    with Image.open(ROOT / "demos" / f"{name}.png") as whole:
+    with Image.open(PROGRAMS[name].with_suffix(".png")) as whole:
         width, height = whole.size
         left, top, right, bottom = crop
         box = (int(left * width), int(top * height), int(right * width), int(bottom * height))
@@ -432,7 +440,7 @@ def notebook(name: str, heading: str) -> None:
 
 
 def _source(name: str) -> str:
-    return (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
+    return PROGRAMS[name].read_text(encoding="utf-8")
 
 
 def code_of(name: str) -> tuple[str, str]:

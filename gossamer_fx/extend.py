@@ -14,12 +14,14 @@ General kinds of terms
     `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
     `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
-    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `WithHistory`
+    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles
     `FilmLaw`, the base of laws of films; `Obstacle`, that of what contact keeps films off;
     `line_derivative`, `area_vector` for measures in UFL
 Own kinds of terms
-    `Assembly`, `CompiledTerms` and the roles that it may play: `Forces`, `Tangents`, ...
+    `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;
+    facets that a compiler may have: `Multipliers`, `ActiveSet`, `HistoryVariables`,
+    `Differentiable`, `Shown`
 Gas
     `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
 Runs

@@ -2,4 +2,6 @@
 
 An installed package has them as `gossamer_fx.meshes`.  In a clone `gossamer_fx/build/meshes` is a
 symbolic link to this folder.
+
+A generator distributes its mesh to the ranks of `comm`; all of them call it.
 """

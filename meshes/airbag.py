@@ -7,13 +7,15 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths
+from .arrays import Cells, Length
 
 CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
-def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
+@check_arguments
+def airbag(comm: MPI.Intracomm, edge: Length, cells: Cells) -> Mesh:
     """Make two squares [-edge/2, edge/2]² in z = 0, joined along their edges: a flat airbag.
 
     Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The
@@ -21,28 +23,16 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     Groups: "top", "bottom", "seam", and the points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         edge: length of the sides [m].
         cells: edges of triangles along a side, at least 1, rounded to an even number of at least 2.
 
     Raises:
         InputError: the edge is not positive, or there are no cells.
     """
-    require_lengths("airbag", edge=edge)
-    require_counts("airbag", cells=cells)
     # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both sheets with sides of `edge` [m], name their groups and mesh them; on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         a = edge / 2
         corners = [

@@ -11,17 +11,19 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
     CellCorners,
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     around_centres,
     mesh_of_arrays,
 )
 from .line import line
-from .sizes import require_counts, require_lengths
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
 CORNERS = (
@@ -32,7 +34,8 @@ CORNERS = (
 )
 
 
-def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
+@check_arguments
+def film(comm: MPI.Intracomm, cells: Cells, side: Length) -> Mesh:
     """Make the square film [-side/2, side/2]² in z = 0 of squares of four triangles around a
     centre.
 
@@ -41,22 +44,14 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     cells, the middle third the others.  Group: "film".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: squares along a side.
         side: length of the sides [m].
 
     Raises:
         InputError: there are no cells, or the side is not positive.
     """
-    require_counts("film", cells=cells)
-    require_lengths("film", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a square grid of `cells` × `cells` with a centre node in each cell, in z = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and no further groups.
-        """
         ticks = _ticks(cells, side)
         centres = (ticks[1:] + ticks[:-1]) / 2
         grid_nodes = _square_grid(ticks)
@@ -81,12 +76,8 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
 
 
 def _ticks(cells: int, side: float) -> np.ndarray:
-    """Return coordinates (cells + 1,) [m] of the grid lines about 0, ascending.
-
-    Args:
-        cells: along a side; from 3 on two of the lines are at the thirds of the side.
-        side: length of the side [m].
-    """
+    """Coordinates (cells + 1,) [m] of the grid lines along a side [m], about 0, ascending; from 3
+    cells on two of the lines are at the thirds of the side."""
     even = np.arange(cells + 1) / cells
     # With one or two cells no line is near a third, and the grid stays even.
     if cells > 2:
@@ -106,18 +97,13 @@ def _square_grid(ticks: np.ndarray) -> np.ndarray:
     return np.column_stack([slow, fast])
 
 
-def boom(
-    comm: MPI.Intracomm,
-    elements: int,
-    side: float,
-    diagonal: tuple[float, float],
-) -> Mesh:
+@check_arguments
+def boom(comm: MPI.Intracomm, elements: Cells, side: Length, diagonal: tuple[float, float]) -> Mesh:
     """Make a straight boom of line elements from corner to corner of the film.
 
     Groups: "line", the points "start" and "end", and both as "point 0" and "point 1".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         elements: their number, at least 1.
         side: length of the sides of the film [m].
         diagonal: x and y of the end, over half of the side: one of `DIAGONALS`.
@@ -125,8 +111,6 @@ def boom(
     Raises:
         InputError: there are no elements, or the side is not positive.
     """
-    require_counts("boom", elements=elements)
-    require_lengths("boom", side=side)
     # The booms cross in the middle of the film, which is the origin.
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import Range, check, positive
 
 Points = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 Groups = Mapping[str, Numbers]  # nodes of points (1,), or of the edges of curves (n, 2)
+
+# What generators take: lengths, numbers of cells, and the order of the geometry, 1 for plane
+# triangles or 2 for curved ones.
+Length = Annotated[float, positive("m")]
+Cells = Annotated[int, Range(1)]
+Order = Annotated[int, Range(1, 2)]
 
 # Kinds of elements in gmsh's numbering.
 GMSH_LINE = 1
@@ -26,27 +33,16 @@ def mesh_of_arrays(
 ) -> Mesh:
     """Make a mesh of given points and triangles, and distribute it; collective.
 
-    Groups: "film", and those that `arrays` names.
-
     Args:
-        comm: the ranks to which the mesh is distributed.
         arrays: called on rank 0; returns points (n, 3) [m], triangles (m, 3) as numbers of points
-            from 0, and nodes of further groups by name: (1,) of a point, (k, 2) of the edges of a
-            curve.
+            from 0, and nodes of further groups than "film" by name: (1,) of a point, (k, 2) of the
+            edges of a curve.
 
     Raises:
         InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
     """
 
     def build(model: Any) -> None:
-        """Enter points, triangles and groups of `arrays` into gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: of `arrays` or gmsh; `gmsh_mesh` reports it as `InputError` on all ranks.
-        """
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(
@@ -80,11 +76,8 @@ def mesh_of_arrays(
 
 
 class CellCorners(NamedTuple):
-    """Corner nodes of the cells of a grid, counterclockwise; arrays of one shape.
-
-    Attributes:
-        a, b, c, d: numbers of the nodes at the first to the fourth corner of each cell.
-    """
+    """Numbers of the nodes at the four corners of the cells of a grid, counterclockwise; arrays of
+    one shape."""
 
     a: Numbers
     b: Numbers
@@ -101,12 +94,8 @@ def cell_corners(ids: Numbers) -> CellCorners:
 
 
 def around_centres(corners: CellCorners, centre: Numbers) -> Numbers:
-    """Four triangles (4 n, 3) of each of n cells, one on each side, with a node in its middle.
-
-    Args:
-        corners: nodes of the cells.
-        centre: node in the middle of each cell, an array of the shape of the corners.
-    """
+    """Four triangles (4 n, 3) of each of n cells, one on each side, with a node `centre` (n,) in
+    its middle."""
     return np.concatenate(
         [
             triangles_of(corners.a, corners.b, centre),
@@ -118,12 +107,8 @@ def around_centres(corners: CellCorners, centre: Numbers) -> Numbers:
 
 
 def plane_grid(x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> Points:
-    """Points (ny nx, 3) [m] in z = 0 of a grid with nx columns and ny rows, row by row.
-
-    Args:
-        x: coordinates (nx,) [m] of the columns.
-        y: coordinates (ny,) [m] of the rows.
-    """
+    """Points (ny nx, 3) [m] in z = 0 of a grid with columns x (nx,) [m] and rows y (ny,) [m], row
+    by row."""
     along = np.tile(x, len(y))
     across = np.repeat(y, len(x))
     return np.column_stack([along, across, np.zeros(along.size)])
@@ -142,17 +127,9 @@ def polyline(nodes: Numbers) -> Numbers:
 def joined(
     points: Points, triangles: Numbers, tolerance: float = 1e-9
 ) -> tuple[Points, Numbers, Numbers]:
-    """Merge points that are the same up to a tolerance.
-
-    Args:
-        points: (n, 3) [m].
-        triangles: numbers (m, 3) of their points.
-        tolerance: [m] to which coordinates are rounded; two points are one if these agree.
-
-    Returns:
-        the different points (k, 3), the triangles between them (m, 3), and the new number of each
-        given point (n,).
-    """
+    """Merge points (n, 3) [m] whose coordinates agree when rounded to a tolerance [m]: the
+    different points (k, 3), the triangles between them (m, 3), and the new number of each given
+    point (n,)."""
     rounded = np.rint(points / tolerance)
     _, first, inverse = np.unique(
         rounded,
@@ -176,3 +153,13 @@ def sorted_sides(triangles: Numbers) -> Numbers:
     occurs twice."""
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]]
     return np.sort(sides.reshape(-1, 2), axis=1)
+
+
+def require_ascending(generator: str, names: Sequence[str], lengths: Sequence[float]) -> None:
+    """Raise `InputError` unless the second of two lengths, named `names`, is the larger one; the
+    same on all ranks."""
+    check(
+        lengths[0] < lengths[1],
+        f"{generator}: {names[0]} is {lengths[0]!r} and {names[1]} is {lengths[1]!r}; "
+        f"give a larger {names[1]}.",
+    )

@@ -10,9 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .arrays import Numbers, Points, rim, sorted_sides
-from .sizes import require_lengths
+from .arrays import Length, Numbers, Points, rim, sorted_sides
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -20,10 +20,7 @@ ON = 1e-7  # m: nodes that are nearer to a line are on it
 
 
 def creased_film(
-    comm: MPI.Intracomm,
-    corners: Corners,
-    lines: Segments,
-    size: Sequence[float],
+    comm: MPI.Intracomm, corners: Corners, lines: Segments, size: Sequence[Length]
 ) -> Mesh:
     """Make a convex polygon in z = 0 of triangles with edges along given lines.
 
@@ -31,7 +28,6 @@ def creased_film(
     the points "corner 1" and so on.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         corners: (x, y) of its corners [m], counterclockwise.
         lines: both ends (x, y) of straight lines [m], which may pass over its rim, as
             `Miura.segments` returns them.
@@ -40,18 +36,8 @@ def creased_film(
     Raises:
         InputError: a size of cells is not positive, or gmsh cannot mesh the polygon.
     """
-    for size_at_corner in size:
-        require_lengths("creased_film", size=size_at_corner)
 
     def build(model: Any) -> None:
-        """Mesh the polygon with edges along `lines` and name its groups; in gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh cannot mesh it; `gmsh_mesh` reports it as `InputError` on all ranks.
-        """
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
         points, triangles = _triangulated(model, corners, lines, size)
         film = model.addDiscreteEntity(2)
@@ -62,11 +48,12 @@ def creased_film(
     return gmsh_mesh(build, comm)
 
 
+@check_arguments
 def creased_tube(
     comm: MPI.Intracomm,
     corners: Corners,
     lines: Segments,
-    size: float,
+    size: Length,
     rows: Callable[[Points], Points],
     walls: Sequence[float],
 ) -> Mesh:
@@ -79,7 +66,6 @@ def creased_tube(
     "corner 1" and so on, as of `creased_film`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         corners: (x, y) of the polygon's corners [m], counterclockwise.
         lines: both ends (x, y) of straight lines [m], which may pass over its rim.
         size: of the cells [m].
@@ -90,18 +76,8 @@ def creased_tube(
         InputError: the size of cells is not positive, gmsh cannot mesh the polygon, or cells are so
             coarse that a triangle has all its nodes on the rim.
     """
-    require_lengths("creased_tube", size=size)
 
     def build(model: Any) -> None:
-        """Mesh one sheet, double it, and name compartments, rings and rim; in gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            ValueError: a triangle has all its nodes on the rim; `gmsh_mesh` reports it on all
-                ranks.
-        """
         points, triangles = _triangulated(model, corners, lines, [size] * len(corners))
         edges = rim(triangles)
         on_rim = np.zeros(len(points), dtype=bool)
@@ -146,24 +122,11 @@ def creased_tube(
 
 
 def _triangulated(
-    model: Any,
-    corners: Corners,
-    lines: Segments,
-    size: Sequence[float],
+    model: Any, corners: Corners, lines: Segments, size: Sequence[float]
 ) -> tuple[Points, Numbers]:
-    """Return points (n, 3) [m] and triangles (m, 3) of a polygon, with edges along lines.
-
-    Normals point along z.
-
-    Args:
-        model: `gmsh.model` of an open session, in which the present model stays.
-        corners: (x, y) of the polygon's corners [m], counterclockwise.
-        lines: both ends (x, y) of straight lines [m].
-        size: of the cells at each corner [m].
-
-    Raises:
-        Exception: of gmsh, if it cannot mesh the polygon.
-    """
+    """Points (n, 3) [m] and triangles (m, 3), with normals along z, of a polygon with
+    counterclockwise corners (x, y) [m], where cells have the given sizes [m], and with edges along
+    straight lines between two ends (x, y) [m].  The present model of gmsh stays."""
     # A separate model, as the caller's may already have entities.
     current = model.getCurrent()
     model.add("outline")
@@ -212,21 +175,9 @@ def _triangulated(
     return points, triangles
 
 
-def _size_at(
-    x: float,
-    y: float,
-    corners: Corners,
-    size: Sequence[float],
-) -> float:
-    """Return the size of cells [m] at a point: a mean of the corners' sizes.
-
-    They are weighted by the inverse of the squared distance from each corner.
-
-    Args:
-        x, y: the point [m].
-        corners: (x, y) of the corners [m].
-        size: of the cells at each corner [m].
-    """
+def _size_at(x: float, y: float, corners: Corners, size: Sequence[float]) -> float:
+    """Size of cells [m] at the point (x, y) [m]: the mean of the corners' sizes, weighted by the
+    inverse of the squared distance from each corner."""
     away = np.asarray(corners) - np.array([x, y])
     distance_squared = (away**2).sum(axis=1)
     # At a corner the distance is zero, and the weight of this corner hides all others.
@@ -234,24 +185,13 @@ def _size_at(
     return float(weight @ np.asarray(size) / weight.sum())
 
 
-def _opened(
-    points: Points,
-    triangles: Numbers,
-    on_rim: Any,
-    lines: Segments,
-) -> Numbers:
-    """Return triangles of which none has all its nodes on the rim, where it could not open.
+def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) -> Numbers:
+    """Return triangles (m, 3) between points (n, 3) [m] of which none has all its nodes on the rim,
+    by the mask `on_rim` (n,), where it could not open.
 
-    Such a triangle gives its inner edge to the node beyond it: the edge is flipped.
-
-    Args:
-        points: (n, 3) [m].
-        triangles: numbers (m, 3) of their points.
-        on_rim: mask (n,) of the points on the rim.
-        lines: both ends (x, y) [m] of fold lines, whose edges are not flipped.
-
-    Raises:
-        ValueError: a triangle has no edge that can be flipped; the message has its centre.
+    Such a triangle gives its inner edge to the node beyond it: the edge is flipped, unless it is on
+    one of the fold lines with ends (x, y) [m].  A triangle without an edge that can be flipped
+    raises `ValueError` with its centre.
     """
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
@@ -280,12 +220,8 @@ def _opened(
 
 
 def _on_a_line(ends: Points, lines: Segments) -> bool:
-    """Return whether all points are on the straight line through one of the segments.
-
-    Args:
-        ends: points (n, 3) [m], of which x and y count.
-        lines: both ends (x, y) [m] of each segment; points within `ON` of a line are on it.
-    """
+    """Whether all points (n, 3) [m], of which x and y count, are within `ON` of the straight line
+    through one of the segments with ends (x, y) [m]."""
     for start, end in lines:
         along = np.asarray(end) - np.asarray(start)
         # Distance from the line by the cross product.
@@ -297,20 +233,9 @@ def _on_a_line(ends: Points, lines: Segments) -> bool:
     return False
 
 
-def _add(
-    model: Any,
-    entity: int,
-    points: Points,
-    triangles: Numbers,
-) -> None:
-    """Add points, if any, and triangles to a surface of gmsh.
-
-    Args:
-        model: `gmsh.model` of an open session.
-        entity: number of the surface.
-        points: (n, 3) [m], which get the numbers 1 to n of gmsh; n may be 0.
-        triangles: numbers (m, 3) of points from 0.
-    """
+def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
+    """Add points (n, 3) [m], if any, with gmsh's numbers from 1, and triangles (m, 3), which number
+    them from 0, to a surface of gmsh."""
     if len(points):
         model.mesh.addNodes(
             2,
@@ -327,13 +252,8 @@ def _add(
 
 
 def _add_lines(model: Any, name: str, edges: Numbers) -> None:
-    """Add edges between existing nodes as a named group of curves in gmsh.
-
-    Args:
-        model: `gmsh.model` of an open session.
-        name: of the group.
-        edges: numbers (n, 2) of nodes from 0.
-    """
+    """Add edges (n, 2) between existing nodes, numbered from 0, as a named group of curves in
+    gmsh."""
     entity = model.addDiscreteEntity(1)
     model.mesh.addElementsByType(
         entity,
@@ -344,20 +264,9 @@ def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-def _name_rim(
-    model: Any,
-    points: Points,
-    edges: Numbers,
-    corners: Corners,
-) -> None:
-    """Add the groups "side 1", "corner 1" and so on of a polygon in gmsh.
-
-    Args:
-        model: `gmsh.model` of an open session.
-        points: (n, 3) [m] of the mesh.
-        edges: numbers (k, 2) of the points of each edge on the rim, from 0.
-        corners: (x, y) of the polygon's corners [m], counterclockwise.
-    """
+def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> None:
+    """Add the groups "side 1", "corner 1" and so on of a polygon with counterclockwise corners (x,
+    y) [m] in gmsh; `edges` (k, 2) number the points (n, 3) [m] of each edge on the rim, from 0."""
     for k, a in enumerate(corners):
         b = corners[(k + 1) % len(corners)]
         # Edges of the rim that lie on this side of the polygon.

@@ -6,9 +6,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     cell_corners,
@@ -17,23 +20,16 @@ from .arrays import (
     polyline,
     triangles_of,
 )
-from .sizes import require_counts, require_lengths
 
 
-def creased_strip(
-    comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    length: float,
-    width: float,
-) -> Mesh:
+@check_arguments
+def creased_strip(comm: MPI.Intracomm, nx: Cells, ny: Cells, length: Length, width: Length) -> Mesh:
     """Make a flat strip of two panels, [-length, 0] and [0, length] by [0, width], with a crease
     between.
 
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along and across each panel.
         length: of each panel [m].
         width: of the strip [m].
@@ -41,17 +37,8 @@ def creased_strip(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("creased_strip", nx=nx, ny=ny)
-    require_lengths("creased_strip", length=length, width=width)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a regular grid on [-length, length] × [0, width] in z = 0 with a line of nodes at
-        x = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges (k, 2) of
-            groups.
-        """
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)

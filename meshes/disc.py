@@ -8,16 +8,13 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_ascending, require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order, require_ascending
 
 
-def quarter_disc(
-    comm: MPI.Intracomm,
-    cells: int,
-    radius: float = 1.0,
-    order: int = 1,
-) -> Mesh:
+@check_arguments
+def quarter_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0, order: Order = 1) -> Mesh:
     """Make the part x, y ≥ 0 of a disc about the origin, of four-sided patches without a bad
     triangle.
 
@@ -25,7 +22,6 @@ def quarter_disc(
     Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: edges of triangles along a radius, at least 1, rounded to an even number of at least
             2.
         radius: [m].
@@ -34,21 +30,8 @@ def quarter_disc(
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
-    require_counts("quarter_disc", cells=cells)
-    require_lengths("quarter_disc", radius=radius)
-    require_order("quarter_disc", order)
 
     def build(model: Any) -> None:
-        """Draw the three patches of a quarter disc of `radius` [m], name its groups and mesh it; on
-        rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         a = radius
         # Three four-sided patches meet at a point inside; a radius passes through two of them.
@@ -106,20 +89,20 @@ class Circle(NamedTuple):
     arcs: list[int]
 
 
+@check_arguments
 def ring(
     comm: MPI.Intracomm,
-    inner: float,
-    outer: float,
-    radial: int,
-    around: int,
-    order: int = 1,
+    inner: Length,
+    outer: Length,
+    radial: Cells,
+    around: Cells,
+    order: Order = 1,
 ) -> Mesh:
     """Make a flat ring about the origin between two radii.
 
     Groups: "film", "hub" (the inner circle), "rim".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         inner, outer: radii [m].
         radial: cells of two triangles from hub to rim, at least 1.
         around: cells around, at least 1, rounded to a multiple of four of at least 4.
@@ -129,24 +112,9 @@ def ring(
         InputError: a radius is not positive, the inner one is not the smaller one, there are no
             cells, or the order is another one.
     """
-    require_lengths("ring", inner=inner, outer=outer)
     require_ascending("ring", ("inner", "outer"), (inner, outer))
-    require_counts("ring", radial=radial, around=around)
-    require_order("ring", order)
 
     def build(model: Any) -> None:
-        """Draw four quarters of a ring with radii `inner` and `outer` [m], name its groups and mesh
-        it.
-
-        On rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)
 

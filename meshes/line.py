@@ -9,15 +9,16 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from gossamer_fx.extend import check
+from gossamer_fx.extend import check, check_arguments
 
-from .sizes import require_counts
+from .arrays import Cells
 
 
+@check_arguments
 def line(
     comm: MPI.Intracomm,
     points: Sequence[Sequence[float]],
-    elements: int | Sequence[int],
+    elements: Cells | Sequence[Cells],
     closed: bool = False,
 ) -> Mesh:
     """Make straight segments through points, each divided into line elements.
@@ -26,7 +27,6 @@ def line(
     "point 1", ...  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         points: (x, y, z) [m] of each.
         elements: of each segment, at least 1: one number, or one for each segment.
         closed: whether a further segment leads from the last point to the first.
@@ -48,20 +48,8 @@ def line(
         counts = list(elements)
     else:
         counts = [elements] * segments
-    for count in counts:
-        require_counts("line", elements=count)
 
     def build(model: Any) -> None:
-        """Draw the segments between `points` [m], name their groups and mesh them; in gmsh, on rank
-        0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            ValueError: a point has not three coordinates, or there is another number of segments
-                than of numbers of elements; `gmsh_mesh` reports it as `InputError` on all ranks.
-        """
         geo = model.geo
         # Neighbouring segments share the point between them, so that the line is connected there.
         tags = []

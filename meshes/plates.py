@@ -10,21 +10,25 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
-from .sizes import require_ascending, require_counts, require_lengths
+from .arrays import (
+    Cells,
+    Length,
+    cell_corners,
+    mesh_of_arrays,
+    polyline,
+    require_ascending,
+    triangles_of,
+)
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
+@check_arguments
 def irregular_sheet(
-    comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float,
-    height: float,
-    seed: int = 1,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length, height: Length, seed: int = 1
 ) -> Mesh:
     """Make [0, width] × [0, height] of triangles with displaced nodes and random diagonals.
 
@@ -32,7 +36,6 @@ def irregular_sheet(
     if nx is even.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along x and y.
         width, height: [m].
         seed: of the random numbers, the same mesh for the same seed.
@@ -40,8 +43,6 @@ def irregular_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("irregular_sheet", nx=nx, ny=ny)
-    require_lengths("irregular_sheet", width=width, height=height)
     random = np.random.default_rng(seed)
     # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
     unit_square = _displaced(nx, ny, random)
@@ -61,13 +62,9 @@ def irregular_sheet(
     return _mesh(comm, points, _triangles(ids, turned), lines)
 
 
+@check_arguments
 def leaning_sheet(
-    comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float,
-    height: float,
-    ramp: float,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length, height: Length, ramp: Length
 ) -> Mesh:
     """Make [0, width] × [0, height] in cells whose long sides lie at 45°, along wrinkles of a
     sheared film.
@@ -76,7 +73,6 @@ def leaning_sheet(
     "left". Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along x and y.
         width, height: [m].
         ramp: length within which cells turn upright [m], more than half of the height.
@@ -84,8 +80,6 @@ def leaning_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("leaning_sheet", nx=nx, ny=ny)
-    require_lengths("leaning_sheet", width=width, height=height, ramp=ramp)
     unit_square = _displaced(nx, ny, None)
     x = width * unit_square[..., 0]
     y = height * unit_square[..., 1]
@@ -98,19 +92,15 @@ def leaning_sheet(
     return _mesh(comm, points, _triangles(ids, none_turned), _edges(ids))
 
 
+@check_arguments
 def slit_ring(
-    comm: MPI.Intracomm,
-    radial: int,
-    around: int,
-    inner: float,
-    outer: float,
+    comm: MPI.Intracomm, radial: Cells, around: Cells, inner: Length, outer: Length
 ) -> Mesh:
     """Make a flat ring about the origin, cut along the positive x axis, in cells of two triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radial, around: numbers of cells along a radius and around.
         inner, outer: radii [m].
 
@@ -118,8 +108,6 @@ def slit_ring(
         InputError: a radius is not positive, the inner one is not the smaller one, or there are no
             cells.
     """
-    require_counts("slit_ring", radial=radial, around=around)
-    require_lengths("slit_ring", inner=inner, outer=outer)
     require_ascending("slit_ring", ("inner", "outer"), (inner, outer))
     # Coordinates (radial + 1, around + 1) of the nodes from 0 to 1, outwards and around.
     unit_square = _displaced(radial, around, None)
@@ -133,40 +121,23 @@ def slit_ring(
     return _mesh(comm, points, _triangles(ids, odd), lines)
 
 
-def free_slit_ring(
-    comm: MPI.Intracomm,
-    size: float,
-    inner: float,
-    outer: float,
-) -> Mesh:
+@check_arguments
+def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Length) -> Mesh:
     """Make the ring of `slit_ring`, cut along the positive x axis, in triangles that follow no
     direction.
 
     Groups: "film"; "start" and "end", the two sides of the slit.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         size: of the edges of triangles, about [m].
         inner, outer: radii [m].
 
     Raises:
         InputError: a length is not positive, or the inner radius is not the smaller one.
     """
-    require_lengths("free_slit_ring", size=size, inner=inner, outer=outer)
     require_ascending("free_slit_ring", ("inner", "outer"), (inner, outer))
 
     def build(model: Any) -> None:
-        """Draw a ring with a slit and radii `inner` and `outer` [m], name its groups and mesh it.
-
-        Edges of triangles are about `size` [m] long.  In gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         import gmsh
 
         geo = model.geo
@@ -201,22 +172,20 @@ def free_slit_ring(
     return gmsh_mesh(build, comm)
 
 
-def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
+@check_arguments
+def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
     """Make a disc about the origin of rings of triangles, the k-th ring with 6k nodes on its
     circle.
 
     Groups: "film", "rim".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: number of rings, at least 1.
         radius: [m].
 
     Raises:
         InputError: there are no rings, or the radius is not positive.
     """
-    require_counts("whole_disc", cells=cells)
-    require_lengths("whole_disc", radius=radius)
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []
@@ -244,21 +213,10 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     return _mesh(comm, plane, np.array(triangles), {"rim": closed_rim})
 
 
-def _displaced(
-    n: int,
-    m: int,
-    random: np.random.Generator | None,
-) -> Floats:
-    """Return the nodes of a grid on the unit square, moved at random if a generator is given.
-
-    Args:
-        n, m: cells along both sides.
-        random: nodes move by up to a quarter of a cell, those on the edges along them; None: they
-            do not move.
-
-    Returns:
-        coordinates (n + 1, m + 1, 2) from 0 to 1; the first index runs along the first side.
-    """
+def _displaced(n: int, m: int, random: np.random.Generator | None) -> Floats:
+    """Nodes (n + 1, m + 1, 2) of a grid of n by m cells on the unit square, the first index along
+    the first side; a random generator moves them by up to a quarter of a cell, those on the edges
+    along them."""
     nodes = np.empty((n + 1, m + 1, 2))
     nodes[..., 0] = np.linspace(0, 1, n + 1)[:, None]
     nodes[..., 1] = np.linspace(0, 1, m + 1)
@@ -286,12 +244,9 @@ def _ids(n: int, m: int) -> Integers:
 
 
 def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
-    """Return two triangles (2 n m, 3) of each cell of a grid, counterclockwise.
-
-    Args:
-        ids: numbers (n + 1, m + 1) of the nodes; the first index runs along x.
-        other: mask (n, m) of the cells with the other diagonal.
-    """
+    """Two triangles (2 n m, 3) of each cell of a grid, counterclockwise, by the numbers (n + 1, m +
+    1) of its nodes, the first index along x; cells of the mask `other` (n, m) have the other
+    diagonal."""
     # The first index runs along x here: the other way round is counterclockwise.
     turned = cell_corners(ids)
     a = turned.a
@@ -310,22 +265,10 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
 
 
 def _mesh(
-    comm: MPI.Intracomm,
-    points: Floats,
-    triangles: Integers,
-    lines: dict[str, Integers],
+    comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
 ) -> Mesh:
-    """Make the mesh of points, triangles and lines of nodes, and distribute it; collective.
-
-    Args:
-        comm: the ranks.
-        points: (..., 3) [m].
-        triangles: numbers (m, 3) of points, from 1.
-        lines: numbers (k,) of the nodes along each named group of edges, from 1.
-
-    Raises:
-        InputError: the mesh cannot be used.
-    """
+    """Make a mesh of points (..., 3) [m], triangles (m, 3), and the nodes (k,) along each named
+    group of edges, all numbered from 1, and distribute it; collective."""
     flat = points.reshape(-1, 3)
     edges = {}
     for name, nodes in lines.items():

@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
-from gossamer_fx.extend import check
+from gossamer_fx.extend import Range, check, check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     cell_corners,
     joined,
     mesh_of_arrays,
     polyline,
+    require_ascending,
     rim,
     triangles_of,
 )
-from .sizes import require_ascending, require_counts, require_lengths
 
 
+@check_arguments
 def parallelograms(
     comm: MPI.Intracomm,
-    a: float,
-    b: float,
+    a: Length,
+    b: Length,
     gamma: float,
-    columns: int,
-    rows: int,
-    cells: int,
+    columns: Cells,
+    rows: Cells,
+    cells: Cells,
 ) -> Mesh:
     """Make the flat sheet of Miura's fold: columns × rows parallelograms, each of cells × cells.
 
@@ -40,7 +44,6 @@ def parallelograms(
     left" and "top right".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         a, b: sides of a parallelogram [m], a along y.
         gamma: angle γ between them [rad], between 0 and π/2.
         columns, rows: numbers of parallelograms along x and y.
@@ -50,21 +53,12 @@ def parallelograms(
         InputError: a side is not positive, there are no parallelograms or cells, or the angle is
             not between 0 and π/2.
     """
-    require_lengths("parallelograms", a=a, b=b)
-    require_counts("parallelograms", columns=columns, rows=rows, cells=cells)
     check(
         0 < gamma < math.pi / 2,
         f"parallelograms: gamma is {gamma!r} rad; give an angle between 0 and π/2.",
     )
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a sheet of parallelograms with sides a and b [m] that rise and fall in turn, in z
-        = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         # Nodes by columns u and rows v; each parallelogram has unit sides in u and v.
         across = np.arange(columns * cells + 1) / cells
         up = np.arange(rows * cells + 1) / cells
@@ -97,13 +91,14 @@ def parallelograms(
     return mesh_of_arrays(comm, arrays)
 
 
+@check_arguments
 def trapezoids(
     comm: MPI.Intracomm,
-    n: int,
-    inner: int,
-    outer: int,
-    pitch: float,
-    refine: int = 1,
+    n: Annotated[int, Range(3)],
+    inner: Cells,
+    outer: Cells,
+    pitch: Length,
+    refine: Cells = 1,
 ) -> Mesh:
     """Make n flat trapezoids round a centre, joined along their seams, for the fold `Ikaros`.
 
@@ -113,7 +108,6 @@ def trapezoids(
     and k + 1.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         n: number of trapezoids, at least 3.
         inner, outer: rows of the inner and outer edges, 0 < inner < outer.
         pitch: distance of rows [m].
@@ -123,19 +117,9 @@ def trapezoids(
         InputError: there are fewer than three trapezoids, no rows between the inner and the outer
             edge, or no edges between rows, or the pitch is not positive.
     """
-    require_counts("trapezoids", least=3, n=n)
-    require_counts("trapezoids", inner=inner, outer=outer, refine=refine)
     require_ascending("trapezoids", ("inner", "outer"), (inner, outer))
-    require_lengths("trapezoids", pitch=pitch)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return n trapezoids in z = 0 between rows that are `pitch` [m] apart, joined along their
-        seams.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         slope = math.tan(math.pi / n)
         h = pitch / refine
         cells = []
@@ -172,12 +156,9 @@ def trapezoids(
     return mesh_of_arrays(comm, arrays)
 
 
+@check_arguments
 def pinwheel(
-    comm: MPI.Intracomm,
-    n: int,
-    side: float,
-    columns: int,
-    reach: int,
+    comm: MPI.Intracomm, n: Annotated[int, Range(3)], side: Length, columns: Cells, reach: Cells
 ) -> Mesh:
     """Make the flat ring of the fold `Star`, outside a regular polygon of n sides.
 
@@ -187,7 +168,6 @@ def pinwheel(
     Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         n: sides of the polygon, at least 3.
         side: their length [m].
         columns: in a side, at least 1.
@@ -197,18 +177,8 @@ def pinwheel(
         InputError: the polygon has fewer than three sides, there are no columns, or the side is not
             positive.
     """
-    require_counts("pinwheel", least=3, n=n)
-    require_counts("pinwheel", columns=columns, reach=reach)
-    require_lengths("pinwheel", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return n sectors in z = 0, which begin at the corners of a polygon with sides of `side`
-        [m].
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         h = side / columns
         step = 2 * math.pi / n
         slope = math.tan(step / 2)
@@ -251,22 +221,10 @@ def pinwheel(
     return mesh_of_arrays(comm, arrays)
 
 
-def _around(
-    sector: Points,
-    angles: list[float],
-    cell: float,
-) -> tuple[Points, Numbers]:
-    """Return points and triangles of a sector turned about the origin, and joined where copies
-    meet.
-
-    Args:
-        sector: corners (3m, 2) [m] of m triangles, three after each other.
-        angles: [rad], one for each copy.
-        cell: size of a cell [m]; corners that are nearer than 1e-6 of it are one point.
-
-    Returns:
-        points (k, 3) [m] in z = 0, and triangles as numbers of points, m for each angle, (., 3).
-    """
+def _around(sector: Points, angles: list[float], cell: float) -> tuple[Points, Numbers]:
+    """Points (k, 3) [m] in z = 0 and triangles of a sector, with corners (3m, 2) [m] of m
+    triangles, turned about the origin by each of the angles [rad], and joined where copies meet:
+    corners nearer than 1e-6 of the size of a cell [m]."""
     copies = [_turned(sector, angle) for angle in angles]
     # Each corner of each triangle is a point at first.
     separate = np.arange(len(angles) * len(sector)).reshape(-1, 3)

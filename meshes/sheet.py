@@ -8,9 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     around_centres,
@@ -19,18 +22,18 @@ from .arrays import (
     plane_grid,
     polyline,
 )
-from .sizes import require_counts, require_lengths
 
 EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
 
 
+@check_arguments
 def sheet(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float = 1.0,
-    height: float = 1.0,
+    nx: Cells,
+    ny: Cells,
+    width: Length = 1.0,
+    height: Length = 1.0,
     crossed: bool = False,
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] in z = 0 of nx × ny cells of two triangles.
@@ -38,7 +41,6 @@ def sheet(
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells along x and y, at least 1.
         width, height: [m].
         crossed: whether diagonals alternate instead of being parallel; then a triangle fills every
@@ -47,16 +49,8 @@ def sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("sheet", nx=nx, ny=ny)
-    require_lengths("sheet", width=width, height=height)
 
     def build(model: Any) -> None:
-        """Draw a rectangle of `width` by `height` [m], name its groups and mesh it; in gmsh, on
-        rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-        """
         geo = model.geo
         points = [
             geo.addPoint(0, 0, 0),
@@ -88,12 +82,9 @@ def sheet(
     return gmsh_mesh(build, comm)
 
 
+@check_arguments
 def crossed_sheet(
-    comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float = 1.0,
-    height: float = 1.0,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length = 1.0, height: Length = 1.0
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] of cells of four triangles around a centre.
 
@@ -101,24 +92,14 @@ def crossed_sheet(
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells along x and y, at least 1.
         width, height: [m].
 
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("crossed_sheet", nx=nx, ny=ny)
-    require_lengths("crossed_sheet", width=width, height=height)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a grid of nx × ny cells on [0, width] × [0, height] in z = 0, with a centre in
-        each cell.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         corners = plane_grid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
         # gmsh has no such pattern: the centres of the cells are further nodes, after those of the
         # grid.

@@ -8,20 +8,16 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order
 
 
-def sphere(
-    comm: MPI.Intracomm,
-    radius: float,
-    cells: int,
-    order: int = 1,
-) -> Mesh:
+@check_arguments
+def sphere(comm: MPI.Intracomm, radius: Length, cells: Cells, order: Order = 1) -> Mesh:
     """Make a closed sphere about the origin; normals point outwards.  Group: "film".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius: [m].
         cells: edges of triangles on the equator, about.
         order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).
@@ -29,21 +25,8 @@ def sphere(
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
-    require_lengths("sphere", radius=radius)
-    require_counts("sphere", cells=cells)
-    require_order("sphere", order)
 
     def build(model: Any) -> None:
-        """Draw a sphere of `radius` [m] and mesh it with `cells` edges round its equator; on rank
-        0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         import gmsh
 
         model.occ.addSphere(0, 0, 0, radius)

@@ -9,16 +9,14 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths
+from .arrays import Cells, Length
 
 
+@check_arguments
 def flat_tube(
-    comm: MPI.Intracomm,
-    length: float,
-    diameter: float,
-    cells: int,
-    compartments: int = 1,
+    comm: MPI.Intracomm, length: Length, diameter: Length, cells: Cells, compartments: Cells = 1
 ) -> Mesh:
     """Make a closed tube pressed flat into z = 0: two strips that share their edges.
 
@@ -31,7 +29,6 @@ def flat_tube(
     the inlet, and the closed line between one and the next, "ring 1" and so on.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         length: of the tube [m], along x.
         diameter: d of the tube when it is round [m].
         cells: edges of triangles across, at least 1, rounded to an even number of at least 2.
@@ -40,23 +37,12 @@ def flat_tube(
     Raises:
         InputError: a length is not positive, or there are no cells or compartments.
     """
-    require_lengths("flat_tube", length=length, diameter=diameter)
-    require_counts("flat_tube", cells=cells, compartments=compartments)
     width = math.pi * diameter / 2
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
     across = 2 * max(round(cells / 2), 1)
     along = 2 * max(round(across * length / compartments / width / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both strips of `length` [m], name their groups and mesh them; in gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         size = width / across
         stations = range(compartments + 1)

@@ -8,22 +8,17 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order
 
 
 def capped_cylinder(
-    comm: MPI.Intracomm,
-    radius: float,
-    length: float,
-    around: int,
-    along: int,
-    order: int = 1,
+    comm: MPI.Intracomm, radius: float, length: float, around: int, along: int, order: int = 1
 ) -> Mesh:
     """Make a `cylinder` about the x axis that flat caps close, group "caps".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius, length: [m].
         around, along: edges of triangles around, a multiple of four, and along the wall.
         order: 1 for plane triangles, 2 for curved ones.
@@ -34,13 +29,14 @@ def capped_cylinder(
     return cylinder(comm, radius, length, around, along, order, capped=True)
 
 
+@check_arguments
 def cylinder(
     comm: MPI.Intracomm,
-    radius: float,
-    length: float,
-    around: int,
-    along: int,
-    order: int = 1,
+    radius: Length,
+    length: Length,
+    around: Cells,
+    along: Cells,
+    order: Order = 1,
     capped: bool = False,
 ) -> Mesh:
     """Make a cylinder about the x axis from x = 0 to `length`.
@@ -55,7 +51,6 @@ def cylinder(
     these lines begin.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius, length: [m].
         around: edges of triangles around, at least 1, rounded to a multiple of four of at least 4.
         along: edges along the wall, at least 1.
@@ -65,24 +60,9 @@ def cylinder(
     Raises:
         InputError: a length is not positive, there are no edges, or the order is another one.
     """
-    require_lengths("cylinder", radius=radius, length=length)
-    require_counts("cylinder", around=around, along=along)
-    require_order("cylinder", order)
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:
-        """Draw walls and caps of a cylinder of `radius` and `length` [m], name its groups and mesh
-        it.
-
-        In gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         axes = ((0, 1), (1, 0), (0, -1), (-1, 0))
         arcs = []

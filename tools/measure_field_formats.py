@@ -25,7 +25,7 @@ from dolfinx import has_adios2, io
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
 

@@ -1,4 +1,4 @@
-"""The antenna of `demos/antenna_pendulum.py`, whose film multipliers tie to the booms: its first
+"""The antenna of the demo `antenna_pendulum`, whose film multipliers tie to the booms: its first
 `steps` steps."""
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
-from demos.antenna_pendulum import build
+from demos.antennas.antenna_pendulum import build
 
 case = words({"cells": 20, "steps": 3, "dt": 5e-3})
 watch = Stopwatch()

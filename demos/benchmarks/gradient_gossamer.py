@@ -15,7 +15,7 @@ from mpi4py import MPI
 from stopwatch import show
 
 import gossamer_fx as gx
-from demos.spinning_sheet import throw
+from demos.films.spinning_sheet import throw
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet

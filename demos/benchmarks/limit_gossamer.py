@@ -18,7 +18,7 @@ from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
-from demos.spinning_sheet import build
+from demos.films.spinning_sheet import build
 
 
 def seconds(action: Callable[[], object], times: int = 15) -> float:

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
-from demos.spinning_sheet import throw
+from demos.films.spinning_sheet import throw
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers import factorisation

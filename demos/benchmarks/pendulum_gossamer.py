@@ -1,4 +1,4 @@
-"""The pendulum of `demos/antenna_pendulum.py`."""
+"""The pendulum of the demo `antenna_pendulum`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
-from demos.antenna_pendulum import build
+from demos.antennas.antenna_pendulum import build
 
 case = words({"n": 6, "elements": 12, "order": 2, "dt": 1e-2, "until": 2.0})
 watch = Stopwatch()

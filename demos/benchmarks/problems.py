@@ -201,7 +201,7 @@ PROBLEMS = {
         script="sheet",
     ),
     "tube": Problem(
-        title="Tube of demos/inflate_tube.py, its first 20 steps of 1e-4 s",
+        title="Tube of the demo inflate_tube, its first 20 steps of 1e-4 s",
         cost=lambda r: r["cpu"] / r["steps"],
         unit="s CPU per step",
         cases=alone("cells", (10, 20, 40), steps=20),
@@ -210,7 +210,7 @@ PROBLEMS = {
     ),
     "antenna": Problem(
         title=(
-            "Antenna of demos/antenna_pendulum.py, tied by multipliers, its first 3 steps of 5e-3 s"
+            "Antenna of the demo antenna_pendulum, tied by multipliers, its first 3 steps of 5e-3 s"
         ),
         cost=lambda r: r["cpu"] / r["steps"],
         unit="s CPU per step",

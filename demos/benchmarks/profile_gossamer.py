@@ -16,7 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from stopwatch import Stopwatch, show
 
-from demos.spinning_sheet import build
+from demos.films.spinning_sheet import build
 from gossamer_fx.solve.solvers.coarse_space import CoarseSpace
 
 

@@ -1,4 +1,4 @@
-"""The free sheet of `demos/spinning_sheet.py`, of which the first steps are made."""
+"""The free sheet of the demo `spinning_sheet`, of which the first steps are made."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
-from demos.spinning_sheet import throw
+from demos.films.spinning_sheet import throw
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.system.totals import relative_drift
 

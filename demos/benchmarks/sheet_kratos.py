@@ -1,4 +1,4 @@
-"""The free sheet of `demos/spinning_sheet.py` in Kratos: membrane triangles, Bossak's scheme, full
+"""The free sheet of the demo `spinning_sheet` in Kratos: membrane triangles, Bossak's scheme, full
 Newton."""
 
 from __future__ import annotations

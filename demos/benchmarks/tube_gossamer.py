@@ -1,4 +1,4 @@
-"""The tube of `demos/inflate_tube.py`: its first `steps` steps."""
+"""The tube of the demo `inflate_tube`: its first `steps` steps."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
-from demos.inflate_tube import build
+from demos.inflatables.inflate_tube import build
 
 case = words({"cells": 14, "steps": 20, "dt": 1e-4})
 watch = Stopwatch()

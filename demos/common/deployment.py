@@ -1,32 +1,42 @@
-"""Shared by the deployment demos: run a case, collect and print the figures of the run, write
-curves."""
+"""Shared by the demos: run a case, collect the figures of the run, and print them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import Output, Probe
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-# Prefix of the figures that `dissipation` returns for the single parts of a scene.
-DISSIPATED_BY = "dissipated by "
+# Units of the figures of deployments by the beginnings of their names; the longest one counts.
+UNITS = {
+    **dict.fromkeys(("energy", "dissipated", "to_be_lost", "fold_energy", "crease"), "J"),
+    **dict.fromkeys(("time", "when", "opened", "halfway", "arrived"), "s"),
+    **dict.fromkeys(("radius", "largest_radius", "smallest_radius", "released_radius"), "m"),
+    **dict.fromkeys(("span", "reach", "tip_distance", "farthest", "moved"), "m"),
+    "spin": "rad/s",
+    "crease_angle": "relative",
+    "pressure": "Pa",
+    "tip_speed": "m/s",
+    "nutation": "deg",
+}
 
 
 def run_case(
     case: gx.Case,
-    output: str | Path | None,
-    name: str,
-    fractions: Sequence[float],
-    view: gx.plot.View,
+    output: str | Path | None = None,
+    name: str = "",
+    fractions: Sequence[float] = (),
+    view: gx.plot.View | None = None,
+    stepper: Any = None,
 ) -> tuple[gx.Simulation, gx.Series]:
     """Run a case to its end; returns the run and the values of its probes.
 
@@ -34,17 +44,20 @@ def run_case(
         case: the case.
         output: folder for the recording and the picture; None: nothing is written.
         name: of the picture, without its suffix.
-        fractions: times of the picture, as fractions of the case's duration.
+        fractions: times of the picture, as fractions of the case's duration; none: no picture.
         view: from which the picture is drawn.
+        stepper: instead of the case's.
     """
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         folder = Path(output)
-        times = [fraction * case.until for fraction in fractions]
-        picture = gx.plot.Picture(folder / f"{name}.png", times, title=case.title, view=view)
-        outputs += [case.recording(folder, overwrite=True), picture]
-    run = case.simulation(outputs)
+        outputs.append(case.recording(folder, overwrite=True))
+        if fractions:
+            times = [fraction * case.until for fraction in fractions]
+            look = {} if view is None else {"view": view}
+            outputs.append(gx.plot.Picture(folder / f"{name}.png", times, title=case.title, **look))
+    run = replace(case, stepper=stepper or case.stepper).simulation(outputs)
     run.run(until=case.until)
     return run, series
 
@@ -74,24 +87,29 @@ def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
     }
 
 
+def effort(run: gx.Simulation) -> dict[str, float]:
+    """Error of the energy balance with its sign, Newton iterations per step, rejected steps
+    (substeps), unknowns (dofs) and wall time [s] of a run."""
+    return {
+        "energy_error": run.energy_error,
+        "newton_per_step": run.iterations / run.step,
+        "substeps": run.substeps,
+        "dofs": run.system.numbering.size,
+        "seconds": run.seconds,
+    }
+
+
 def dissipation(run: gx.Simulation) -> dict[str, float]:
     """Energy that a run has dissipated [J]: in all, and by each part of the scene that
     dissipates."""
-    by_part = {f"{DISSIPATED_BY}{name}": loss for name, loss in run.totals.losses.items()}
+    by_part = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **by_part}
 
 
-def dissipation_by_part(figures: Mapping[str, float]) -> str:
-    """The figures of `dissipation` of each part as text in parentheses, e.g. " (3 J by
-    friction)"."""
-    parts = [
-        f"{loss:.3g} J by {name.removeprefix(DISSIPATED_BY)}"
-        for name, loss in figures.items()
-        if name.startswith(DISSIPATED_BY)
-    ]
-    if not parts:
-        return ""
-    return f" ({', '.join(parts)})"
+def smooth(share: float) -> float:
+    """From 0 to 1 with a share from 0 to 1, without a jerk at its ends."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3 - 2 * share)
 
 
 def fold_angles(creases: Sequence[gx.connectors.Crease]) -> dict[str, Probe]:
@@ -146,34 +164,34 @@ def first_time(time: Array, values: Array, limit: float) -> float:
     return float(time[reached[0]])
 
 
-def print_run_figures(
-    figures: Mapping[str, float], conserved: str, error: str, obstacle: str = "the film"
+def print_figures(
+    figures: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})
 ) -> None:
-    """Print the figures of `run_figures` and the error of a second conserved quantity.
+    """Print figures, one a line, on the first rank; arrays are left out.
 
     Args:
-        figures: of the run.
-        conserved: name of the second quantity, e.g. "angular momentum".
-        error: name of its error among the figures.
-        obstacle: what edges may intersect.
+        figures: by their names.
+        units: of figures whose names do not state them, by the beginnings of their names, e.g.
+            `UNITS`.
     """
-    print(f"Edges that intersect {obstacle} in any step: {figures['penetrations']:.0f}.")
-    print(
-        f"Energy closes to {figures['energy_error']:.0e}, {conserved} to {figures[error]:.0e}; "
-        f"{figures['steps']:.0f} steps, {figures['iterations']:.1f} iterations each, "
-        f"{figures['rejected']:.0f} rejected, {figures['seconds']:.0f} s."
-    )
+    if MPI.COMM_WORLD.rank:
+        return
+    for name, value in figures.items():
+        if isinstance(value, str):
+            print(f"{name:48} {value}")
+        elif np.isscalar(value):
+            print(f"{_with_unit(name, units):48} {value:.6g}")
+
+
+def _with_unit(name: str, units: Mapping[str, str]) -> str:
+    """The words of a key, with the unit of the longest beginning that it has."""
+    words = name.replace("_", " ")
+    beginnings = [beginning for beginning in units if name.startswith(beginning)]
+    if not beginnings or name.endswith(("]", "_error", "_drift")):
+        return words
+    return f"{words} [{units[max(beginnings, key=len)]}]"
 
 
 def square_millimetres(area: Probe) -> Probe:
     """The probe of an area [m²] in mm²."""
     return lambda run: 1e6 * area(run)
-
-
-def write_figure(figure: Figure, title: str, path: Path) -> None:
-    """Write a figure of curves with a title as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure.suptitle(title)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(str(path))

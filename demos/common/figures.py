@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,25 +22,54 @@ GREY = "#7a7a7a"
 
 def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
     """An empty figure of a size in inches, of a hundred pixels each."""
-    return Figure(
-        figsize=(width, height),
-        dpi=100,
-        facecolor="white",
-        layout="constrained",
-    )
+    return Figure(figsize=(width, height), dpi=100, facecolor="white", layout="constrained")
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; missing folders are made."""
+def save(figure: Figure, path: Path, title: str = "") -> None:
+    """Write a figure as PNG, with a title if one is given; missing folders are made."""
+    if title:
+        figure.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
 
+def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:
+    """Label the axes of curves, with a grid, and a legend if a curve has a label.
+
+    Args:
+        axes: of the curves.
+        xlabel, ylabel: quantities and units.
+        legend: further arguments of the legend, e.g. its place.
+    """
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**{"frameon": False, "fontsize": 8, **legend})
+
+
 def triangles(system: Any, film: gx.Membrane) -> Array:
-    """Present positions (n, 3, 3) [m] of the corners of a film's triangles on this rank."""
-    x = system.state[film].local_positions()
-    corners: Array = x[film.space.dofmap.list[:, :3]]
+    """Present positions (n, 3, 3) [m] of the corners of the triangles that this rank owns."""
+    return corners_at(film, system.state[film].local_positions())
+
+
+def corners_at(film: gx.Membrane, positions: Array) -> Array:
+    """Corners (n, 3, 3) [m] of the triangles that this rank owns, for positions of the nodes (owned
+    and ghost)."""
+    owned = film.space.mesh.topology.index_map(2).size_local
+    corners: Array = positions[film.space.dofmap.list[:owned, :3]]
     return corners
+
+
+def flat_triangles(film: gx.Membrane) -> Array:
+    """Corners (n, 3, 3) [m], in the mesh, of the triangles that this rank owns."""
+    return corners_at(film, film.space.tabulate_dof_coordinates())
+
+
+def area_vectors(corners: Array) -> Array:
+    """Area vectors (n, 3) [m²] of triangles (n, 3, 3) [m]."""
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    return np.asarray(np.cross(first, second) / 2)
 
 
 def petals_of(
@@ -134,3 +163,21 @@ def draw_film(
         axes.set_box_aspect(extent, zoom=zoom)
     axes.view_init(elev=view[0], azim=view[1])
     axes.set_axis_off()
+
+
+def draw_films(
+    shapes: Mapping[str, Array], path: Path, view: tuple[float, float], height: float = 3.2
+) -> None:
+    """Write a picture of films (n, 3, 3) [m] side by side, each with its title."""
+    figure = new_figure(10.5, height)
+    for place, (title, corners) in enumerate(shapes.items(), start=1):
+        axes = figure.add_subplot(1, len(shapes), place, projection="3d")
+        draw_film(axes, corners, view=view)
+        axes.set_title(title, fontsize=10)
+    save(figure, path)
+
+
+def arrow_of_flight(axes: Any, start: float, length: float) -> None:
+    """An arrow along x in axes of space, from a point of the x axis [m]."""
+    axes.quiver(start, 0, 0, length, 0, 0, color=RED, lw=2)
+    axes.text(start + length / 2, 0, 0.35, "flight", color=RED, ha="center")

@@ -7,7 +7,6 @@ deviations: worse specimens do not pass the inspection.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
@@ -31,33 +30,14 @@ class Scatter:
     Attributes:
         fold_position: of each fold along the tube [m].
         fold_angle: of each fold [rad].
-        diameter: of the tube, over its nominal value.
-        thickness: of the film of each panel, over its nominal value.
+        diameter: of the tube, over its nominal value; below 1/`LARGEST`.
+        thickness: of the film of each panel, over its nominal value; below 1/`LARGEST`.
     """
 
     fold_position: float = 0.0
     fold_angle: float = 0.0
     diameter: float = 0.0
     thickness: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse standard deviations that cannot be.
-
-        Raises:
-            InputError: one is negative or not finite, or sizes could become zero.
-        """
-        for name in ("fold_position", "fold_angle", "diameter", "thickness"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value >= 0,
-                f"Scatter: {name} is {value!r}; give zero or a positive number.",
-            )
-        for name in ("diameter", "thickness"):
-            value = getattr(self, name)
-            check(
-                LARGEST * value < 1,
-                f"Scatter: {name} is {value!r} of the nominal value; stay below {1 / LARGEST:g}.",
-            )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Choking of folded tubes: how much the folds hold gas back, and what decides it.
 
-The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank;
+The tube of the demo `folded_tube` (0.25 m, three compartments, two folds) is filled from its tank;
 one thing is changed at a time:
 
     sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the
@@ -28,7 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.folded_tube import OPEN, build
+from demos.inflatables.folded_tube import OPEN, build
 from demos.studies.engine.study import Result, Study
 
 # End of a run [s], and diameter of the round tube of the demo [m].
@@ -36,7 +36,7 @@ UNTIL = 12e-3
 DIAMETER = 0.03
 # Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
-# Arguments of `demos.folded_tube.build` for each case.
+# Arguments of `demos.inflatables.folded_tube.build` for each case.
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
     "lift 0.3": {"lift": 3e-4},

@@ -1,6 +1,6 @@
 """Convergence of a deployment: the folded tube on three meshes with three steps.
 
-The tube of `demos/folded_tube.py`, 0.25 m, three compartments, to 12 ms with equal steps.  What is
+The tube of the demo `folded_tube`, 0.25 m, three compartments, to 12 ms with equal steps.  What is
 compared is what a designer asks: when the rings open, the pressures, how fast the tip moves, and
 where it is.  Motion of folded film is chaotic: round-off grows by contact and by wrinkles, and so
 do errors.  A row is therefore also computed with the tank's pressure changed by 1e-9 of itself
@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import run_figures
-from demos.folded_tube import build, opening_times
+from demos.inflatables.folded_tube import build, opening_times
 from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
 

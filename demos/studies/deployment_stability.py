@@ -1,8 +1,8 @@
 """Which disturbances a spin deployment survives: a disc and IKAROS' sail, tilted, off their axis,
 or stuck.
 
-A case is a list of arguments of `demos/spin_deployment.py`, e.g. "tilt=2 stuck=0.02"; "ordinary" is
-the demo itself. Cases that begin with "ikaros" have arguments of `demos/ikaros.py`.  The tilt is
+A case is a list of arguments of the demo `spin_deployment`, e.g. "tilt=2 stuck=0.02"; "ordinary" is
+the demo itself. Cases that begin with "ikaros" have arguments of the demo `ikaros`.  The tilt is
 that of the spin against the axis of the hub [deg].  The roll is a long body, so that its angular
 momentum leans more: the column nutation_at_start [deg] tells by how much.
 
@@ -35,7 +35,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from demos import ikaros, spin_deployment
+from demos.sails import ikaros, spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE
 from demos.studies.engine.study import Result, Study
 

@@ -18,8 +18,8 @@ The measure of the memory is the energy of all folds over that which drives the 
 
 with the kinetic energy at the start (disc), or pressure times volume of the tank (tube), as H.
 
-A case is a sail, "disc" or "tube", with arguments of `demos/spin_deployment.py` or
-`demos/folded_tube.py`; without arguments it has no creases.  The disc is open when the mean radius
+A case is a sail, "disc" or "tube", with arguments of the demo `spin_deployment` or
+the demo `folded_tube`; without arguments it has no creases.  The disc is open when the mean radius
 of its tips is `spin_deployment.OPEN` of that of the flat disc, the tube when its tip is
 `folded_tube.ARRIVED` of its length from the clamp.  "Halfway" is the time at which the tip is
 `folded_tube.HALFWAY` of the length from the clamp.  Against the case without creases the memory
@@ -41,7 +41,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from demos import folded_tube, spin_deployment
+from demos.inflatables import folded_tube
+from demos.sails import spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE
 from demos.studies.engine.study import Result, Study
 

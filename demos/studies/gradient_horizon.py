@@ -14,8 +14,8 @@ The maximum is there since a result may pass through a time at which its derivat
     damped tube     enclosed volume             pressure of the tank
     disc            mean radius of the tips     spin at the start
 
-They are the scenes of `demos/folded_tube.py`, without and with viscosity of the film, and of
-`demos/spin_deployment.py`, which has some.  They have what a gradient needs: a contact of given
+They are the scenes of the demo `folded_tube`, without and with viscosity of the film, and of
+the demo `spin_deployment`, which has some.  They have what a gradient needs: a contact of given
 stiffness, steps of equal length, and a valve that is open at the start.  The steps are so short
 that none is rejected: a step that is solved in two halves in one of two runs parts them by itself.
 
@@ -36,7 +36,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import folded_tube, spin_deployment
+from demos.inflatables import folded_tube
+from demos.sails import spin_deployment
 from demos.studies.engine.study import Result, Study
 from gossamer_fx.analysis.sensitivity.transient import GROWTH_TO_WARN_OF
 from gossamer_fx.core.model.body import Array
@@ -52,7 +53,7 @@ FRAMES = 12
 TUBE_CONTACT = 5e8
 DISC_CONTACT = 2e7
 
-# Viscosity of the film over its stiffness [s], as in `demos/opening_time.py`.
+# Viscosity of the film over its stiffness [s], as in the demo `opening_time`.
 TUBE_DAMPING = 2e-5
 
 TUBE_PRESSURE = 1.5e6  # of the tank [Pa]

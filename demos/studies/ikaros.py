@@ -1,4 +1,4 @@
-"""Convergence of stage 2 of `demos/ikaros.py`: folds every 0.64 and 0.32 m with three steps.
+"""Convergence of stage 2 of the demo `ikaros`: folds every 0.64 and 0.32 m with three steps.
 
 Compared is what a designer asks: when the middles of the edges are 6 m out, how far the tips come,
 and the spins of hub and sail.  Folds are where the mesh has them, so the finer sail has twice as
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from demos.ikaros import main
+from demos.sails.ikaros import main
 from demos.studies.engine.deployments import LEDGER
 from demos.studies.engine.study import Study
 

@@ -37,7 +37,7 @@ from scipy.special import ellipk
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.mechanics.orbit.elements import elements_of
-from gossamer_fx.mechanics.orbit.gravity_field import J2, MU, RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
 
 # Semi-major axis [m] of all orbits: 620 km above the Earth.
 A = 7e6

@@ -1,4 +1,4 @@
-"""Reduced models of the spinning sail of `demos/reduced_sail.py`: error against run time, modes and
+"""Reduced models of the spinning sail of the demo `reduced_sail`: error against run time, modes and
 sampled cells.
 
 The sail has 16 × 16 × 2 triangles and 909 unknowns with hub and masses.  Two flights of two turns
@@ -29,7 +29,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.reduced_sail import CENTRE, SPIN, bowl, film, flight, saddle, steady, tilted
+from demos.methods.reduced_sail import CENTRE, SPIN, bowl, film, flight, saddle, steady, tilted
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.reduction.basis import mass_times
 from gossamer_fx.core.algebra.rotations import rotations

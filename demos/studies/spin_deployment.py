@@ -1,4 +1,4 @@
-"""Convergence of the spin deployment of `demos/spin_deployment.py`: two meshes with three steps.
+"""Convergence of the spin deployment of the demo `spin_deployment`: two meshes with three steps.
 
 Compared is what a designer asks: how far the tips come and when, and the spins of hub and sail at
 240 ms, when the film is straight.  Folded film moves chaotically, so a row is also computed with
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from demos.spin_deployment import main
+from demos.sails.spin_deployment import main
 from demos.studies.engine.deployments import LEDGER, STARTS, nudged
 from demos.studies.engine.study import Study
 

@@ -1,4 +1,4 @@
-"""Convergence of `demos/sprout.py`: two tubes of 0.6 m in V that unfold a film, on three meshes
+"""Convergence of the demo `sprout`: two tubes of 0.6 m in V that unfold a film, on three meshes
 with three steps.
 
 Compared is what a designer asks: how far apart the tips are at 120 ms and how far in front of the
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from demos.sprout import main
+from demos.inflatables.sprout import main
 from demos.studies.engine.deployments import LEDGER, STARTS, nudged
 from demos.studies.engine.study import Study
 

@@ -1,6 +1,6 @@
 """IKAROS as built: how the steady shape and the spin depend on tapes, devices and creases.
 
-Every row is an equilibrium of `demos/ikaros_devices.py` that differs from the sail "as built" in
+Every row is an equilibrium of the demo `ikaros_devices` that differs from the sail "as built" in
 one thing.  What follows from its shape: flatness, slack tethers, the spin that is left of that of
 the flat sail, and the windmill torque of sunlight.  In flight the sail was flat and taut, some
 tethers were slack at the normal spin, and the torque was -2.7e-5 N m (docs/measured.md).
@@ -13,9 +13,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from demos.ikaros_devices import Build, figures, steady
+from demos.orbit.windmill import FLIGHT
+from demos.sails.ikaros_devices import Build, figures, steady
 from demos.studies.engine.study import Result, Study
-from demos.windmill import FLIGHT
 
 AS_BUILT = "as built"
 # What differs from the sail as built.

@@ -22,8 +22,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.antenna_attitude import antenna
-from demos.spinning_sheet import throw
+from demos.antennas.antenna_attitude import antenna
+from demos.films.spinning_sheet import throw
 from demos.studies.engine.study import Measure, Study, Trial
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import EDGES, sheet

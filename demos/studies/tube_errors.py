@@ -1,6 +1,6 @@
 """How manufacturing errors change the bending stiffness of a deployed tube.
 
-The tube of `demos/folded_tube.py` with three panels, round and straight under 8 kPa, is bent by a
+The tube of the demo `folded_tube` with three panels, round and straight under 8 kPa, is bent by a
 small force at its tip (demos/common/tube_bending.py).  Specimens have errors of one kind, or of all
 kinds, with the standard deviations `folded_tube.SCATTER`.  The closed form of a specimen is
 
@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 from demos.common.manufacturing import Scatter, draw_specimen
 from demos.common.tube_bending import bent_tube, straight_stiffness
-from demos.folded_tube import SCATTER
+from demos.inflatables.folded_tube import SCATTER
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.presets.films import KAPTON_HN
 

@@ -1,4 +1,4 @@
-"""The yo-yo of `demos/yo_yo.py`: error of the hub's spin over the cells of a cord and the steps.
+"""The yo-yo of the demo `yo_yo`: error of the hub's spin over the cells of a cord and the steps.
 
 The closed form has cords without mass that do not stretch and leave the cylinder along its tangent;
 here they are polygons with mass, so that an error remains.  It is over the first spin, until half
@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
+from demos.sails.yo_yo import main
 from demos.studies.engine.study import Measure, Study
-from demos.yo_yo import main
 
 
 def problem(comm: MPI.Comm, h: float, cells: int) -> dict[str, float]:

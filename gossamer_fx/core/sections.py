@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass, fields
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 
 __all__ = ["Section", "rectangle", "solid_circle", "tube"]
+
+Length = Annotated[float, positive("m")]
+Modulus = Annotated[float, positive("Pa")]
+Density = Annotated[float, positive("kg/m³")]
+PoissonsRatio = Annotated[float, Range(-1.0, 0.5, above=True)]
 
 
 @check_arguments
@@ -40,59 +46,23 @@ class Section:
     """
 
     _: KW_ONLY
-    EA: float
-    GA2: float
-    GA3: float
-    EI2: float
-    EI3: float
-    GJ: float
-    line_density: float
-    rotary2: float
-    rotary3: float
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"Section: {field.name} is {value!r}; give a positive number.",
-            )
-
-
-def _positive(section: str, **numbers: float) -> None:
-    """Raise `InputError` unless all numbers of a section are positive; names the first that is
-    not."""
-    for name, value in numbers.items():
-        check(
-            math.isfinite(value) and value > 0,
-            f"{section}: {name} is {value!r}; give a positive number.",
-        )
+    EA: Annotated[float, positive("N")]
+    GA2: Annotated[float, positive("N")]
+    GA3: Annotated[float, positive("N")]
+    EI2: Annotated[float, positive("N m²")]
+    EI3: Annotated[float, positive("N m²")]
+    GJ: Annotated[float, positive("N m²")]
+    line_density: Annotated[float, positive("kg/m")]
+    rotary2: Annotated[float, positive("kg m")]
+    rotary3: Annotated[float, positive("kg m")]
 
 
 def _of_shape(
-    E: float,
-    nu: float,
-    density: float,
-    A: float,
-    I2: float,
-    I3: float,
-    J: float,
-    k: float,
+    E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
 ) -> Section:
-    """Stiffness and inertia of a beam's section of a given shape and isotropic material.
-
-    Args:
-        E: Young's modulus [Pa].
-        density: [kg/m³].
-        A: area [m²].
-        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the principal axes d2 and d3.
-        J: torsion constant [m⁴].
-
-    Raises:
-        InputError: nu is not in (-1, 0.5], or a stiffness is not positive.
-    """
-    check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
+    """Section of isotropic material with the area A [m²], the second moments I2 = ∫X2² dA and I3
+    along the principal axes d2 and d3 [m⁴], the torsion constant J [m⁴] and the shear coefficient
+    k."""
     G = E / (2 * (1 + nu))
     return Section(
         EA=E * A,
@@ -108,33 +78,23 @@ def _of_shape(
 
 
 @check_arguments
-def solid_circle(
-    radius: float,
-    *,
-    E: float,
-    nu: float,
-    density: float,
-) -> Section:
+def solid_circle(radius: Length, *, E: Modulus, nu: PoissonsRatio, density: Density) -> Section:
     """Circular section; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335).
 
     Args:
         radius: [m].
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: a value is not positive, or nu is not in (-1, 0.5].
+        InputError: a value is not positive, or nu is out of range.
 
     Example:
         >>> section = gx.sections.solid_circle(0.01, E=70e9, nu=0.33, density=2700.0)
         >>> round(section.line_density, 3)
         0.848
     """
-    _positive("solid_circle", radius=radius, E=E, density=density)
     second = math.pi * radius**4 / 4
     k = 6 * (1 + nu) / (7 + 6 * nu)
     return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
@@ -142,12 +102,7 @@ def solid_circle(
 
 @check_arguments
 def tube(
-    outer_radius: float,
-    wall_thickness: float,
-    *,
-    E: float,
-    nu: float,
-    density: float,
+    outer_radius: Length, wall_thickness: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:
     """Section of a circular tube.
 
@@ -156,30 +111,24 @@ def tube(
 
     Args:
         outer_radius: [m].
-        wall_thickness: [m].
+        wall_thickness: [m], at most the radius.
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: the wall is thicker than the radius, a value is not positive, or nu is not in
-            (-1, 0.5].
+        InputError: a value is not positive, or out of range.
 
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
         >>> round(section.line_density, 4)
         0.0968
     """
-    _positive(
-        "tube", outer_radius=outer_radius, wall_thickness=wall_thickness, E=E, density=density
-    )
     check(
         wall_thickness < outer_radius,
-        f"tube: wall_thickness is {wall_thickness!r} m, not less than the outer radius of "
-        f"{outer_radius!r} m; use solid_circle for a solid section.",
+        f"tube: wall_thickness is {wall_thickness!r} m, "
+        f"not less than the outer radius of {outer_radius!r} m; "
+        "use solid_circle for a solid section.",
     )
     inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)
@@ -191,12 +140,7 @@ def tube(
 
 @check_arguments
 def rectangle(
-    width2: float,
-    width3: float,
-    *,
-    E: float,
-    nu: float,
-    density: float,
+    width2: Length, width3: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
@@ -207,21 +151,17 @@ def rectangle(
         width2: along d2 [m].
         width3: along d3 [m].
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: a value is not positive, or nu is not in (-1, 0.5].
+        InputError: a value is not positive, or nu is out of range.
 
     Example:
         >>> section = gx.sections.rectangle(0.02, 0.01, E=70e9, nu=0.33, density=2700.0)
         >>> round(section.EA)
         14000000
     """
-    _positive("rectangle", width2=width2, width3=width3, E=E, density=density)
     a, b = max(width2, width3), min(width2, width3)
     series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 100, 2))
     J = a * b**3 * (1 / 3 - 64 * b / (math.pi**5 * a) * series)

@@ -155,11 +155,11 @@ class StateView(Protocol):
 
     @property
     def chambers(self) -> Mapping[str, Any]:
-        """State of the gas in each chamber and tank by name, see `gas.state.ChamberState`."""
+        """State of the gas in each chamber and tank by name, see `gas.contract.ChamberState`."""
         ...
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber, see `gas.state.ChamberState`.
+        """State of the gas in one chamber, see `gas.contract.ChamberState`.
 
         Raises:
             InputError: the scene has no chamber of this name.

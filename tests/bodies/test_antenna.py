@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from demos import antenna_attitude, antenna_free, antenna_pendulum
+from demos.antennas import antenna_attitude, antenna_free, antenna_pendulum
 
 
 def test_free_antenna_conserves() -> None:

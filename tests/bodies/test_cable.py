@@ -176,3 +176,12 @@ def test_tension_only_cable_goes_slack() -> None:
     run.run(until=2.05)  # it has passed through itself and is taut again
     assert abs(run.energy_error) < 1e-10
     assert run.totals.stored["cable"] > 0
+
+
+@pytest.mark.mpi
+def test_prestress_that_a_cable_cannot_have(comm):
+    mesh = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
+    with pytest.raises(gx.InputError, match="initial_tension is -5 N"):
+        gx.Cable(mesh, gx.TensionOnly(1e3, 0.01), initial_tension=-5.0)
+    with pytest.raises(gx.InputError, match="length_factor and prestress are both given"):
+        gx.Cable(mesh, gx.CableLaw(1e3, 0.01), initial_tension=5.0, length_factor=0.9)

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import antenna_free
+from demos.antennas import antenna_free
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import film as contact_film
 from tests.rates import observed_order

@@ -97,3 +97,10 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
     ends = after.system.state.vectors([corner, hub.port()])
     # The corner is 0.2 m and 0.5 m from the centre of the hub.
     assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(np.hypot(0.2, 0.5), rel=1e-9)
+
+
+def test_two_starts_are_refused(comm):
+    mass = gx.PointMass(1.0, comm=comm)
+    system = gx.Scene(mass).compile()
+    with pytest.raises(gx.InputError, match="several StartFrom"):
+        gx.Scene(mass, gx.StartFrom(system, name="first"), gx.StartFrom(system, name="second"))

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from demos import ikaros, swing_damper
+from demos.design import swing_damper
+from demos.sails import ikaros
 
 PITCH = 0.64
 UNTIL = 3.0

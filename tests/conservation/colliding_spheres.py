@@ -12,32 +12,22 @@ from scipy.spatial import cKDTree
 
 from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.roles import (
-    ActiveSet,
-    Forces,
-    HistoryVariables,
-    StateObserver,
-    StepCheck,
-    StoredEnergies,
-)
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.connectors.spring import LengthSpring, half_distance_squared
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    ActiveSet,
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    HistoryVariables,
+)
 from gossamer_fx.mechanics.terms.point_energies import Stencil
 
 Pairs = frozenset[tuple[int, int]]
 
 
-class Collisions(
-    ActiveSet,
-    StateObserver,
-    StepCheck,
-    Forces,
-    StoredEnergies,
-    HistoryVariables,
-    CompiledTerms["CollidingSpheres"],
-):
+class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"]):
     """Pairs of spheres that may touch in the step, as one stencil.
 
     Before a step they are those within reach at the present speeds; those that its end shows to be
@@ -67,7 +57,7 @@ class Collisions(
             side=-1,
         )
         self.pairs = pairs
-        self._stencil = Stencil(at, density, False, self._system.rule.alpha)
+        self._stencil = Stencil(at, density, False, self._system.rule)
         self._gather = Gather(self._system.numbering, [at.indices])
         self.commit()
 
@@ -91,9 +81,6 @@ class Collisions(
             self._take(self.pairs | missed)
             self.widened += 1
         return bool(missed)
-
-    def limit_update(self, update: Array) -> None:
-        """Spheres may go as far as they like in an iteration."""
 
     def inadmissible(self) -> str:
         # Centres nearer than a tenth of the contact distance: the next step would let them pass.

@@ -18,7 +18,6 @@ from demos.studies.crease import folded
 from demos.studies.thrown_crease import thrown
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.sensitivity.variables import AdjointFields, Variable, find_variables
-from gossamer_fx.core.model import roles
 from gossamer_fx.extend import PointLoad
 from meshes.creased_strip import creased_strip
 from meshes.line import line
@@ -773,7 +772,7 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
 def _irreversible_product(system, δq0: PETSc.Vec, δv0: PETSc.Vec) -> PETSc.Vec:
     """∂f/∂q0 δq0 + ∂f/∂v0 δv0 of forces that differ in the reversed step, entry by entry."""
     found, unit, by_position, by_velocity = (system.numbering.vector() for _ in range(4))
-    kinds = roles.playing(roles.StartDerivatives, system.compiled)
+    kinds = [kind for kind in system.differentiable if not kind.reversible]
     if not kinds:
         return found
     first, last = found.getOwnershipRange()
@@ -783,16 +782,14 @@ def _irreversible_product(system, δq0: PETSc.Vec, δv0: PETSc.Vec) -> PETSc.Vec
         if first <= k < last:
             unit.array[k - first] = 1.0
         for kind in kinds:
-            if isinstance(kind, roles.HistoryAdjoint):
-                kind.start_adjoint()
+            kind.start_adjoint()
             kind.add_start_derivatives(unit, by_position, by_velocity)
         entry = by_position.dot(δq0) + by_velocity.dot(δv0)
         if first <= k < last:
             found.array[k - first] = entry
     # The sums of the last unit vector must not enter the step.
     for kind in kinds:
-        if isinstance(kind, roles.HistoryAdjoint):
-            kind.start_adjoint()
+        kind.start_adjoint()
     return found
 
 

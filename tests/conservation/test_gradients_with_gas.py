@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import opening_time
+from demos.design import opening_time
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import inflate_tube, spinning_sheet
+from demos.films import spinning_sheet
+from demos.inflatables import inflate_tube
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.outputs.output import Output

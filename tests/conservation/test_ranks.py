@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.inflate_tube import FILM, NITROGEN
-from demos.spinning_sheet import throw
+from demos.films.spinning_sheet import throw
+from demos.inflatables.inflate_tube import FILM, NITROGEN
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 

@@ -8,19 +8,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from demos import (
-    airbag_pressure,
-    film_friction,
-    fold_order,
-    folded_bag,
-    follower_pressure,
-    paper_crease,
-    quarter_sail,
-    resting_ring,
-    sail_table,
-    soft_finger,
-    uniform_pressure,
-)
+from demos.films import film_friction, fold_order, paper_crease, quarter_sail
+from demos.inflatables import airbag_pressure, folded_bag, resting_ring, soft_finger
+from demos.methods import follower_pressure, sail_table, uniform_pressure
 
 
 @pytest.mark.slow

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from gossamer_fx.app.cli.demo import demos_of
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -22,14 +24,14 @@ def generate(monkeypatch: pytest.MonkeyPatch):
 def test_every_demo_is_in_the_gallery_once_with_level_and_time(generate) -> None:
     listed = [demo for subject in generate.subjects() for demo in subject["demos"]]
     names = [demo["name"] for demo in listed]
-    assert len(names) == len(set(names)) == len(list((ROOT / "demos").glob("*.py")))
+    assert len(names) == len(set(names)) == len(demos_of(ROOT / "demos"))
     assert {demo["level"] for demo in listed} <= set(generate.LEVELS)
     assert {demo["time"] for demo in listed} <= {"seconds", "minutes", "hours"}
 
 
 def test_a_demo_that_is_not_listed_is_named(generate, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate, "demos", lambda: [("kite", "A kite", "")])
-    with pytest.raises(ValueError, match="kite"):
+    monkeypatch.setitem(generate.PROGRAMS, "kite", ROOT / "demos/sails/kite.py")
+    with pytest.raises(ValueError, match="sails/kite"):
         generate.subjects()
 
 

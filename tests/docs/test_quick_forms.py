@@ -15,12 +15,13 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import robust_tube
+from demos.design import robust_tube
+from gossamer_fx.app.cli.demo import demos_of
 
 ROOT = Path(gx.__file__).parent.parent
 STUDIES = sorted(path.stem for path in (ROOT / "demos/studies").glob("*.py") if path.stem[0] != "_")
 CASES = sorted(path.stem for path in (ROOT / "demos/validation/cases").glob("*.toml"))
-DEMOS = sorted(path.stem for path in (ROOT / "demos").glob("*.py"))
+DEMOS = list(demos_of(ROOT / "demos"))
 # Those that no test imports; their tests run the program itself.
 RUN_AS_PROGRAMS = {"pillow"}
 
@@ -83,8 +84,7 @@ def test_every_demo_is_run_by_a_test(name: str) -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
                 module = node.module or ""
-                if module == "demos":
-                    tested |= {alias.name for alias in node.names}
-                elif module.startswith("demos."):
-                    tested.add(module.split(".")[1])
+                if module.startswith("demos."):
+                    # from demos.sails import ikaros, or from demos.sails.ikaros import build
+                    tested |= {alias.name for alias in node.names} | set(module.split(".")[2:])
     assert name in tested

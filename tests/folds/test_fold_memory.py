@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import spin_deployment
 from demos.common.deployment import crease_figures, first_time
+from demos.sails import spin_deployment
 from demos.studies import fold_memory
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import ikaros, ikaros_swing
+from demos.sails import ikaros, ikaros_swing
 from gossamer_fx.meshes.sails import trapezoids
 
 RPM = ikaros.RPM

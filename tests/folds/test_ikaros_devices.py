@@ -11,9 +11,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import ikaros, ikaros_devices
-from demos.ikaros_devices import Build
-from demos.windmill import DISTANCE, OPTICS
+from demos.orbit.windmill import DISTANCE, OPTICS
+from demos.sails import ikaros, ikaros_devices
+from demos.sails.ikaros_devices import Build
 
 # Without bending an equilibrium takes less than a second.
 FILM_ONLY = Build(bends=False)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from demos import ikaros_stages
+from demos.sails import ikaros_stages
 
 
 @pytest.mark.mpi

@@ -184,7 +184,7 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
 def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     """The tube begins to open by what was left in it, against the air; the work of gravity and air
     is in the ledger."""
-    from demos import folded_tube
+    from demos.inflatables import folded_tube
 
     case = folded_tube.build(
         comm,
@@ -203,7 +203,7 @@ def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
 
 @pytest.mark.slow
 def test_the_demo(tmp_path) -> None:
-    from demos import folded_tube
+    from demos.inflatables import folded_tube
 
     found = folded_tube.main(tmp_path, until=4e-3)
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12
@@ -218,7 +218,7 @@ def test_the_demo(tmp_path) -> None:
 def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
     """Rings open, and pressures even out, as on one rank; round-off grows, so times agree to a part
     of the steps."""
-    from demos import folded_tube
+    from demos.inflatables import folded_tube
 
     found = folded_tube.main(comm=comm)
     print({name: float(f"{value:.6g}") for name, value in found.items()})

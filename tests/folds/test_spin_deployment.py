@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import spin_deployment
+from demos.sails import spin_deployment
 from gossamer_fx.solve.system.totals import relative_drift
 
 

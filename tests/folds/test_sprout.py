@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import sprout, sprout_deployed
+from demos.inflatables import sprout, sprout_deployed
 
 SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
@@ -116,7 +116,7 @@ def test_the_search_for_rest_starts_where_the_run_ended(comm) -> None:
 
 
 def test_a_direction_that_is_not_an_axis_is_refused() -> None:
-    with pytest.raises(gx.InputError, match="down is 'down'; give one of"):
+    with pytest.raises(gx.InputError, match="down is 'down'; give '-x' or"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")
 
 
@@ -180,8 +180,6 @@ def test_a_flat_root_is_a_hinge() -> None:
     flat.statics.find()
     exact = sprout_deployed.beam_frequency(flat.figure, sprout_deployed.FILM_THICKNESS)
     assert gx.analysis.modes(flat.statics, 1)[0].frequency < 0.01 * exact
-    with pytest.raises(gx.InputError, match="needs tubes with round ends"):
-        sprout_deployed.build(MPI.COMM_WORLD, round_ends=False)
 
 
 def test_a_run_ends_when_its_motion_has_settled() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import yo_yo
+from demos.sails import yo_yo
 
 
 def test_the_closed_form_keeps_energy_and_angular_momentum() -> None:

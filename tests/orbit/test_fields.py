@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.orbit.gravity_field import EGM_MU, EGM_RADIUS, egm2008, oblateness
-from gossamer_fx.mechanics.orbit.harmonics import SolidHarmonics
-from gossamer_fx.mechanics.orbit.magnetic_field import Igrf
+from gossamer_fx.mechanics.orbit.harmonics import (
+    EGM_MU,
+    EGM_RADIUS,
+    Igrf,
+    SolidHarmonics,
+    egm2008,
+    oblateness,
+)
 
 # Points [m], and accelerations [m/s²] by the maximum degree of the harmonics.
 PLACES = 1e6 * np.array([(7, 0, 0), (4, 3, 5), (-2.5, 5.5, -3.5)])

@@ -12,9 +12,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
-from gossamer_fx.mechanics.orbit.gravity_field import J2, MU, RADIUS
-from gossamer_fx.mechanics.orbit.mass_points import equivalent_points
+from gossamer_fx.mechanics.orbit.harmonics import J2, MU, RADIUS
 from gossamer_fx.mechanics.orbit.orbit import Orbit
+from gossamer_fx.mechanics.orbit.relative_gravity import equivalent_points
 from gossamer_fx.meshes.sheet import sheet
 
 # Semi-major axis [m] of a low orbit, its rate [rad/s] and period [s].

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from demos import deorbit, deorbit_balloon, orbit_sail, sail_eclipse, windmill
+from demos.orbit import deorbit, deorbit_balloon, orbit_sail, sail_eclipse, windmill
 from demos.studies import orbit
 
 

@@ -13,7 +13,6 @@ from dolfinx.mesh import locate_entities
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.model import roles
 from gossamer_fx.mechanics.orbit.radiation import (
     STEFAN_BOLTZMANN,
     advance,
@@ -21,7 +20,7 @@ from gossamer_fx.mechanics.orbit.radiation import (
     substeps,
     view_factor,
 )
-from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED
+from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED, HeatedFilms
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from tests.rates import observed_order
 
@@ -348,7 +347,7 @@ def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: 
 
 def temperatures_of(run: gx.Simulation) -> np.ndarray:
     """Temperatures [K] of this rank's triangles."""
-    (kind,) = roles.playing(roles.CellHistory, run.system.compiled)
+    (kind,) = [one for one in run.system.compiled if isinstance(one, HeatedFilms)]
     ((_, temperatures),) = kind.cell_history().values()
     return temperatures.copy()
 
@@ -391,7 +390,7 @@ def test_properties_that_make_no_sense_are_refused(arguments, words: str) -> Non
         ({"initial_temperature": -3.0}, "initial_temperature is -3.0 K"),
         ({"space_temperature": -3.0}, "space_temperature is -3.0 K"),
         ({"infrared": -3.0}, "infrared is -3.0 W/m²"),
-        ({"albedo": 2.0}, "albedo is 2.0; give 0 to 1"),
+        ({"albedo": 2.0}, "albedo is 2.0; give a number between 0 and 1"),
         ({"initial_temperature": None}, "give initial_temperature in K"),
         ({"shadow_pixels": -1}, "shadow_pixels is -1"),
     ],

@@ -9,16 +9,21 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.model.roles import playing
-from gossamer_fx.extend import InitialState, Resultants
+from gossamer_fx.extend import InitialState
 from gossamer_fx.mechanics.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.mechanics.orbit.flying_loads import _ByComplexSteps, axes_of
-from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.mechanics.orbit.magnetic_dipole import MagneticDipole
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
-from gossamer_fx.mechanics.orbit.shadow_map import lit_parts
+from gossamer_fx.mechanics.orbit.shadow_map import lit_fractions
 from gossamer_fx.mechanics.orbit.solar_pressure import SolarPressure
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, flow_force, light_force
+from gossamer_fx.mechanics.orbit.surface_forces import (
+    Accommodation,
+    Air,
+    Rows,
+    Surface,
+    flow_force,
+    light_force,
+)
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.orbit.test_flight import drift
@@ -65,10 +70,7 @@ def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
 
 def pushed(run: gx.Simulation, name: str) -> np.ndarray:
     """Force and torque about the origin (2, 3) of a load in the last step."""
-    found = [
-        kind.resultants().get(name, np.zeros((2, 3)))
-        for kind in playing(Resultants, run.system.compiled)
-    ]
+    found = [kind.resultants().get(name, np.zeros((2, 3))) for kind in run.system.compiled]
     return np.asarray(run.comm.allreduce(sum(found)))
 
 
@@ -420,12 +422,12 @@ def test_a_folded_film_shades_itself() -> None:
     )
     u = np.array([0.0, 0.0, -1.0])
     both = np.concatenate([layer, layer - [0, 0, 0.1]])
-    assert np.allclose(lit_parts(MPI.COMM_SELF, both, u, 64), [1, 1, 0, 0])
-    assert np.allclose(lit_parts(MPI.COMM_SELF, both, -u, 64), [0, 0, 1, 1])
+    assert np.allclose(lit_fractions(MPI.COMM_SELF, both, u, 64), [1, 1, 0, 0])
+    assert np.allclose(lit_fractions(MPI.COMM_SELF, both, -u, 64), [0, 0, 1, 1])
     aside = np.concatenate([layer, layer - [0.5, 0, 0.1]])
-    assert np.allclose(lit_parts(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
+    assert np.allclose(lit_fractions(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
     assert np.allclose(
-        lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1
+        lit_fractions(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1
     )  # it casts no shade
 
 

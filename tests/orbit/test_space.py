@@ -10,12 +10,20 @@ import pytest
 from scipy import integrate, special
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.orbit.eclipse import AU, SUN_RADIUS, sunlit_in_cone, sunlit_in_cylinder
 from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
-from gossamer_fx.mechanics.orbit.free_molecular import coefficients
-from gossamer_fx.mechanics.orbit.gravity_field import MU, RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import MU, RADIUS
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
-from gossamer_fx.mechanics.orbit.sky import MU_MOON, Sky, third_body, third_body_gradient
+from gossamer_fx.mechanics.orbit.sky import (
+    AU,
+    MU_MOON,
+    SUN_RADIUS,
+    Sky,
+    sunlit_in_cone,
+    sunlit_in_cylinder,
+    third_body,
+    third_body_gradient,
+)
+from gossamer_fx.mechanics.orbit.surface_forces import coefficients
 
 # Ellipses, a hyperbola, and orbits without inclination or eccentricity, whose angles are
 # conventions.

@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.reduced_sail import SPIN as DEMO_SPIN
-from demos.reduced_sail import film as demo_film
-from demos.reduced_sail import main, saddle, steady
+from demos.methods.reduced_sail import SPIN as DEMO_SPIN
+from demos.methods.reduced_sail import film as demo_film
+from demos.methods.reduced_sail import main, saddle, steady
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import AreaFractions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from demos import braid_identification as demo
+from demos.design import braid_identification as demo
 
 FITTED = "1 up, 69 kPa"
 

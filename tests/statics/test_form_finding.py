@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import four_corner_film
+from demos.films import four_corner_film
 from gossamer_fx.analysis import Prestress, find_form
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import sail_thickness
+from demos.design import sail_thickness
 from demos.studies.crease import folded
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.meshes.creased_strip import creased_strip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -563,3 +564,68 @@ def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
     # Both bending modes have one frequency, and do not move the centre of mass.
     assert bending[0].frequency == pytest.approx(bending[1].frequency, rel=1e-6)
     assert max(abs(mode.effective_mass).max() for mode in bending) < 1e-6 * mass
+
+
+def net_of_cables(comm) -> Equilibrium:
+    """A square of 4 + 4 tensioned cables that are joined where they cross, of order 1."""
+    cells = 5
+    size = 0.2
+    cables = {}
+    for k in range(1, cells):
+        along_x = [(i * size, k * size, 0.0) for i in range(cells + 1)]
+        along_y = [(k * size, i * size, 0.0) for i in range(cells + 1)]
+        for name, points in ((f"x{k}", along_x), (f"y{k}", along_y)):
+            cables[name] = gx.Cable(
+                line(comm, points, 1), gx.CableLaw(5e3, 0.02), initial_tension=40.0, name=name
+            )
+    inner = range(1, cells)
+    joints = [
+        gx.constraints.BallJoint(
+            cables[f"x{k}"].port(f"point {i}"), cables[f"y{i}"].port(f"point {k}"), name=f"{i} {k}"
+        )
+        for i in inner
+        for k in inner
+    ]
+    held = [gx.Fixed(cable, end) for cable in cables.values() for end in ("start", "end")]
+    return Equilibrium(gx.Scene(*cables.values(), *joints, *held))
+
+
+def frequencies_of_the_net() -> list[float]:
+    """Closed form of the discrete net: ω² = (T/h)(4 - 2c_i - 2c_k)/(μh (4/3 + (c_i + c_k)/3))."""
+    cosines = np.cos(np.arange(1, 5) * np.pi / 5)
+    sums = np.add.outer(cosines, cosines).ravel()
+    squares = 40.0 / 0.2 * (4 - 2 * sums) / (0.02 * 0.2 * (4 / 3 + sums / 3))
+    return sorted(np.sqrt(squares) / (2 * np.pi))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("count", [1, 6, 9, 10, 12, 16])
+def test_no_copy_of_a_multiple_frequency_is_left_out(comm, count, caplog):
+    """The seventh to tenth frequency of the net are one, 61.64 Hz."""
+    equilibrium = net_of_cables(comm)
+    equilibrium.find()
+    found = modes(equilibrium, count)
+    assert [mode.frequency for mode in found] == pytest.approx(
+        frequencies_of_the_net()[:count], rel=1e-6
+    )
+    is_cut = "modes are cut from a group of 4 of one frequency; ask for 10" in caplog.text
+    assert is_cut == (count == 9 and comm.rank == 0)
+
+
+@pytest.mark.parametrize("shape", ["square", "ring"])
+def test_pairs_of_symmetric_films_are_whole(comm, shape):
+    """Of a square's modes (m, n) and (n, m), and of a ring's sine and cosine, none is left out."""
+    mesh = sheet(comm, 8, 8, 2.1, 2.1, crossed=True)
+    edges = EDGES
+    if shape == "ring":
+        mesh = ring(comm, 0.2, 1.0, 4, 24)
+        edges = ("hub", "rim")
+    film = gx.Membrane(mesh, TENSIONED, displacement=stretched)
+    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in edges)))
+    equilibrium.find()
+    many = [mode.frequency for mode in modes(equilibrium, 20)]
+    pairs = sum(b / a - 1 < 1e-6 for a, b in pairwise(many))
+    assert pairs >= 5
+    for count in range(1, 13):
+        found = [mode.frequency for mode in modes(equilibrium, count)]
+        assert found == pytest.approx(many[:count], rel=1e-6)

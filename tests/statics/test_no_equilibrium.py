@@ -7,6 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 
 LAW = gx.Miyazaki(
@@ -207,3 +208,28 @@ def test_what_lies_on_an_obstacle_counts_as_supported(comm):
     assert "supported" not in str(of_contact.value)
     with pytest.raises(NoEquilibrium, match="Nothing in the scene is supported"):
         Equilibrium(gx.Scene(lying, weight), search).find()
+
+
+def steel_cantilever(comm, scale: float) -> gx.Equilibrium:
+    """A bar of steel, 2 m long, with a force at its tip that comes and goes with sin(π t)."""
+    section = gx.sections.rectangle(0.1, 0.1, E=scale * 210e9, nu=0.3, density=7850.0)
+    beam = gx.Beam(line(comm, [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)], 20), section)
+    force = gx.loads.Force(beam.port("end"), lambda t: (0.0, 0.0, -scale * 1e7 * np.sin(np.pi * t)))
+    return gx.Equilibrium(gx.Scene(beam, force, gx.Fixed(beam, "start", rotation=True)))
+
+
+@pytest.mark.mpi
+def test_a_stiff_structure_is_as_regular_as_a_soft_one(comm, caplog):
+    """Whether a tangent is singular does not depend on the units of forces and moments."""
+    for scale in (1.0, 1e-3, 1e-9):
+        result = steel_cantilever(comm, scale).find(0.5)
+        assert result.regular and result.within_tolerance
+    assert not caplog.records
+
+
+@pytest.mark.mpi
+def test_unloading_is_not_blamed_for_its_round_off(comm, caplog):
+    equilibrium = steel_cantilever(comm, 1e-2)
+    for at in (0.0, 0.5, 1.0, 1.5, 2.0):
+        assert equilibrium.find(at).within_tolerance
+    assert not caplog.records

@@ -14,7 +14,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.forms.bending import Bending, OrthotropicBending
 from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.forms.kinematics import frame
+from gossamer_fx.core.forms.kinematics import cell_axes
 from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
 
@@ -77,7 +77,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
     # Numbers E1, E2 ... of unit size; 1.001 is just above the least penalty.
     numbers = (50.0, 1.0, 1.0, 0.3, math.cos(angle), math.sin(angle))
     stiffness = OrthotropicBending(*(constant(domain, number) for number in numbers))
-    bending = Bending(domain, frame(domain), stiffness, constant(domain, 1.001))
+    bending = Bending(domain, cell_axes(domain), stiffness, constant(domain, 1.001))
     dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 0})
     dS, ds = (ufl.Measure(kind, domain, metadata={"quadrature_degree": 2}) for kind in ("dS", "ds"))
     clamp = bending.clamp(x, w, ufl.FacetNormal(domain), ds)

@@ -16,7 +16,7 @@ from demos.studies import tape_spring, wrinkled_plate
 from demos.studies.plate import buckled, curl, elastica, frequencies, pressed, roll_up
 from gossamer_fx.core.forms.bending import Bending, IsotropicBending
 from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.forms.kinematics import frame, green_lagrange, surface_gradient
+from gossamer_fx.core.forms.kinematics import cell_axes, green_lagrange, surface_gradient
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.mechanics.bodies.properties import cellwise
 from gossamer_fx.meshes.plates import irregular_sheet
@@ -111,7 +111,7 @@ def test_small_strains_in_the_plane_are_those_of_the_film():
     V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
     X = fem.Function(V)
     u = fem.Function(V)
-    B = frame(domain)
+    B = cell_axes(domain)
     X.interpolate(lambda p: p)
     u.x.array[:] = np.random.default_rng(1).standard_normal(len(u.x.array))
     tied = ufl.derivative(tied_strain(domain, X, B), X, u)
@@ -131,7 +131,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
     w = ufl.TestFunction(V)
     # Hardly more than the least penalty, 1.
     one, ν, η = (constant(domain, value) for value in (1.0, nu, 1.001))
-    bending = Bending(domain, frame(domain), IsotropicBending(one, ν), η)
+    bending = Bending(domain, cell_axes(domain), IsotropicBending(one, ν), η)
     dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 0})
     dS, ds = (ufl.Measure(kind, domain, metadata={"quadrature_degree": 2}) for kind in ("dS", "ds"))
     direction = ufl.FacetNormal(domain)

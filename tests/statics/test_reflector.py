@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from demos import reflector
+from demos.design import reflector
 
 
 def error_of_the_inflated_closed_form(comm, cells: int) -> float:

@@ -16,7 +16,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos import pumpkin
+from demos.inflatables import pumpkin
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from demos import wrinkle_fields
+from demos.films import wrinkle_fields
 from demos.studies import bending_strip, hub_torsion
 
 

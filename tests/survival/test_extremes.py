@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.stability import STUDY, cases, problem, values_of
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged
 
 COMM = MPI.COMM_WORLD
 

@@ -52,7 +52,9 @@ def whole(folder: Path) -> Path:
 def ranks_of(run: subprocess.Popen[str]) -> list[int]:
     """Process numbers of the Python programs of a run."""
     found = []  # with its folder
-    program = [word.encode() for word in run.args[run.args.index("-m") :]]  # no other run's
+    # The last -m is that of the program, behind the launcher's; no other run has these words.
+    first = len(run.args) - 1 - run.args[::-1].index("-m")
+    program = [word.encode() for word in run.args[first:]]
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
@@ -182,7 +184,7 @@ def test_a_signal_ends_the_run_after_its_step(
 
 
 ALONE = [sys.executable]
-LAUNCHER = [sys.executable, "-m", "gossamer_fx.app.cli.launch", "2"]
+LAUNCHER = [sys.executable, "-P", "-m", "gossamer_fx.app.cli.launch", "2"]
 PLAIN = python(2)
 
 
@@ -235,3 +237,41 @@ def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> No
     words = again.communicate(timeout=HANG_TIMEOUT)
     assert again.returncode == 0, words
     agree(out, reference)
+
+
+def parents_of(numbers: list[int]) -> set[int]:
+    """Process numbers of the parents of processes."""
+    stats = [Path(f"/proc/{number}/stat").read_text() for number in numbers]
+    return {int(stat.rpartition(")")[2].split()[1]) for stat in stats}
+
+
+@pytest.mark.parametrize("victim", ["mpirun", "launcher", "rank"])
+def test_no_rank_outlives_its_launcher(tmp_path: Path, victim: str) -> None:
+    """As where memory runs out: what is killed cannot end the others, and must not lock the
+    folder."""
+    for attempt in range(3):
+        out = tmp_path / f"run {attempt}"
+        run = subprocess.Popen(
+            [*LAUNCHER, "-m", "tests.survival.tube_run", str(out), "100000"],
+            cwd=ROOT,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        wait_until_ready(run)
+        wait_for(run, lambda out=out: rows(out / "ledger.csv") >= 3)
+        ranks = ranks_of(run)
+        assert len(ranks) == 2
+        [mpirun] = parents_of(ranks)
+        os.kill({"mpirun": mpirun, "launcher": run.pid, "rank": ranks[0]}[victim], signal.SIGKILL)
+        deadline = time.monotonic() + HANG_TIMEOUT
+        while ranks_of(run):
+            assert time.monotonic() < deadline, "ranks are left"
+            time.sleep(0.05)
+        run.communicate(timeout=HANG_TIMEOUT)
+        # The folder is free, and the run can go on.
+        again = start(1, out, "--restart")
+        words = again.communicate(timeout=HANG_TIMEOUT)
+        assert again.returncode == 0, words

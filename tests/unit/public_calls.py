@@ -386,6 +386,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         },
         "probes.OrbitState": {"orbit": orbit, "quantity": "a"},
         "steppers.PathAverage": {"points": 10},
+        "steppers.VariationalMidpoint": {"dt": 1e-3},
         "probes.Penetrations": {"contact": touching},
         "plot.Picture": {
             "path": folder / "a.png",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +19,15 @@ import numpy.typing as npt
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.core.checks.arguments import Count, check_arguments, kind_of, resolved
+from gossamer_fx.core.checks.arguments import (
+    Count,
+    Range,
+    check_arguments,
+    kind_of,
+    not_negative,
+    positive,
+    resolved,
+)
 from gossamer_fx.core.checks.lazy_names import public_names
 
 ROOT = Path(gx.__file__).parents[1]
@@ -107,6 +116,11 @@ CASES: list[tuple[Any, Sequence[Any], Sequence[Any]]] = [
     (float | None, [None, 1.0], ["None", math.nan]),
     (Pair, [(1, 2), [1.0, 2.0], np.ones(2)], [(1.0,), (1.0, "a"), "ab", 1.0, (1.0, math.nan)]),
     (Annotated[Sequence[float], Count(3)], [(1, 2, 3), np.ones(3)], [(1, 2), np.ones((3, 3))]),
+    (Annotated[float, positive("m")], [1e-9, np.float32(2)], [0.0, -1, math.nan, "1", None]),
+    (Annotated[float, not_negative()] | None, [0, 1.5, None], [-1e-9, "0"]),
+    (Annotated[int, Range(1, 3)], [1, np.int64(3)], [0, 4, 2.0]),
+    (Annotated[float, Range(0.0, 1.0, above=True)], [1e-9, 1], [0.0, 1.1]),
+    (Sequence[Annotated[int, Range(1)]], [[], [1, 2]], [[1, 0], 1]),
     (Sequence[float], [(), [1, 2], np.ones(4)], ["12", 1.0, [[1.0]], [math.nan], {1.0: 2.0}]),
     (tuple[int, ...], [(0, 1), [2], np.arange(3)], [(0.5,), 1, "1"]),
     (npt.ArrayLike, [1.0, [1, 2], np.ones((2, 2))], ["a", [math.nan], None]),
@@ -133,6 +147,26 @@ def test_types_are_read_as_users_of_numpy_read_them(
     assert measured == []
     measured = [value for value in bad if kind.accepts(value)]
     assert measured == []
+
+
+def test_numbers_out_of_range_are_named_with_their_unit_and_the_range() -> None:
+    @check_arguments
+    def sheet(
+        width: Annotated[float, positive("m")],
+        share: Annotated[float, Range(0.0, 1.0)] = 0.5,
+        cells: Annotated[int, Range(2)] = 4,
+        ratio: Annotated[float, Range(-1.0, 0.5, above=True)] | None = None,
+    ) -> None: ...
+
+    for given, message in (
+        ({"width": -2.0}, "width is -2.0 m; give a positive number."),
+        ({"width": "wide"}, "width is 'wide'; give a positive number."),
+        ({"share": 1.5}, "share is 1.5; give a number between 0 and 1."),
+        ({"cells": 1}, "cells is 1; give a whole number of at least 2."),
+        ({"ratio": -1.0}, "ratio is -1.0; give a number above -1 and up to 0.5 or None."),
+    ):
+        with pytest.raises(gx.InputError, match=rf"^sheet: {re.escape(message)}$"):
+            sheet(**({"width": 1.0} | given))  # type: ignore[arg-type]
 
 
 def test_infinity_is_taken_where_it_is_the_default() -> None:

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from gossamer_fx.core.forms.c_source import CLibrary, check_indices, compile_library
+from gossamer_fx.core.forms.c_source import CLibrary, c_library, check_indices
 
 HEADER = """
 #ifndef SUM_H
@@ -27,6 +26,7 @@ double sum(const list *of);
 
 SOURCE = """
 #include "sum.h"
+#define FACTOR 2
 double sum(const list *of)
 {
     double total = 0;
@@ -41,7 +41,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> CLibrary:
     folder = tmp_path_factory.mktemp("sum")
     (folder / "sum.h").write_text(HEADER)
     (folder / "sum.c").write_text(SOURCE)
-    return compile_library(MPI.COMM_SELF, "sum", folder / "sum.h", ["sum.c"], ["FACTOR=2"])
+    return c_library(folder / "sum.h")
 
 
 def test_a_function_reads_an_array_of_a_structure(library: CLibrary) -> None:

@@ -9,8 +9,8 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
-from demos.spinning_sheet import throw
-from gossamer_fx.core.checks.failures import NotConverged
+from demos.films.spinning_sheet import throw
+from gossamer_fx.core.checks.errors import NotConverged
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube

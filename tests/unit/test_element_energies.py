@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, PathAverage, StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest, PathAverage, StressRule
 from gossamer_fx.mechanics.terms.element_energies import ElementEnergies, ElementForms
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -51,7 +51,7 @@ def deformed(body: Deformable, damping: gx.Damping, rule: StressRule) -> System:
     end = system.q0.copy()
     end.array[system.block(body).owned] = coordinates(system, body, seed=1)
     system.set_end(end)
-    field = system.fields[body]
+    field = system.coordinates[body]
     # Half of the geometric stiffness, so that the part of the tensile stresses counts at rest.
     field.γ.value = 0.5
     field.take(field.q1, coordinates(system, body, seed=2))
@@ -107,7 +107,7 @@ BODIES: dict[str, Callable[[], Deformable]] = {
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("rule", [PathAverage(), EndPoint()], ids=["in time", "at rest"])
+@pytest.mark.parametrize("rule", [PathAverage(), AtRest()], ids=["in time", "at rest"])
 @pytest.mark.parametrize(
     ("name", "factors", "form_count"),
     [(name, BY_STIFFNESS, 1) for name in BODIES]
@@ -125,7 +125,9 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     energies = energies_of(system)
     shared = energies.tangent_forms(body)
     assert len(shared) == form_count
-    separate = [ElementForms([element], system.fields[body], rule) for element in energies.elements]
+    separate = [
+        ElementForms([element], system.coordinates[body], rule) for element in energies.elements
+    ]
     assert len(separate) > form_count
 
     # A beam has multipliers behind its coordinates.
@@ -135,7 +137,7 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     assert_equal(product(shared, z), expected)
     # The tangent of the system, which gossamer_fx assembles into its own matrix.
     A = system.numbering.matrix()
-    system.fields[body].assemble(A, shared, system.block(body))
+    system.coordinates[body].assemble(A, shared, system.block(body))
     A.assemble()
     right, left = A.createVecs()
     right.array[owned] = z

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
-from demos import ikaros
+from demos.sails import ikaros
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers import eliminated_joints
 from gossamer_fx.solve.solvers.eliminated_joints import (

@@ -355,7 +355,7 @@ def test_a_dead_volume_is_zero_or_positive(comm):
             film, gas=AIR, pressure=1e5, temperature=300.0, dead_volume=dead_volume, name="ball"
         )
 
-    refusal = r"'ball': its dead volume is -1e-06 m³; give zero or a positive number"
+    refusal = r"'ball': dead_volume is -1e-06 m³; give zero or a positive number"
     with pytest.raises(gx.InputError, match=refusal):
         chamber(-1e-6)
     _, (state,) = start(film, chamber(0.0), dt=1e-4)

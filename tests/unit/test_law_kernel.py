@@ -12,14 +12,14 @@ import gossamer_fx as gx
 from gossamer_fx.extend import InitialState
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 from gossamer_fx.mechanics.terms.element_energies import quadrature_element
-from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
-from gossamer_fx.mechanics.terms.law_kernel.point_law import (
+from gossamer_fx.mechanics.terms.law_kernel import (
     FRUITFUL_ERROR_RATIO,
     MAX_FRUITLESS_CHOICES,
     STRAIN_CHOICE_STIFFNESS,
     STRAIN_CHOICE_TRIGGER,
     PointLaw,
     PointValues,
+    law_functions,
 )
 from gossamer_fx.meshes.sheet import sheet
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.plates import slit_ring
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
@@ -172,7 +173,13 @@ def test_a_film_that_penetrates_itself_is_reported():
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    "numbers, culprit", [({"thickness": 25.0}, "25 m thick"), ({"E": 4.0}, "E = 4 Pa")]
+    "numbers, culprit",
+    [
+        ({"thickness": 25.0}, "25 m thick"),
+        ({"thickness": 25.0}, "thickness = 25 m is unusual, 1e-08 to 0.01 m is not"),
+        ({"E": 4.0}, "E = 4 Pa"),
+        ({"density": 1.4}, "density = 1.4 kg/m³ is unusual, 5 to 30000 kg/m³ is not"),
+    ],
 )
 def test_numbers_in_other_units_are_told(numbers, culprit):
     law = gx.Miyazaki(**({"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4} | numbers))
@@ -194,4 +201,28 @@ def test_what_is_suspected_is_told_once(caplog):
         for _ in range(2):
             validate([film], MPI.COMM_SELF)
     measured = [r.message for r in caplog.records]
-    assert measured == ["'air': density = 1e-06 kg/m³ is unusual; numbers are in SI units."]
+    assert measured == [
+        "'air': density = 1e-06 kg/m³ is unusual, 5 to 30000 kg/m³ is not; numbers are in SI units."
+    ]
+
+
+@pytest.mark.mpi
+def test_initial_strains_that_cannot_be(comm):
+    """Per cent and ppm taken for ratios are named; a length below zero, and stress that a film does
+    not bear, are refused."""
+    mesh = sheet(comm, 2, 2)
+    law = gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4)
+    film = gx.Membrane(mesh, law, initial_strain=1e3)
+    assert any("initial_strain = 1000 is unusual" in words for words in warnings([film]))
+    with pytest.raises(gx.InputError, match=r"initial_strain is -2; a Green-Lagrange strain"):
+        gx.Membrane(mesh, law, initial_strain=-2.0)
+    with pytest.raises(gx.InputError, match=r"initial_strain is -0\.5"):
+        gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1.0, 1.0), initial_strain=-0.5)
+    with pytest.raises(gx.InputError, match="normal to the film"):
+        gx.Membrane(mesh, law, initial_stress=np.diag([0.0, 0.0, 1e5]))
+
+
+def test_a_tensor_may_be_unsymmetric_by_round_off():
+    turned = np.array([[1e5, 3e4, 0.0], [3e4 * (1 + 1e-15), 2e5, 0.0], [0.0, 0.0, 0.0]])
+    law = gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4)
+    gx.Membrane(sheet(WORLD, 2, 2), law, initial_stress=turned)

@@ -14,11 +14,12 @@ from scipy.optimize import minimize
 import gossamer_fx as gx
 from gossamer_fx.analysis.reduction.mode_gradients import own_cells
 from gossamer_fx.core.forms.backend import evaluate
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression
-from gossamer_fx.core.forms.kinematics import frame
+from gossamer_fx.core.forms.kinematics import cell_axes
 from gossamer_fx.core.forms.strain_path import gradient, with_derivative
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
-from gossamer_fx.mechanics.materials.kernels.library import library
+from gossamer_fx.mechanics.materials.orthotropic import HEADER
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.meshes.sheet import sheet
 from tests.strain_samples import CENTRE, SQUARE, Samples, random_strains
@@ -79,7 +80,7 @@ def stiffness(law: gx.Orthotropic) -> np.ndarray:
 
 def compiled(quantity: str, law: gx.Orthotropic, e0, e1, angle: float = 0.0) -> np.ndarray:
     """A C function at strains (n, 3), with the first axis at an angle."""
-    c = library()
+    c = c_library(HEADER)
     signature = "void (*)(double *, double *, double *, double *, int *, uint8_t *, void *)"
     address = c.lib.orthotropic_function(getattr(c.lib, quantity))
     function = c.ffi.cast(signature, address)
@@ -378,7 +379,7 @@ def test_film_without_strain_is_taut_and_free_of_stress() -> None:
 def first_axis(film: gx.Membrane) -> np.ndarray:
     """The first axis (cells, 3) of the law of a film, from its components in the film's frame."""
     c = film.constants
-    axis = ufl.dot(frame(film.space.mesh), ufl.as_vector([c.cosine, c.sine]))
+    axis = ufl.dot(cell_axes(film.space.mesh), ufl.as_vector([c.cosine, c.sine]))
     expression = compile_expression(axis, CENTRE)
     return evaluate(expression, film.space.mesh, own_cells(film))
 

@@ -162,7 +162,7 @@ def test_the_scene_of_the_readme_runs_outside_the_clone(
 @pytest.mark.slow
 def test_the_installed_command_runs_a_scene_file(archives: Archives, tmp_path: Path) -> None:
     programs = environment_with(archives.wheel, archives, tmp_path)
-    (tmp_path / "pillow.py").write_text((ROOT / "demos" / "pillow.py").read_text())
+    (tmp_path / "pillow.py").write_text((ROOT / "demos/inflatables/pillow.py").read_text())
     run = [programs / "gossamer", "run", "pillow.py", "cells=4", "until=2e-3"]
     assert "written to" in execute(*run, folder=tmp_path)
     assert (tmp_path / "out" / "pillow" / "ledger.csv").is_file()

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import folded_in_plane
-from gossamer_fx.mechanics.gas.parts import label_parts
+from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
@@ -266,7 +266,7 @@ def bag(mesh: Mesh) -> gx.Simulation:
 @pytest.mark.parametrize("size", [1.0, 0.5])
 def test_a_bag_of_which_one_part_is_inside_out_is_refused(comm, size: float) -> None:
     cubes = two_cubes(comm, 3.0, size, inside_out=True)
-    with pytest.raises(gx.InputError, match="one of the 2 parts of 'bag' is inside out"):
+    with pytest.raises(gx.InputError, match="one of the 2 components of 'bag' is inside out"):
         bag(cubes)
 
 
@@ -291,7 +291,7 @@ def test_parts_are_labelled_alike_on_all_ranks(comm) -> None:
     table = mesh.edges
     index_map = domain.topology.index_map(2)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    labels = label_parts(table, cells)
+    labels = label_components(table, cells)
     x = domain.geometry.x[domain.geometry.dofmap[:, :3]].mean(axis=1)[:, 0]
     of_first = comm.allgather(np.unique(labels[x < 1.5]).tolist())
     of_second = comm.allgather(np.unique(labels[x > 1.5]).tolist())

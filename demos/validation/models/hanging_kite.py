@@ -47,8 +47,11 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
-from gossamer_fx.mechanics.terms.point_energies import PointStoredEnergy
+from gossamer_fx.mechanics.terms.point_energies import (
+    PointStoredEnergy,
+    one_sided_average,
+    one_sided_energy,
+)
 from gossamer_fx.meshes.line import line
 
 GRAVITY = 9.81  # [m/s²], along z

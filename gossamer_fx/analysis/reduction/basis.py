@@ -277,7 +277,7 @@ def _scaled(
     Displacements in the mean plane of the film are smaller than those across it, by the ratio of
     the height of a wave to its length, but the whole stiffness of the film resists them: a basis
     without them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
-    `demos/reduced_sail.py`: 40 modes without scaling predict another flight five times less
+    the demo `reduced_sail`: 40 modes without scaling predict another flight five times less
     accurately, and switch at random between taut and wrinkled.
 
     Args:

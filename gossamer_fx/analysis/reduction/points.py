@@ -10,15 +10,17 @@ multiplies with the gradients of the modes, before and after, as full matrices.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gossamer_fx.analysis.reduction.kernel import library
-from gossamer_fx.core.forms.c_source import CStruct
+from gossamer_fx.core.forms.c_source import CStruct, c_library
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions
-from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, PointLaw, PointValues
+
+# The C functions of these points.
+HEADER = Path(__file__).parent / "points.h"
 
 # Numbers of a stress (3) and its derivatives (9)
 RESPONSE = 12
@@ -45,7 +47,7 @@ class Points:
     def __init__(
         self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
     ) -> None:
-        self._c = library(functions.strain.function_space.mesh.comm)
+        self._c = c_library(HEADER, functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
         self.past = np.zeros((q, 3))
         self.start = np.zeros((q, 3))

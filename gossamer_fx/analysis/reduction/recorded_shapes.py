@@ -7,7 +7,7 @@ Algorithm.
 
 1. A node is identified by its point on the mesh, rounded to a cube of a small edge (`_names`).
 2. Each rank reads the files of some of the ranks that wrote them (`_own_share`).
-3. Ranks exchange displacements by the names of their nodes (`algebra.rendezvous.fetch`).
+3. Ranks exchange displacements by the names of their nodes (`algebra.rank_exchange.fetch`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.rendezvous import Names, fetch, hash_rows
+from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.model.body import Array

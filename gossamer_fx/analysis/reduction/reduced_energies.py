@@ -29,34 +29,28 @@ from gossamer_fx.analysis.reduction.mode_gradients import (
     points_and_areas,
 )
 from gossamer_fx.analysis.reduction.points import Points
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.roles import (
-    Forces,
-    IterateObserver,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Tangents,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
-from gossamer_fx.mechanics.terms.element_energies import MIDPOINT, StoredEnergy, quadrature_element
-from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions, law_functions
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy, quadrature_element
+from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, law_functions
 
 
-class ReducedEnergies(
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    CompiledTerms["ReducedEnergy"],
-):
-    """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
+class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
+    """All `ReducedEnergy` terms of a scene, compiled."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
-        """Make the forces of the modes of each term."""
+        """Make the forces of the modes of each term.
+
+        Raises:
+            InputError: the stress rule takes the strain in the middle of the step.
+        """
+        check(
+            not system.rule.takes_mid_strain,
+            f"'{terms[0].name}': a reduced film has forces by its strains at the ends of a step; "
+            "run its scene with Midpoint.",
+        )
         self._system = system
         self._forces = []
         for term in terms:
@@ -116,7 +110,7 @@ class ReducedEnergies(
 
 def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
     """The coordinates of a reduced film in a system."""
-    coordinates = system.fields[term.body]
+    coordinates = system.coordinates[term.body]
     # Its body is a reduced film, which makes such coordinates.
     assert isinstance(coordinates, ReducedCoordinates)
     return coordinates
@@ -162,7 +156,7 @@ class ModeForces:
             dA=dA * term.weights[:, None],
             G=mode_gradients(film, term.modes, reference_points),
             # A quadratic energy has one linear stress: there is nothing to choose.
-            may_choose=not term.quadratic and rule.alpha == MIDPOINT,
+            may_choose=not term.quadratic and not rule.acts_at_end,
         )
         self._at = at
         self._alpha = rule.alpha

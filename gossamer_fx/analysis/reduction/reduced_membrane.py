@@ -17,8 +17,8 @@ from gossamer_fx.analysis.reduction.reduced_energies import ReducedEnergy
 from gossamer_fx.analysis.reduction.sampling import Sample
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block, Port
 from gossamer_fx.core.model.state import InitialState, State
@@ -93,7 +93,7 @@ class ReducedMembrane(Membrane):
         """Make a film over the sampled cells whose unknowns are the coefficients of modes.
         Collective."""
         film = made_from.film
-        part, parents = backend.part_of(film.space.mesh, over.cells)
+        part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
         self._full = film
         self.basis = made_from

@@ -27,7 +27,7 @@ Algorithm, for a step with known a = dJ/dq1 and b = dJ/dv1.
 
    The rule is symmetric in time, f(q0, q1; h) = f(q1, q0; -h).  So B is the tangent of the reversed
    step, which starts at q1 and ends at q0.  Terms therefore need no further code for the adjoint
-   (`roles.Reversible`).
+   (`terms.assembly.Differentiable`).
 4. Add what the step contributes to the gradient:
 
        dJ/dθ -= μ·∂r/∂θ                                                                          (6)
@@ -40,7 +40,7 @@ becomes
     [ Gᵀ  Cᵀ ] [ν] = [ dJ/dy1    ]                                                               (7)
 
 It is solved by one more system with Aᵀ for each column of H.  Each kind of scalar unknown adds its
-own part to the derivatives at the start of the step (`terms.scalar_unknowns.ScalarsAdjoint`).
+own part to the derivatives at the start of the step (`gas.adjoint.GasAdjoint`).
 
 Lagrange multipliers are part of q1 and have neither mass nor rate.  The multipliers of the step act
 in the reversed step, too.  Their equations e(q1) = 0 do not depend on q0, so that their rows of μ
@@ -52,11 +52,12 @@ one tangent of the reversed step.
 
 Forces that are not symmetric in time, e.g. friction, whose directions are those of the start of the
 step, are left out of the reversed step.  They give their products (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ
-themselves (`roles.StartDerivatives`).  Products by history variables, e.g. by a torque that is held
-over several steps, are summed up from the last step to the one in which the variable was set.
+themselves (`Differentiable.add_start_derivatives`).  Products by history variables, e.g. by a
+torque that is held over several steps, are summed up from the last step to the one in which the
+variable was set.
 
 History variables that follow from the end of a step, e.g. the rest angle of a fold that slips, add
-to a before (3) is solved (`roles.HistoryAdjoint`).
+to a before (3) is solved (`Differentiable.add_end_derivatives`).
 
 Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
 that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
@@ -65,6 +66,8 @@ that slip in the run.  In chaotic motion the derivatives grow exponentially with
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -72,10 +75,12 @@ from petsc4py import PETSc
 from gossamer_fx.analysis.sensitivity.tape import Node, RunTape
 from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
 from gossamer_fx.core.checks.errors import StepFailure, check
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.scalar_unknowns import DifferentiableScalars, ScalarsAdjoint
 from gossamer_fx.solve.system.system import System
+
+if TYPE_CHECKING:
+    # Scenes without gas do not load it.
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # Largest residual of a step that was made again, over the inertia in it.  More means that something
 # changed the scene between the steps, e.g. an event, which the tape does not know.
@@ -110,9 +115,7 @@ class BackwardSteps:
         self._Bμ = numbering.vector()
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
-        self._exchanging = roles.playing(roles.ExchangesEnds, self._system.compiled)
-        self._irreversible = roles.playing(roles.StartDerivatives, self._system.compiled)
-        self._with_history = roles.playing(roles.HistoryAdjoint, self._system.compiled)
+        self._irreversible = [kind for kind in self._system.differentiable if not kind.reversible]
         # Only what such forces need.
         self._by_position = numbering.vector() if self._irreversible else None
         self._by_velocity = numbering.vector() if self._irreversible else None
@@ -121,13 +124,13 @@ class BackwardSteps:
     def start(self) -> None:
         """Begin a new pass from the last step to the first."""
         self.scalars.start()
-        for kind in self._with_history:
+        for kind in self._system.differentiable:
             kind.start_adjoint()
 
     def add_energy_by_history(self, share: float) -> None:
         """Add a share of the derivative of the stored energy by history variables; the system
         stands in the state.  Collective."""
-        for kind in self._with_history:
+        for kind in self._system.differentiable:
             kind.add_energy_by_history(share)
 
     # ---- the step itself -------------------------------------------------------------------------
@@ -207,7 +210,7 @@ class BackwardSteps:
         """
         system = self._system
         self.repeat(start, end)
-        for kind in self._with_history:
+        for kind in system.differentiable:
             kind.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
@@ -329,16 +332,16 @@ class ScalarParts:
     """
 
     def __init__(self, system: System) -> None:
-        self.parts: list[ScalarsAdjoint] = []
+        self.parts: list[GasAdjoint] = []
         self._sizes: list[int] = []
         for scalars in system.scalar_unknowns:
+            adjoint = scalars.adjoint()
             check(
-                isinstance(scalars, DifferentiableScalars),
+                adjoint is not None,
                 f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it "
                 "out.",
             )
-            assert isinstance(scalars, DifferentiableScalars)
-            self.parts.append(scalars.adjoint())
+            self.parts.append(adjoint)
             self._sizes.append(scalars.size)
         self.size = sum(self._sizes)
         self.c: Array = np.zeros(self.size)

@@ -19,14 +19,13 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
     # A scene without gas does not load it.
-    from gossamer_fx.mechanics.gas.state import ChamberState
+    from gossamer_fx.mechanics.gas.contract import ChamberState
 
 
 class HasScene(Protocol):
@@ -64,7 +63,7 @@ class FormObjective(Protocol):
     """An objective that depends on parameters also directly, by forms."""
 
     def forms(self, system: System) -> list[ufl.Form]:
-        """Forms whose sum, at `fields[body].q1`, is the part of the result with parameters."""
+        """Forms whose sum, at `coordinates[body].q1`, is the part of the result with parameters."""
         ...
 
 
@@ -119,7 +118,7 @@ class Integral:
             derivative = ufl.derivative(form, self._q, ufl.TestFunction(self.body.space))
             self._compiled = compile_form(form), compile_form(derivative)
         owned = system.q0.array_r[system.block(self.body).owned]
-        system.fields[self.body].take(self._q, owned)
+        system.coordinates[self.body].take(self._q, owned)
         return self._compiled
 
     def __call__(self, run: HasScene) -> float:
@@ -145,11 +144,11 @@ class Integral:
         b.scatter_reverse(la.InsertMode.add)
         with by_position as values:
             owned = system.block(self.body).owned
-            system.fields[self.body].add_forces(b.array, values[owned])
+            system.coordinates[self.body].add_forces(b.array, values[owned])
 
     def forms(self, system: System) -> list[ufl.Form]:
         """The integral at the end of a step."""
-        return [self._form(system.fields[self.body].q1)]
+        return [self._form(system.coordinates[self.body].q1)]
 
 
 @check_arguments
@@ -229,8 +228,8 @@ class Energy:
     def forms(self, system: System) -> list[ufl.Form]:
         """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
         found = []
-        for kind in roles.playing(roles.ResidualForms, system.compiled):
-            for body in system.fields:
+        for kind in system.differentiable:
+            for body in system.coordinates:
                 found += kind.energy_forms(body)
         return found
 

@@ -3,6 +3,10 @@
     Kᵀ λ = ∂J/∂q,    dJ/dθ = ∂J/∂θ - λ·∂r/∂θ                                                    (1)
 
 K is the tangent of the equilibrium, which is factorised once, whatever the number of parameters.
+
+Closed gas is a function of its volume, dp = -κ g·dq with the gradient g of the volume.  K then has
+the stiffness κ g⊗g in addition, by the formula of Sherman, Morrison and Woodbury, and a result that
+depends on pressures the derivative -κ ∂J/∂p g.
 """
 
 from __future__ import annotations
@@ -10,17 +14,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
-from gossamer_fx.analysis.sensitivity.objectives import Energy, FormObjective, Objective
+from gossamer_fx.analysis.sensitivity.objectives import (
+    Energy,
+    FormObjective,
+    Objective,
+    ScalarObjective,
+    chambers_of,
+)
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
 from gossamer_fx.analysis.sensitivity.variables import (
+    SHAPE,
     AdjointFields,
     FormVariable,
     PointVariable,
     find_variables,
 )
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System
 
 
@@ -46,25 +60,32 @@ class StaticGradients:
         by: names of the variables.
 
     Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, or gas
-            chambers.
+        InputError: a name that the scene has not, a part of the scene without a gradient, gas that
+            flows through openings, or the shape of a film with gas, on which its amount depends.
     """
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
         """Check that the scene has a gradient at an equilibrium, and find the variables.
         Collective."""
         system = equilibrium.system
-        check(
-            not system.scalar_unknowns,
-            "gradient: the gas of a chamber at equilibrium depends on how it got there; give the "
-            "pressure as Pressure, or take the gradient of a run.",
-        )
+        for scalars in system.scalar_unknowns:
+            check(
+                scalars.is_closed,
+                "gradient: the gas of chambers with openings depends at equilibrium on how it got "
+                "there; leave the openings out, or take the gradient of a run.",
+            )
+            check(
+                not any(name.endswith(f".{SHAPE}") for name in by),
+                "gradient: the amount of gas in a chamber depends on the shape of its film; give "
+                "the pressure as Pressure, or leave the shape out.",
+            )
         self._equilibrium = equilibrium
         self._system = system
         self._adjoint = AdjointFields(system)
         self.variables = find_variables(system, by, self._adjoint, in_time=False)
         self._explicit: dict[int, list[list[FormDerivative]]] = {}
         self._solver: TransposedSolver | None = None
+        self._gas: list[tuple[Array, float]] = []
         self._zero = system.numbering.vector()
         self._λ = system.numbering.vector()
         self._by_position = system.numbering.vector()
@@ -84,6 +105,12 @@ class StaticGradients:
         if self._solver is None:
             self._solver = TransposedSolver(K)
         self._solver.factorise(K)
+        # Gradients g (n,) [m²] of the volumes and stiffnesses κ [Pa/m³] of the gas; pressures do
+        # not change with coordinates that are held.
+        self._gas = [pair for s in system.scalar_unknowns for pair in s.static_stiffness()]
+        for gradient, _ in self._gas:
+            gradient[system.supports.held] = 0.0
+        self._solver.add_to_inverse(self._gas)
 
     def of(self, objective: Objective) -> Gradient:
         """Return the gradient of one result at the equilibrium of the last `factorise`.
@@ -97,6 +124,7 @@ class StaticGradients:
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
         objective.add_derivative(system, self._by_position, self._by_velocity)
+        self._add_pressures(objective)
         # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
         self._by_position.array[system.supports.held] = 0
         self._solver.solve(self._by_position, self._λ)
@@ -111,6 +139,17 @@ class StaticGradients:
                 variable.sum += variable.energy_derivative()
         value = objective(self._equilibrium)
         return collected(value, objective.unit, self.variables, system.comm)
+
+    def _add_pressures(self, objective: Objective) -> None:
+        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates."""
+        if not (self._gas and isinstance(objective, ScalarObjective)):
+            return
+        system = self._system
+        by_scalars = np.zeros(sum(scalars.size for scalars in system.scalar_unknowns))
+        objective.add_scalar_derivative(system, by_scalars)
+        enclosed = [k for k, gas in enumerate(chambers_of(system)) if gas.enclosure is not None]
+        for k, (gradient, stiffness) in zip(enclosed, self._gas, strict=True):
+            self._by_position.array[:] -= by_scalars[k] * stiffness * gradient
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
         """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.

@@ -23,9 +23,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import StepFailure, check, check_on_all
-from gossamer_fx.core.checks.failures import NotConverged
-from gossamer_fx.core.model import roles
+from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 from gossamer_fx.solve.steppers.midpoint import Midpoint
@@ -129,8 +127,6 @@ class RunTape:
         self.memory = memory
         self.stride = 1
         self._solver = run.solver
-        self._keepers = roles.playing(roles.StepHistory, self.system.compiled)
-        self._with_active_sets = roles.playing(roles.ExchangesEnds, self.system.compiled)
         first = self._present(0, 0.0)
         check_on_all(
             self.system.comm,
@@ -161,7 +157,7 @@ class RunTape:
     def restore(self, node: Node) -> None:
         """Make a recorded state that of the system.  Collective."""
         self.system.restore(node.q, node.v, node.time)
-        for kind, saved in zip(self._keepers, node.histories, strict=True):
+        for kind, saved in zip(self.system.differentiable, node.histories, strict=True):
             kind.load_history(saved)
         for scalars, state in zip(self.system.scalar_unknowns, node.scalars, strict=True):
             scalars.set_state(state)
@@ -175,10 +171,10 @@ class RunTape:
         system = self.system
         active_sets = []
         if h > 0:
-            active_sets = [kind.save_active_set() for kind in self._with_active_sets]
+            active_sets = [kind.save_active_set() for kind in system.active_sets]
         q = np.array(system.q0.array_r)
         v = np.array(system.v0.array_r)
-        histories = [kind.save_history() for kind in self._keepers]
+        histories = [kind.save_history() for kind in system.differentiable]
         return Node(
             index=index,
             time=system.time,

@@ -32,11 +32,9 @@ from gossamer_fx.analysis.sensitivity.variables import (
     AdjointFields,
     FormVariable,
     PointVariable,
-    brought_by,
     find_variables,
 )
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model import roles
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -64,13 +62,6 @@ class TransientGradients:
             tape.steps > 0,
             "gradient: the tape has no step; make it before run.run().",
         )
-        for kind in system.compiled:
-            is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
-            check(
-                is_reversible,
-                f"gradient: '{brought_by(system, kind)}' has forces that differ in the reversed "
-                "step, without derivatives; leave it out of the scene.",
-            )
         self._tape = tape
         self._system = system
         self._adjoint = AdjointFields(system)
@@ -126,7 +117,7 @@ class TransientGradients:
         growth = growth_of(self.norms)
         self._warn(growth, duration)
         notes: list[str] = []
-        for kind in roles.playing(roles.GradientNotes, system.compiled):
+        for kind in system.differentiable:
             notes += kind.gradient_notes()
         return collected(
             value=value,
@@ -220,7 +211,7 @@ class TransientGradients:
         The mass of a body is v·M v of the unit velocity v along x.
         """
         system = self._system
-        for kind in roles.playing(roles.MassDependence, system.compiled):
+        for kind in system.differentiable:
             for body, by_mass in kind.derivatives_by_mass().items():
                 unit = system.numbering.vector()
                 rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)

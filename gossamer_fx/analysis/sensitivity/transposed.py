@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers import factorisation
 
 # Relative residual above which a solution is refined, once.  That brings the solution of an
@@ -29,6 +33,8 @@ class TransposedSolver:
         if not self._is_empty:
             factorisation.choose(self._pc, A)
         self._correction, self._residual = A.createVecs()
+        # U (k, n), A⁻ᵀ U (k, n) and (κ⁻¹ + U A⁻ᵀ Uᵀ)⁻¹ (k, k) of `add_to_inverse`
+        self._border: tuple[Array, Array, Array] | None = None
 
     def factorise(self, A: PETSc.Mat) -> None:
         """Factorise a matrix.  Collective.
@@ -51,8 +57,37 @@ class TransposedSolver:
                 "slack film a residual stiffness."
             )
 
+    def add_to_inverse(self, stiffnesses: Sequence[tuple[Array, float]]) -> None:
+        """Solve with A + Σ κ g⊗g from now on, by its factors of A.  Collective.
+
+        Args:
+            stiffnesses: (g, κ), with this rank's part (n,) of g; κ is not zero.
+        """
+        self._border = None
+        if not stiffnesses:
+            return
+        solution, right = self._A.createVecs()
+        solutions = []
+        for gradient, _ in stiffnesses:
+            right.array[:] = gradient
+            self._solve(right, solution)
+            solutions.append(solution.array_r.copy())
+        U = np.array([gradient for gradient, _ in stiffnesses])
+        solved = np.array(solutions)
+        inner = self._A.comm.tompi4py().allreduce(U @ solved.T)
+        inner += np.diag([1 / stiffness for _, stiffness in stiffnesses])
+        self._border = (U, solved, np.linalg.inv(inner))
+
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set x = A⁻ᵀ b, refined where that changes it."""
+        """Set x = A⁻ᵀ b, or that of `add_to_inverse`, refined where that changes it."""
+        self._solve(b, x)
+        if self._border is not None:
+            U, solved, inverse = self._border
+            amounts = self._A.comm.tompi4py().allreduce(U @ x.array_r)
+            x.array[:] -= (inverse @ amounts) @ solved
+
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Set x = A⁻ᵀ b."""
         if self._is_empty:
             return
         self._pc.applyTranspose(b, x)

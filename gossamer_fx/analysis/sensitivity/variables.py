@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -26,12 +26,15 @@ from gossamer_fx.analysis.sensitivity.form_derivative import (
     size_of,
 )
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint
+from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.solve.system.system import System
+
+if TYPE_CHECKING:
+    # Scenes without gas do not load it.
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # Names of variables that are not parameters of terms.
 SHAPE = "shape"
@@ -70,14 +73,13 @@ class AdjointFields:
     def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
         for body, function in functions.items():
             owned = self._system.block(body).owned
-            self._system.fields[body].take(function, vector.array_r[owned])
+            self._system.coordinates[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
         expressions: dict[fem.Function, Any] = {}
-        for tabulated in roles.playing(roles.TabulatedCoefficients, self._system.compiled):
-            expressions.update(tabulated.expressions())
         found = []
-        for kind in roles.playing(roles.ResidualForms, self._system.compiled):
+        for kind in self._system.differentiable:
+            expressions.update(kind.expressions())
             for body, μ in self.of.items():
                 found += kind.residual_forms(body, μ)
         if expressions:
@@ -87,7 +89,7 @@ class AdjointFields:
     def inertia_forms(self) -> list[ufl.Form]:
         """μ·M z of all masses that are forms."""
         found = []
-        for kind in roles.playing(roles.MassForms, self._system.compiled):
+        for kind in self._system.differentiable:
             for body, μ in self.of.items():
                 found += kind.kinetic_forms(body, self.inertia[body], μ)
         return found
@@ -223,7 +225,7 @@ class PointVariable(Variable):
         self,
         name: str,
         unit: str,
-        uses: Sequence[tuple[roles.PointParameters, Any, Parameter]],
+        uses: Sequence[tuple[Differentiable, Any, Parameter]],
     ) -> None:
         """Count the values of a parameter that terms without forms share.
 
@@ -345,7 +347,7 @@ class RigidMotionVariable(Variable):
 class ScalarVariable(Variable):
     """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
 
-    def __init__(self, name: str, adjoint: ScalarsAdjoint, item: Any, system: System) -> None:
+    def __init__(self, name: str, adjoint: GasAdjoint, item: Any, system: System) -> None:
         """Take the unit of the parameter from the adjoint.
 
         Args:
@@ -390,7 +392,7 @@ def find_variables(
     adjoint: AdjointFields,
     *,
     in_time: bool,
-    scalars: Sequence[ScalarsAdjoint] = (),
+    scalars: Sequence[GasAdjoint] = (),
 ) -> list[Variable]:
     """Return the variables of a scene with these names.  Collective.
 
@@ -423,19 +425,14 @@ def refuse_unknown_kinds(system: System) -> None:
         InputError: names the first part of the scene without a gradient.
     """
     for kind in system.compiled:
-        is_known = isinstance(
-            kind,
-            roles.ResidualForms | roles.PointParameters | roles.Mass | roles.WithoutParameters,
-        )
-        words = ""
-        if not is_known:
+        if isinstance(kind, Differentiable):
+            words = kind.without_gradient()
+        else:
             words = (
                 f"'{brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
                 "are not known; "
                 "leave it out of the scene"
             )
-        elif isinstance(kind, roles.GradientLimits):
-            words = kind.without_gradient()
         check_on_all(system.comm, not words, f"gradient: {words}.")
 
 
@@ -456,7 +453,7 @@ def _find(
     name: str,
     adjoint: AdjointFields,
     in_time: bool,
-    scalars: Sequence[ScalarsAdjoint],
+    scalars: Sequence[GasAdjoint],
 ) -> Variable:
     """Return the variable of a parameter.
 
@@ -509,9 +506,7 @@ def _find(
     return PointVariable(name, unit, uses)
 
 
-def _names_of(
-    system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
-) -> list[str]:
+def _names_of(system: System, item: Any, in_time: bool, scalars: Sequence[GasAdjoint]) -> list[str]:
     """List the parameters of an item by which a result has a derivative, in alphabetical order."""
     names = {
         parameter.name
@@ -541,8 +536,7 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
         InputError: a part of the scene measures the stress-free shape in another way than by forms.
     """
     for kind in system.compiled:
-        is_form = isinstance(kind, roles.ResidualForms)
-        if not (is_form or isinstance(kind, roles.Mass | roles.IndependentOfShape)):
+        if not (isinstance(kind, Differentiable) and kind.has_shape_derivative):
             raise InputError(
                 f"gradient: '{brought_by(system, kind)}' is measured on the mesh when the scene "
                 "is made, so that "

@@ -65,13 +65,11 @@ from gossamer_fx.analysis.statics.remedies import (
 )
 from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import NoEquilibrium, check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
-from gossamer_fx.mechanics.terms.scalar_unknowns import ChangesWithVolume
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.solvers import factorisation
@@ -81,7 +79,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import LOAD_PARAMETER, Account
 
-# What stays constant in the chambers, see `gas.static_processes`.
+# What stays constant in the chambers, see `gas.network`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
@@ -90,6 +88,10 @@ MAX_RELATIVE_DISPLACEMENT = 1e3
 
 # Size of the scene [m] that is assumed if all coordinates are smaller.
 MIN_SCENE_SIZE = 1e-3
+
+# External force over the largest one of earlier searches, up to which it counts as zero: after
+# unloading the inner forces have round-off and no load to be compared with.
+VANISHING_LOAD = 1e-6
 
 # Largest round-off of the inner forces, over the load, that may count as equilibrium.  In a slender
 # beam or cable the forces are known to fewer digits than `Continuation.tolerance`.
@@ -310,10 +312,9 @@ class Equilibrium:
         self.scene = scene
         self.search = search
         self.comm = scene.comm
-        self.system: System = scene.compile(EndPoint())
+        self.system: System = scene.compile(AtRest())
         for scalars in self.system.scalar_unknowns:
-            if isinstance(scalars, ChangesWithVolume):
-                scalars.set_static_process(gas)
+            scalars.set_static_process(gas)
         self.newton = Newton(self.system, Tolerances(), direct=True)
         numbering = self.system.numbering
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
@@ -328,6 +329,8 @@ class Equilibrium:
         self.step = 0
         self._all_iterations = 0  # of all searches
         self._all_seconds = 0.0  # CPU time [s] of all searches
+        # Norm of the external forces, of all equilibria found so far [N]
+        self._largest_load = 0.0
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
@@ -368,10 +371,18 @@ class Equilibrium:
                 self._continue(at, signals)
         finally:
             self._progress.close()
-        self._warn_of_lost_loads()
+        external = float(self.system.external_forces().norm())
+        self._largest_load = max(self._largest_load, external)
+        is_unloaded = external <= VANISHING_LOAD * self._largest_load
+        if not is_unloaded:
+            self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
-        residual, _ = self._unbalanced()
+        residual, load = self._unbalanced()
         is_within_tolerance = bool(residual <= self.search.tolerance)
+        if is_unloaded:
+            # Nothing to compare with but earlier loads, and the round-off of the inner forces.
+            absolute = max(self.search.tolerance * self._largest_load, self.newton.round_off)
+            is_within_tolerance = bool(residual * load <= absolute)
         self.result = EquilibriumResult(
             residual=residual,
             iterations=self._iterations,
@@ -491,7 +502,7 @@ class Equilibrium:
         return found
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber or tank, see `gas.state.ChamberState`.
+        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`.
 
         Raises:
             InputError: the scene has no chamber or tank of this name.
@@ -781,8 +792,7 @@ class Equilibrium:
         K = system.tangent()
         stiffnesses = []
         for scalars in system.scalar_unknowns:
-            if isinstance(scalars, ChangesWithVolume):
-                stiffnesses += scalars.static_stiffness()
+            stiffnesses += scalars.static_stiffness()
         free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
         if free or not converges:
             return free, False

@@ -32,10 +32,9 @@ from gossamer_fx.analysis.statics.equilibrium import Equilibrium, EquilibriumRes
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.body import Array, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.cable import CableLaw

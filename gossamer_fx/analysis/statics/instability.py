@@ -119,7 +119,7 @@ def _deflection(system: System, beam: Beam) -> float:
 def _mean_tension(system: System, beam: Beam, length: float) -> float:
     """Mean of EA ε along a beam of a length [m], [N]; ε is small in a beam that buckles."""
     q = fem.Function(beam.space)
-    system.fields[beam].take(q, system.q0.array_r[system.block(beam).owned])
+    system.coordinates[beam].take(q, system.q0.array_r[system.block(beam).owned])
     tension = beam.constants.EA * beam.measure(q)[0] * beam.mass_dx
     own = float(fem.assemble_scalar(compile_form(tension)))
     return system.comm.allreduce(own) / length

@@ -24,8 +24,8 @@ from gossamer_fx.analysis.vibration.natural_modes import Mode, modes
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.solve.system.system import System
 
 # Relative difference of neighbouring frequencies below which a mode is not unique, and its
@@ -120,7 +120,7 @@ class Frequency:
         for body in system.bodies:
             if not (is_on_mesh(body) and has_nodal_unknowns(body)):
                 continue
-            q = system.fields[body].q1
+            q = system.coordinates[body].q1
             mesh = body.space.mesh
             φ = fem.Function(body.space)
             factor = constant(mesh, 0.0)
@@ -128,7 +128,7 @@ class Frequency:
             self._shapes[body] = φ
             self._numbers[body] = (factor, ω2)
             own = []
-            for kind in roles.playing(roles.ResidualForms, system.compiled):
+            for kind in system.differentiable:
                 for form in kind.residual_forms(body, φ):
                     # The derivative of a load that does not follow the body is empty.
                     stiffness = expand_derivatives(ufl.derivative(form, q, φ))
@@ -136,8 +136,8 @@ class Frequency:
                         own.append(factor * stiffness)
             w = ufl.TestFunction(body.space)
             self._by_position[body] = [compile_form(ufl.derivative(one, q, w)) for one in own]
-            for mass in roles.playing(roles.MassForms, system.compiled):
-                own += [-factor * ω2 * form for form in mass.kinetic_forms(body, φ, φ)]
+            for kind in system.differentiable:
+                own += [-factor * ω2 * form for form in kind.kinetic_forms(body, φ, φ)]
             self._forms += own
         return self._forms
 
@@ -171,9 +171,9 @@ class Frequency:
         shape.scale(1 / math.sqrt(product.dot(shape)))
         ω = 2 * math.pi * mode.frequency
         for body, φ in self._shapes.items():
-            field = system.fields[body]
+            at = system.coordinates[body]
             owned = system.block(body).owned
-            field.take(φ, shape.array_r[owned])
+            at.take(φ, shape.array_r[owned])
             factor, ω2 = self._numbers[body]
             # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
             factor.value = 1 / (8 * math.pi**2 * mode.frequency)
@@ -185,15 +185,14 @@ class Frequency:
                 fem.assemble_vector(b.array, form)
             b.scatter_reverse(la.InsertMode.add)
             with by_position as values:
-                field.add_forces(b.array, values[owned])
+                at.add_forces(b.array, values[owned])
 
 
 def _check_made_of_forms(system: System) -> None:
     """Raise `InputError` if forces act on or between points."""
     for kind in system.compiled:
-        on_mesh = isinstance(kind, roles.ResidualForms | roles.OnMeshes)
         check(
-            on_mesh or not isinstance(kind, roles.Forces),
+            isinstance(kind, Differentiable) and kind.forces_are_forms,
             f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not "
             "known; leave out what "
             "acts on points.",

@@ -24,8 +24,11 @@ method:
     G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (2)
     G ≠ 0:   see `analysis.turning_modes`
 
+At rest the modes found are counted, see `analysis.vibration.spectrum`.  Copies of a multiple
+eigenvalue that are missing are looked for with the others projected out, by I - Φ ΦᵀM.
+
 Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and
-one solution with it for each Krylov vector.
+one solution with it for each Krylov vector.  At rest two factorisations more for the count.
 """
 
 from __future__ import annotations
@@ -42,11 +45,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.rigid_motions import listed
+from gossamer_fx.analysis.vibration.spectrum import DIFFERENT_PATTERN, Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.scalar_unknowns import ChangesWithVolume
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -78,7 +81,12 @@ DEPENDENT = 1e-8
 
 LOG = logging.getLogger("gossamer_fx")
 
-DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+# Relative difference of distances from `above`, up to which modes count as equally near to it: a
+# thousand times what the eigenvalue solver leaves.
+EQUAL_DISTANCES = 1e-6
+
+# Searches for modes that a count misses: each finds at least one copy of every multiple eigenvalue.
+MAX_SEARCHES = 10
 
 
 @check_arguments
@@ -146,6 +154,10 @@ def modes(
 ) -> list[Mode]:
     """The `count` modes whose frequencies are nearest to `above`, in ascending order.
 
+    Several modes may have one frequency, as those of a square or of a disc.  At rest, with a
+    symmetric stiffness, the modes are counted, so that none is left out; a warning says if `count`
+    cuts a group of one frequency.
+
     Args:
         equilibrium: the state about which the scene vibrates; `find` was called.
         count: number of modes.
@@ -156,7 +168,8 @@ def modes(
     Raises:
         InputError: a value is out of its range, the scene has gas in a turning frame or scalar
             unknowns other than gas, or no equilibrium was found.
-        NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes.
+        NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes than
+            there are.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -185,7 +198,8 @@ def modes(
         # Without the gas K may be singular, so that (3) needs a shift that the gas does not hide.
         away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
     if not any(spin):
-        found = _modes_at_rest(K, M, count, ω**2 or -away_from_zero, stiffnesses)
+        least = SHIFT_RATIO * K.norm() / M.norm()
+        found = _modes_at_rest(K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
@@ -199,11 +213,7 @@ def modes(
             "equilibrium."
         )
 
-    def distance(mode: Mode) -> float:
-        """Of λ from the wanted one [1/s]."""
-        return math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
-
-    nearest = sorted(found, key=distance)[:count]
+    nearest = sorted(found, key=lambda mode: _distance(mode, ω))[:count]
     least = SHIFT_RATIO * K.norm() / M.norm()
     _warn_of_zeros(equilibrium, nearest, least)
     if not any(spin):
@@ -212,6 +222,11 @@ def modes(
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def _distance(mode: Mode, ω: float) -> float:
+    """Distance of the eigenvalue λ of a mode from i ω [1/s]."""
+    return math.hypot(mode.growth, 2 * math.pi * mode.frequency - ω)
 
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
@@ -286,13 +301,13 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
     """
     found = []
     for scalars in system.scalar_unknowns:
+        stiffnesses = scalars.vibration_stiffness()
         check(
-            isinstance(scalars, ChangesWithVolume),
+            stiffnesses is not None,
             "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
             "out.",
         )
-        assert isinstance(scalars, ChangesWithVolume)
-        for gradient, stiffness in scalars.vibration_stiffness():
+        for gradient, stiffness in stiffnesses or ():
             values = gradient.copy()
             values[system.supports.held] = 0.0
             found.append((values, stiffness))
@@ -489,6 +504,8 @@ class _ShiftedInverse:
         self._pc.setOperators(shifted)
         factorisation.choose(self._pc, shifted)
         _check_inverse(factorisation.set_up(self._pc))
+        # Modes that are projected out, of unit modal mass, and M times these; rows of this rank.
+        self._known: tuple[Array, Array] | None = None
         self._border: tuple[Array, Array, Array] | None = None
         if stiffnesses:
             self._border = self._solve_border(stiffnesses)
@@ -520,6 +537,24 @@ class _ShiftedInverse:
             U, solved, inverse = self._border
             of_chambers = self._M.comm.tompi4py().allreduce(U.T @ y.array_r)
             y.array[:] -= solved @ (inverse @ of_chambers)
+        if self._known is not None:
+            shapes, momenta = self._known
+            amounts = self._M.comm.tompi4py().allreduce(momenta.T @ y.array_r)
+            y.array[:] -= shapes @ amounts
+
+    def project_out(self, found: Sequence[Mode]) -> None:
+        """Leave modes, orthogonal ones, out of what later searches find.  Collective."""
+        comm = self._M.comm.tompi4py()
+        vector = self._M.createVecRight()
+        shapes = []
+        momenta = []
+        for mode in found:
+            vector.array[:] = mode.shape.real
+            self._M.mult(vector, self._Mx)
+            length = math.sqrt(comm.allreduce(float(vector.array_r @ self._Mx.array_r)))
+            shapes.append(vector.array_r / length)
+            momenta.append(self._Mx.array_r / length)
+        self._known = (np.array(shapes).T, np.array(momenta).T)
 
 
 def _check_inverse(problem: str) -> None:
@@ -535,29 +570,89 @@ def _modes_at_rest(
     K: PETSc.Mat,
     M: PETSc.Mat,
     count: int,
+    ω: float,
     shift: float,
     stiffnesses: Sequence[tuple[Array, float]],
+    least: float,
 ) -> list[Mode]:
-    """The modes of equation (2) of the module whose ω² are nearest to a shift.  Collective.
+    """The modes of equation (2) of the module that are nearest to the angular frequency ω [rad/s],
+    and perhaps others.  Collective.
 
-    Args:
-        shift: ω² [1/s²] near which they are.
-
-    Returns:
-        modes with frequency [Hz] and growth [1/s], in the order in which they are found.
+    The shift [rad²/s²] is ω², or a number near it at which K - σ M is regular; `least` [rad²/s²] is
+    round-off.
     """
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
     operator.setUp()
-    found = []
+    found = list(_search(operator, count, shift))
+    if len(found) < count or not is_symmetric(K):
+        return found
+    spectrum = Spectrum(K, M, stiffnesses)
+    for _ in range(MAX_SEARCHES):
+        missing = _missing(spectrum, found, count, ω, least)
+        if not missing:
+            break
+        found = _orthogonal(found, M, least)
+        inverse.project_out(found)
+        found += _search(operator, missing, shift)
+    else:
+        raise NoEquilibrium(
+            f"modes: {missing} modes below the last one were not found, though the stiffness has "
+            "them; ask for more modes."
+        )
+    return found
+
+
+def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
+    """Yield modes of (2) near a shift [rad²/s²], from the largest eigenvalues of the operator."""
     for θ, shape in _largest_eigenpairs(operator, count):
         # ω² = shift + 1/θ, and the mode moves as exp(λ t) with λ² = -ω².  θ = 0 is that of an
-        # infinite frequency.
+        # infinite frequency, or of a mode that is projected out.
         if θ:
             λ = cmath.sqrt(-shift - 1 / θ)
-            frequency = abs(λ.imag) / (2 * math.pi)
-            found.append(Mode(frequency, growth=abs(λ.real), shape=shape))
-    return found
+            yield Mode(abs(λ.imag) / (2 * math.pi), growth=abs(λ.real), shape=shape)
+
+
+def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, least: float) -> int:
+    """Number of modes nearer to the angular frequency ω [rad/s] than the last wanted one that were
+    not found.  Collective.
+
+    Logs a warning if the wanted modes are a part only of a group of one frequency.
+    """
+    distances = sorted(_distance(mode, ω) for mode in found)
+    last = distances[count - 1]
+    # Within round-off of zero there may be any number of modes, as of slack film.
+    if ω == 0 and last**2 <= ZERO_FREQUENCY_FACTOR * least:
+        return 0
+    within = spectrum.count(*_squares(ω, last * (1 + EQUAL_DISTANCES)))
+    if within <= count:
+        return 0
+    nearer = last * (1 - EQUAL_DISTANCES)
+    missing = spectrum.count(*_squares(ω, nearer)) - sum(d < nearer for d in distances)
+    if missing > 0:
+        return missing
+    known = sum(d <= last * (1 + EQUAL_DISTANCES) for d in distances)
+    if known < within:
+        # Copies of the last one: found, so that those that are returned do not depend on chance.
+        return within - known
+    if PETSc.COMM_WORLD.rank == 0:
+        LOG.warning(
+            "modes: %d modes are cut from a group of %d of one frequency; ask for %d to have all.",
+            count - sum(d < nearer for d in distances),
+            within - sum(d < nearer for d in distances),
+            within,
+        )
+    return 0
+
+
+def _squares(ω: float, distance: float) -> tuple[float, float]:
+    """Squares ω² [rad²/s²] between which the eigenvalues λ lie that are nearer to i ω than a
+    distance [1/s]."""
+    high = (ω + distance) ** 2
+    if distance < ω:
+        return (ω - distance) ** 2, high
+    # Modes that grow have a real λ, |λ|² = distance² - ω².
+    return ω**2 - distance**2, high
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:

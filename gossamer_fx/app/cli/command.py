@@ -67,13 +67,13 @@ def main(words: Sequence[str]) -> int:
     # A process that mpirun has started is one of its ranks, and starts no others.
     if not any(name in os.environ for name in _LAUNCHED):
         if getattr(wanted, "jobs", 1) > 1:
-            from gossamer_fx.app.cli.launch import launch_alike
+            from gossamer_fx.app.cli.launch import OWN_COMMAND, launch_alike
 
-            return launch_alike(wanted.jobs, ["-m", "gossamer_fx", *words, "--jobs", "1"])
+            return launch_alike(wanted.jobs, [*OWN_COMMAND, *words, "--jobs", "1"])
         if getattr(wanted, "ranks", 1) > 1:
-            from gossamer_fx.app.cli.launch import launch
+            from gossamer_fx.app.cli.launch import OWN_COMMAND, launch
 
-            return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
+            return launch(wanted.ranks, [*OWN_COMMAND, *words])
     try:
         from mpi4py import MPI
     except ImportError as error:
@@ -304,8 +304,8 @@ def _parser() -> argparse.ArgumentParser:
     for command in (run, sweep, plot, report, export):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
 
-    demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
-    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos, without .py")
+    demo = commands.add_parser("demo", help="run a demo of a clone, folded_tube by default")
+    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos/*, without .py")
     demo.add_argument("arguments", nargs="*", help="what that demo takes")
     validate = commands.add_parser(
         "validate", help="compare predictions with measurements of a case of a clone, or of a file"

@@ -11,21 +11,29 @@ from typing import NoReturn
 
 # the picture of the README
 DEFAULT = "folded_tube"
+# folders of `demos` that are no subject: their programs have launchers of their own
+OTHER_FOLDERS = {"common", "studies", "validation", "benchmarks"}
 
 
 def find_demos() -> Path | None:
     """The folder of the demos: that of the clone of this package, else one in the current folder.
 
-    A folder counts if it has the file of the demo that runs without a name, `DEFAULT`.
+    A folder counts if it has the demo that runs without a name, `DEFAULT`.
 
     Returns:
         Absolute path; None if there is none: an installed package has no demos.
     """
     clone = Path(__file__).resolve().parents[3]
     for folder in (clone / "demos", Path("demos").resolve()):
-        if (folder / f"{DEFAULT}.py").is_file():
+        if DEFAULT in demos_of(folder):
             return folder
     return None
+
+
+def demos_of(folder: Path) -> dict[str, Path]:
+    """The programs in the folders of the subjects, by their names without .py."""
+    programs = sorted(folder.glob("*/*.py"), key=lambda path: path.stem)
+    return {path.stem: path for path in programs if path.parent.name not in OTHER_FOLDERS}
 
 
 def main(words: Sequence[str]) -> int:
@@ -44,11 +52,11 @@ def main(words: Sequence[str]) -> int:
     folder = find_demos()
     if folder is None:
         return _tell_where_demos_are("demo")
-    names = sorted(path.stem for path in folder.glob("*.py"))
-    if name not in names:
-        sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(names)}.\n")
+    demos = demos_of(folder)
+    if name not in demos:
+        sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(demos)}.\n")
         return 2
-    _replace_process(folder, f"{name}.py", rest)
+    _replace_process(folder, demos[name], rest)
 
 
 def validate(words: Sequence[str]) -> int:
@@ -63,7 +71,7 @@ def validate(words: Sequence[str]) -> int:
     folder = find_demos()
     if folder is None:
         return _tell_where_demos_are("validate")
-    _replace_process(folder, "validation", list(words))
+    _replace_process(folder, folder / "validation", list(words))
 
 
 def _tell_where_demos_are(command: str) -> int:
@@ -75,9 +83,9 @@ def _tell_where_demos_are(command: str) -> int:
     return 2
 
 
-def _replace_process(folder: Path, program: str, words: list[str]) -> NoReturn:
+def _replace_process(folder: Path, program: Path, words: list[str]) -> NoReturn:
     """Replace this process by a program of the folder of the demos."""
     # demos import each other and the folder demos/common by their path in the clone
     paths = [str(folder.parent), os.environ.get("PYTHONPATH", "")]
     os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    os.execv(sys.executable, [sys.executable, str(folder / program), *words])
+    os.execv(sys.executable, [sys.executable, str(program), *words])

@@ -21,6 +21,10 @@ from typing import BinaryIO, cast
 
 from gossamer_fx.app.cli.mpi_messages import copy_without_repetitions
 
+# The command of this package, for a child: without the current folder, whose files could stand for
+# numpy and the like.
+OWN_COMMAND = ("-P", "-m", "gossamer_fx")
+
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
@@ -39,6 +43,13 @@ def find_mpirun() -> str | None:
     if sys.prefix not in _SYSTEM_PREFIXES and os.access(beside, os.X_OK):
         return str(beside)
     return shutil.which("mpirun")
+
+
+def child_environment() -> dict[str, str]:
+    """The environment of a child that finds this package where the parent has found it."""
+    home = str(Path(__file__).parents[3])
+    paths = [home, os.environ.get("PYTHONPATH", "")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
 
 
 def launch(ranks: int, program: Sequence[str]) -> int:
@@ -74,6 +85,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
         stderr=subprocess.PIPE,
         start_new_session=True,
         preexec_fn=_die_with_parent,
+        env=child_environment(),
     )
     heard: list[int] = []
 
@@ -116,9 +128,10 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
         KeyboardInterrupt: after Ctrl-C, once the processes have been asked to end.
     """
     command = [sys.executable, *program]
-    runs = [subprocess.Popen(command)]
+    environment = child_environment()
+    runs = [subprocess.Popen(command, env=environment)]
     for _ in range(1, jobs):
-        runs.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
+        runs.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment))
     try:
         return min(abs(run.wait()) for run in runs)
     except KeyboardInterrupt:

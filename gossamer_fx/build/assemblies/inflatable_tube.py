@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Vector
@@ -25,8 +25,7 @@ from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.mechanics.materials.film import FilmLaw
 
 if TYPE_CHECKING:
-    from gossamer_fx.build.fold.fold_map import FoldMap
-    from gossamer_fx.build.fold.folded import Folded
+    from gossamer_fx.build.fold.fold_map import Folded, FoldMap
     from gossamer_fx.mechanics.connectors.crease import Crease
     from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
     from gossamer_fx.mechanics.contact.contact import Contact
@@ -108,14 +107,14 @@ class InflatableTube:
         outside: Ambient | None = None,
         clamp: str | None = "inlet",
         caps: Mapping[str, float | RigidBody] | None = None,
-        rod_width: float = 2e-3,
+        rod_width: Annotated[float, positive("m")] = 2e-3,
         folds: FoldMap | None = None,
         origin: Vector = (0.0, 0.0, 0.0),
         turn: Vector = (0.0, 0.0, 0.0),
-        crease_stiffness: float = 0.0,
+        crease_stiffness: Annotated[float, not_negative("N m/m/rad")] = 0.0,
         set_angle_ratio: float = 1.0,
         yield_angle: float | None = None,
-        contact_distance: float = 0.0,
+        contact_distance: Annotated[float, not_negative("m")] = 0.0,
         contact_stiffness: float | None = None,
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
@@ -124,25 +123,8 @@ class InflatableTube:
         Collective."""
         who = f"InflatableTube '{name}'"
         check(
-            isinstance(mesh, Mesh),
-            f"{who}: the mesh is {mesh!r}; give that of `gossamer_fx.meshes.tube.flat_tube`.",
-        )
-        check(
             contact_distance > 0 or not obstacles,
             f"{who}: it touches obstacles only with contact; give its distance.",
-        )
-        check(
-            crease_stiffness >= 0,
-            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive "
-            "number.",
-        )
-        check(
-            contact_distance >= 0,
-            f"{who}: contact_distance is {contact_distance!r} m; give zero or a positive number.",
-        )
-        check(
-            folds is None or hasattr(folds, "mark"),
-            f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.Zigzag(...).",
         )
         check(
             crease_stiffness == 0 or folds is not None,
@@ -219,46 +201,27 @@ class InflatableTube:
             self.contact = self._contact(contact_distance, contact_stiffness, obstacles)
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
-        """Make the rigid region that fixes the nodes of one end of the tube to a rigid body.
-        Collective.
-
-        Args:
-            what: a rigid body that exists, or the mass [kg] of a bar that is made along the end.
-            bar: side [m] of the square section of such a bar.
-
-        Raises:
-            InputError: `what` is neither a rigid body nor a positive number, or `bar` is not
-                positive.
-        """
+        """Make the rigid region that fixes the nodes of one end to a rigid body, or to a bar of the
+        mass `what` [kg] that is made along the end, with a square section of side `bar` [m].
+        Collective."""
         # Imported here: a tube without caps does not load it.
         from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
 
         known = isinstance(what, RigidBody) or (
             isinstance(what, int | float) and math.isfinite(what) and what > 0
         )
-        who = f"InflatableTube '{self.name}'"
         check(
             known,
-            f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.",
-        )
-        check(
-            math.isfinite(bar) and bar > 0,
-            f"{who}: rod_width is {bar!r} m; give a positive number.",
+            f"InflatableTube '{self.name}': the cap of '{end}' is {what!r}; "
+            "give a rigid body, or a positive mass in kg.",
         )
         body = what if isinstance(what, RigidBody) else self._bar(end, float(what), bar)
         return RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
 
     def _bar(self, end: str, mass: float, side: float) -> RigidBody:
-        """Make a rigid bar along the nodes of an end, at the position where the tube starts.
-        Collective.
-
-        Args:
-            mass: [kg], positive.
-            side: side [m] of the bar's square section; its length is the extent of the nodes.
-
-        Returns:
-            The body, with its first axis along the line and its centre at the mean of the nodes.
-        """
+        """Make a rigid bar of a mass [kg] along the nodes of an end, where the tube starts: its
+        first axis along their line, its centre at their mean, its length their extent, its square
+        section of a side [m].  Collective."""
         index_map = self.film.block.index_map
         comm = self.film.comm
         nodes = self.film.nodes(end)
@@ -291,19 +254,8 @@ class InflatableTube:
     def _contact(
         self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
     ) -> Contact:
-        """Make the contact of the film with itself and with obstacles.  Collective.
-
-        The caller has checked that the distance is positive; `Contact` checks the rest.
-
-        Args:
-            distance: activation distance [m], the gap below which pairs repel each other; positive.
-            stiffness: [N/m³], positive; None: from closing speeds.
-
-        Raises:
-            InputError: the distance or stiffness is not positive and finite, the distance is too
-                large for the shortest edge of the film, or an obstacle is given twice or has no
-                surface.
-        """
+        """Make the contact of the film with itself and with obstacles, with an activation distance
+        [m] and a stiffness [N/m³], None for that of closing speeds.  Collective."""
         # Imported here: a tube without contact does not load it.
         from gossamer_fx.mechanics.contact.contact import Contact
 
@@ -316,15 +268,8 @@ class InflatableTube:
         )
 
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
-        """The valve from a tank or reservoir into the first compartment.
-
-        Args:
-            source: volume of gas from which the valve is fed.
-            area: opening [m²], a number or a function of time [s].
-
-        Raises:
-            InputError: the area is negative or infinite, or the source is of another type.
-        """
+        """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
+        is a number or a function of time [s]."""
         return Orifice(
             source,
             self.chambers[0],
@@ -334,15 +279,8 @@ class InflatableTube:
         )
 
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
-        """The hole from the last compartment to the surroundings.
-
-        Args:
-            outside: the surroundings, with their pressure.
-            area: opening [m²], a number or a function of time [s].
-
-        Raises:
-            InputError: the area is negative or infinite, or `outside` is of another type.
-        """
+        """The hole from the last compartment to the surroundings, with an opening [m²] that is a
+        number or a function of time [s]."""
         return Orifice(
             self.chambers[-1],
             outside,

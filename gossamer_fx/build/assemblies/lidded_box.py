@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
 from gossamer_fx.core.model.state import State
@@ -77,47 +77,29 @@ class LiddedBox:
         sizes: Vector,
         centre: Vector = (0.0, 0.0, 0.0),
         *,
-        wall_thickness: float = 2e-3,
-        mass: float = 0.1,
-        stiffness: float = 0.1,
+        wall_thickness: Annotated[float, positive("m")] = 2e-3,
+        mass: Annotated[float, positive("kg")] = 0.1,
+        stiffness: Annotated[float, positive("N m/rad")] = 0.1,
         rest_angle: float = 2.5,
-        release_time: float = 0.0,
-        damping: float = 0.0,
+        release_time: Annotated[float, not_negative("s")] = 0.0,
+        damping: Annotated[float, not_negative("N m s/rad")] = 0.0,
         max_angle: float | None = 2.0,
         stop_stiffness: float = 1e4,
         body: RigidBody | None = None,
         turn: Vector = (0.0, 0.0, 0.0),
         name: str = "box",
     ) -> None:
-        """Check the arguments, and make lid, hinge, spring, latch and stop.
-
-        The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
-        released."""
         self.name = name
         self._wall = wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2
         self._centre: Array = np.asarray(centre, dtype=float)
         self._body = body
-        good = self._half.shape == (3,) and bool(
-            np.isfinite(self._half).all() and (self._half > 0).all()
+        check(
+            bool((self._half > 0).all()),
+            f"LiddedBox '{name}': sizes are {sizes!r} m; give three positive numbers.",
         )
-        check(good, f"LiddedBox '{name}': sizes are {sizes!r} m; give three positive numbers.")
-        good = self._centre.shape == (3,) and bool(np.isfinite(self._centre).all())
-        check(good, f"LiddedBox '{name}': centre is {centre!r} m; give three finite numbers.")
-        turn_vector = np.asarray(turn, dtype=float)
-        good = turn_vector.shape == (3,) and bool(np.isfinite(turn_vector).all())
-        check(good, f"LiddedBox '{name}': turn is {turn!r} rad; give three finite numbers.")
         # Columns are the axes of the box in space.
-        self._axes: Array = Rotation.from_rotvec(turn_vector).as_matrix()
-        for what, value, unit in (
-            ("wall_thickness", wall_thickness, "m"),
-            ("mass", mass, "kg"),
-            ("stiffness", stiffness, "N m/rad"),
-        ):
-            check(
-                math.isfinite(value) and value > 0,
-                f"LiddedBox '{name}': {what} is {value!r} {unit}; give a positive number.",
-            )
+        self._axes: Array = Rotation.from_rotvec(np.asarray(turn, dtype=float)).as_matrix()
         for what, angle in (
             ("rest_angle", rest_angle),
             ("max_angle", rest_angle if max_angle is None else max_angle),
@@ -126,15 +108,6 @@ class LiddedBox:
                 0 < angle < math.pi,
                 f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.",
             )
-        check(
-            math.isfinite(release_time) and release_time >= 0,
-            f"LiddedBox '{name}': release_time is {release_time!r} s; give zero or a later time.",
-        )
-        check(
-            math.isfinite(damping) and damping >= 0,
-            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive "
-            "number.",
-        )
         x, y, _ = 2 * self._half
         # Of a cuboid about its centre [kg m²].
         inertia = (
@@ -189,16 +162,9 @@ class LiddedBox:
         return float(x), float(y), float(z)
 
     def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
-        """Make the lid as a rigid body that moves as the carrying body does at the start.
-
-        With a carrying body it is collective, and the lid has its velocity and spin; otherwise it
-        is at rest.
-
-        Args:
-            mass: [kg].
-            inertia: principal moments of inertia (3,) [kg m²] about the axes of the box.
-            local: centre of the lid (3,) [m], in axes of the box from its centre.
-        """
+        """Make the lid of a mass [kg], with principal moments of inertia (3,) [kg m²] about the
+        axes of the box and its centre `local` (3,) [m] in these axes, as a rigid body that moves as
+        the carrying body does at the start.  Collective with a carrying body."""
         position = self._at(local)
         given: dict[str, Any] = {}
         if self._body is not None:
@@ -224,13 +190,9 @@ class LiddedBox:
         )
 
     def _cord(self, half_height: float, length: float, stiffness: float) -> Rope:
-        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid.
-
-        Args:
-            half_height: height [m] of the lid's middle plane above the centre of the box.
-            length: length [m] of the rope, at which it becomes tight.
-            stiffness: [N/m].
-        """
+        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid, tight at
+        a length [m], of a stiffness [N/m].  The lid's middle plane is `half_height` [m] above the
+        centre of the box."""
         end = self._at((float(self._half[0]), 0.0, half_height))
         rim: Attached = Ground(end)
         if self._body is not None:
@@ -245,13 +207,8 @@ class LiddedBox:
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
-        """The box as obstacles for a `Contact`: five slabs (four walls and the floor), then the
-        lid.
-
-        The slabs stand still or move with the body that carries the box; the sixth `Box` moves with
-        the lid.  Each call makes new objects; their centres and sizes are in m, in the initial
-        state.
-        """
+        """New obstacles for a `Contact`: four walls and the floor, which stand still or move with
+        the body that carries the box, then the lid, which is a `Box` on its body."""
         # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.mechanics.contact.obstacles import Box
 

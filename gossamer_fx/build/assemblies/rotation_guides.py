@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, require_positive
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 REEL = 1e4
 # Largest number of rods: each is a rigid body with joints, a reel and a tether.
 MAX_RODS = 1000
+
+Length = Annotated[float, positive("m")]
 
 # Against oscillations of the ring on the stiff tether.
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
@@ -73,46 +75,23 @@ class RotationGuides:
     def __init__(
         self,
         hub: RigidBody,
-        count: int,
+        count: Annotated[int, Range(1, MAX_RODS)],
         *,
-        radius: float,
-        rod_radius: float = 0.02,
-        height: float = 0.5,
-        mass: float = 1.0,
-        brake_damping: float = 1.0,
+        radius: Length,
+        rod_radius: Length = 0.02,
+        height: Length = 0.5,
+        mass: Annotated[float, positive("kg")] = 1.0,
+        brake_damping: Annotated[float, positive("N m s/rad")] = 1.0,
         first_angle: float = 0.0,
         drawn: Callable[[float], float] | None = None,
-        reel_depth: float = 1.2,
+        reel_depth: Length = 1.2,
         name: str = "guides",
     ) -> None:
-        """Check the arguments, and make ring, joint, brake and reel.
-
-        The assembly is a ring with upright rods that turns about the z axis of a hub against a
-        brake, and lets wound arms of a sail unwind; a reel can draw it down."""
         self.name = name
         check(
-            1 <= count <= MAX_RODS,
-            f"RotationGuides '{name}': count is {count!r}; give between 1 and {MAX_RODS} rods.",
-        )
-        values = {
-            "radius": (radius, "m"),
-            "rod_radius": (rod_radius, "m"),
-            "height": (height, "m"),
-            "mass": (mass, "kg"),
-        }
-        for what, (value, unit) in (
-            values | {"brake_damping": (brake_damping, "N m s/rad")}
-        ).items():
-            require_positive(f"RotationGuides '{name}': {what}", value, unit)
-        check(
             rod_radius < radius,
-            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of "
-            f"{radius:g} m; give less.",
-        )
-        check(
-            drawn is None or callable(drawn),
-            f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: "
-            "0.1 * t, or None.",
+            f"RotationGuides '{name}': "
+            f"rods of {rod_radius:g} m are too thick for a circle of {radius:g} m; give less.",
         )
         self.hub = hub
         self._height = height
@@ -137,7 +116,6 @@ class RotationGuides:
             from gossamer_fx.mechanics.connectors.spring import Damper
             from gossamer_fx.mechanics.connectors.tether import Tether
 
-            require_positive(f"RotationGuides '{name}': reel_depth", reel_depth, "m")
             # Free along the axis, too, where the reel moves the ring.
             self.joint = CylindricalJoint(
                 hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
@@ -155,12 +133,7 @@ class RotationGuides:
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
-        """The upright rods as cylinders, obstacles for a `Contact`, one for each of the `count`
-        rods.
-
-        They move with the ring.  Each call makes new objects.  Their radius, ends and positions are
-        in m, in the axes of the ring at the start.
-        """
+        """The rods as new cylinders that move with the ring, obstacles for a `Contact`."""
         # Imported here: guides without contact do not load it.
         from gossamer_fx.mechanics.contact.obstacles import Cylinder
 

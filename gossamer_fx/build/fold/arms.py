@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Round-off of a point's column, in columns: a node on a column must not count as left of it.
@@ -66,27 +66,19 @@ class Ikaros(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Ikaros"
-    n: int
+    n: Annotated[int, Range(3)]
     inner: int
     _: KW_ONLY
     outer: int
-    pitch: float
+    pitch: Length
     bends: int = 2
-    gap: float = 0.0
-    hub_gap: float = 0.0
-    ramp: float = 1.0
+    gap: Gap = 0.0
+    hub_gap: Gap = 0.0
+    ramp: Length = 1.0
     wound: bool = False
     out: int = 0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: less than 3 trapezoids, rows that are not 0 < inner < outer, bends not from
-                1 to inner - 1, tips out of an arm that is not wound, a length out of its range, or
-                layers that leave no room for a hub.
-        """
-        self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,
             f"rows from {self.inner!r} to {self.outer!r}; give inner above 0, below outer.",
@@ -102,8 +94,6 @@ class Ikaros(FoldMap):
         self._check(
             self.wound or not self.out, "out is of arms that are wound; give wound=True, too."
         )
-        self._check_positive("pitch", "ramp")
-        self._check_not_negative("gap", "hub_gap")
         self._check(
             self.radius > 0,
             f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.",
@@ -135,24 +125,13 @@ class Ikaros(FoldMap):
 
     def ajar(self) -> Ikaros:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Tilted(**vars(self.pressed()))
+        pressed = self.pressed()
+        gap = AJAR * pressed.radius / pressed._layers
+        return replace(pressed, gap=gap, hub_gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat sail of n trapezoids round a hub.
-
-        Each trapezoid is folded at its rows to a strip that stands on edge; the strip lies round
-        the hub and out along an arm, or its arms are wound round the hub, too.
-
-        In the code u is the coordinate along the trapezoid in columns, i the column before the
-        point, and p (n, 2) [m] the position in the frame of the trapezoid.
-
-        Args:
-            X: points (n, 3) [m] of the flat sail, in the plane z = 0, centre at the origin.
-            side: sheet of each point (n,), which makes no difference here.
-
-        Returns:
-            positions (n, 3) [m].
-        """
+        """In the code u is the coordinate along the trapezoid in columns, i the column before the
+        point, and p (n, 2) [m] the position in the frame of the trapezoid."""
         # The trapezoid of each point, and its turn from the one whose middle is at negative y.
         angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
         trapezoid = np.round(angle / (2 * np.pi / self.n))
@@ -167,7 +146,7 @@ class Ikaros(FoldMap):
         z = self._height(row - self.inner)
         u = along / self.column
         i = np.floor(u + COLUMN_ROUND_OFF)
-        part = (u - i)[:, None]
+        fraction = (u - i)[:, None]
         if self.wound:
             back = u < -self.bends - COLUMN_ROUND_OFF
             at_column = self._wound(i, row, back)
@@ -176,7 +155,7 @@ class Ikaros(FoldMap):
             layer = np.maximum(row - np.abs(u), 0.0)
             at_column = self._corner(i, layer)
             at_next = self._corner(i + 1, layer)
-        p = (1 - part) * at_column + part * at_next
+        p = (1 - fraction) * at_column + fraction * at_next
 
         # Turned back to the trapezoid.
         x = cos * p[:, 0] - sin * p[:, 1]
@@ -185,20 +164,14 @@ class Ikaros(FoldMap):
 
     def _height(self, row: Array) -> Array:
         """z (n,) of rows counted from the inner edge."""
-        wave: Array = self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
-        return wave
+        return self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return where a folded strip has its corners on the hub and on a radial arm, seen from
-        above.
+        """Where a folded strip has its corners, seen from above: positions (n, 2) [m] in the frame
+        of a trapezoid whose middle is at (0, -radius).
 
-        Args:
-            i: column of each point (n,), 0 in the middle of the trapezoid; up to `bends` on either
-                side it is on the hub, beyond on an arm.
-            layer: layers (n,) from the innermost one.
-
-        Returns:
-            positions (n, 2) [m] in the frame of a trapezoid whose middle is at (0, -radius).
+        Column i (n,) is 0 in the middle of the trapezoid; up to `bends` on either side it is on the
+        hub, beyond on a radial arm.  Layers (n,) count from the innermost one.
         """
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
@@ -231,18 +204,13 @@ class Ikaros(FoldMap):
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
-        """Return the height above the hub, in layers of film, of a strip that is wound round it.
+        """Layers of film (n,) between the hub and the seam of a strip that is wound round it, at p
+        ≥ 0 columns (n,) from where its trapezoid begins.
 
         A trapezoid takes 2 `bends` columns of the circumference, on which both halves of its arm
         lie, as many layers each as the arm has columns.  Over these columns a strip rises linearly,
         by the layers of one half and one more.  At the first column of the next trapezoid it is
         above both halves of all that it has passed.
-
-        Args:
-            p: columns (n,) from where the trapezoid of the strip begins, ≥ 0.
-
-        Returns:
-            (n,) layers between the hub and the seam of the strip.
         """
         columns_of_trapezoid = 2 * self.bends
         # 0 on the columns of the first trapezoid, the last of them included.
@@ -250,8 +218,7 @@ class Ikaros(FoldMap):
         # Columns on the present trapezoid, from one: at the first the strip has not yet risen.
         columns = np.maximum(p - columns_of_trapezoid * passed, 1.0)
         below = passed * (2 * self._arm + 1)
-        rise: Array = below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
-        return rise
+        return below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
 
     @property
     def _height_of_roll(self) -> float:
@@ -264,24 +231,17 @@ class Ikaros(FoldMap):
         return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
-        """Return where columns of a folded strip are in the roll, if its arms are wound round the
-        hub.
+        """Where columns of a folded strip are in the roll, if its arms are wound round the hub:
+        positions (n, 2) [m] in the frame of the trapezoid, whose middle is at (0, -radius).
 
-        The strip and its half that turned back lie above each other with their outer edges
-        together, the seams outside. Of the turns, which enclose each other, the inner ones are
-        shorter.  Tips stand out radially; outer layers bend outwards earlier, so that layers stay
-        apart and none is stretched.
+        The strip and its half that turned back (`back`, at the column -bends) lie above each other
+        with their outer edges together, the seams outside.  Of the turns, which enclose each other,
+        the inner ones are shorter.  Tips stand out radially; outer layers bend outwards earlier, so
+        that layers stay apart and none is stretched.
 
-        N is the number of columns on an arm, p the column on the hub, counted from where the
+        Column i (n,) is 0 in the middle of the trapezoid, `row` (n,) counts from the centre of the
+        sail.  N is the number of columns on an arm, p the column on the hub, counted from where the
         trapezoid begins, and r [m] the distance from the axis of the hub.
-
-        Args:
-            i: column of each point (n,), 0 in the middle of its trapezoid.
-            row: its row (n,), counted from the centre of the sail.
-            back: where the strip has turned back, at the column -bends (n,).
-
-        Returns:
-            positions (n, 2) [m] in the frame of the trapezoid, whose middle is at (0, -radius).
         """
         N = self._arm
         corner = self.outer - self.out  # column from which on the tip stands out
@@ -315,20 +275,4 @@ class Ikaros(FoldMap):
         early = np.where(is_standing, height_in_tip, 0.0)
         quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
         across = at(p) @ quarter_turn
-        result: Array = r[:, None] * direction - early[:, None] * across
-        return result
-
-
-class _Tilted(Ikaros):
-    """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
-
-    def pressed(self) -> Ikaros:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
-        gap = AJAR * self.radius / self._layers
-        # A plain `Ikaros`, as the gaps of this class are zero.
-        loose = replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap)
-        return loose.place(X, side)
+        return r[:, None] * direction - early[:, None] * across

@@ -75,14 +75,9 @@ class Map(Protocol):
 
 
 class Key(NamedTuple):
-    """What edges of one fold line have in common.
-
-    Attributes:
-        fold: number of the fold, or 0.
-        sheet: 1 for "top", 2 for "bottom", 0 for a film of one sheet.
-        sign: 1 for a valley, -1 for a mountain.
-        angle: its size [rad].
-    """
+    """What edges of one fold line have in common: the number of the fold, or 0; the sheet (1 "top",
+    2 "bottom", 0 for a film of one sheet); 1 for a valley, -1 for a mountain; and the size of the
+    angle [rad]."""
 
     fold: int
     sheet: int
@@ -92,13 +87,8 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True)
 class FoldLine:
-    """Edges of a mesh with one fold angle.
-
-    Attributes:
-        name: of the group.
-        angle: [rad], positive for a valley.
-        edges: local edges (owned and ghost), in rising order.
-    """
+    """Edges of a mesh with one fold angle [rad], positive for a valley: local numbers, owned and
+    ghost, in rising order, and the name of their group."""
 
     name: str
     angle: float
@@ -106,20 +96,12 @@ class FoldLine:
 
 
 def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
-    """Return the fold lines of a map on a mesh, in an order that is the same on every rank.
-
-    Collective.
+    """Return the fold lines of a map on a mesh of the flat film, in an order that is the same on
+    every rank.  Collective.
 
     X (n, 3) [m] are the points of the mesh on this rank, ghosts included; `shut` and `ajar` are
-    their positions [m] on the closed map and on the map that is opened a little.
-
-    Args:
-        folds: map from the flat film to a folded shape.
-        mesh: of the flat film.
-
-    Raises:
-        InputError: the mesh has no plane triangles, is not flat, has nodes outside of the map, or
-            has triangles on both sides of a fold line.
+    their positions [m] on the closed map and on the map that is opened a little.  A mesh that
+    `_check_mesh` refuses, or that has triangles on both sides of a fold line, raises `InputError`.
     """
     domain = mesh.domain
     _check_mesh(folds, mesh)
@@ -128,7 +110,7 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     # Step 1 of the module
     one_sheet = np.zeros(len(X))
     shut = folds.pressed().place(X, one_sheet)
-    ajar = folds.ajar().pressed().place(X, one_sheet)
+    ajar = folds.pressed().ajar().place(X, one_sheet)
     check_on_all(
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
@@ -163,18 +145,13 @@ def has_two_sheets(mesh: Mesh) -> bool:
 
 
 def _check_mesh(folds: Map, mesh: Mesh) -> None:
-    """Check that a mesh has triangles of order 1 in the plane z = 0, in the extent of a fold map.
-
-    Collective.
-
-    Raises:
-        InputError: on all ranks, if one of these does not hold.
-    """
+    """Raise `InputError` on all ranks unless a mesh has triangles of order 1 in the plane z = 0, in
+    the extent of a fold map.  Collective."""
     domain = mesh.domain
     check(
         domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
-        f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of "
-        "order 1.",
+        f"{folds.called}: the mesh has no plane triangles; "
+        "mesh the flat film with triangles of order 1.",
     )
     # Coordinates (n, 3) [m] of this rank's points, ghosts included
     X = domain.geometry.x
@@ -189,22 +166,12 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     folds.check_fits(*box(mesh.comm, X))
 
 
-def _kinked_edges(
-    folds: Map,
-    mesh: Mesh,
-    shut: Array,
-    ajar: Array,
-) -> tuple[Indices, list[Key]]:
-    """Return the owned edges at which a fold map has a kink, and what fold each belongs to.
+def _kinked_edges(folds: Map, mesh: Mesh, shut: Array, ajar: Array) -> tuple[Indices, list[Key]]:
+    """The owned edges at which a fold map has a kink, by their local numbers (k,), and for each the
+    number of its fold, its sheet, its sign, and the size of its angle [rad].
 
-    Args:
-        shut: positions (n, 3) [m] of the vertices with all layers on each other, folds of ±π
-            included; it gives the size of each angle.
-        ajar: positions (n, 3) [m] of the vertices with no fold at ±π; it gives the sign.
-
-    Returns:
-        local numbers (k,) of the edges, and for each the number of its fold, its sheet, its sign,
-        and the size of its angle [rad].
+    `shut` (n, 3) [m] are the vertices with all layers on each other, folds of ±π included, which
+    give the size of each angle; `ajar` those with no fold at ±π, which give the sign.
     """
     corners = mesh.domain.geometry.dofmap[:, :3]
     table = mesh.edges
@@ -233,21 +200,9 @@ def _kinked_edges(
     return inside[kinked], keys
 
 
-def _refuse_cut_triangles(
-    folds: Map,
-    mesh: Mesh,
-    flat: Array,
-    folded: Array,
-) -> None:
-    """Refuse a mesh of which an edge of a triangle changes its length in the fold; collective.
-
-    Args:
-        flat: corners (triangles, 3, 3) [m] on the flat film.
-        folded: corners (triangles, 3, 3) [m] with all layers on each other.
-
-    Raises:
-        InputError: on all ranks, if there are such triangles; the message has the centre of one.
-    """
+def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) -> None:
+    """Raise `InputError` on all ranks if an edge of a triangle changes its length from the flat to
+    the folded corners (triangles, 3, 3) [m].  Collective."""
     owned = mesh.domain.topology.index_map(2).size_local
     before = _edge_lengths(flat[:owned])
     after = _edge_lengths(folded[:owned])
@@ -262,31 +217,22 @@ def _refuse_cut_triangles(
             where = f"({x:.4g}, {y:.4g}) m"
     check(
         count == 0,
-        f"{folds.called}: {count} triangles lie on both sides of a fold line, one of them at "
-        f"{where}; mesh the film "
-        "with edges along its fold lines.",
+        f"{folds.called}: {count} triangles lie on both sides of a fold line, "
+        f"one of them at {where}; mesh the film with edges along its fold lines.",
     )
 
 
 def _edge_lengths(corners: Array) -> Array:
     """Lengths (n, 3) [m] of the edges of triangles with corners (n, 3, 3)."""
-    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return lengths
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
 
 
-def _angles(
-    x: Array,
-    corners: Indices,
-    cells: Indices,
-    sides: Indices,
-) -> Array:
-    """Return the signed fold angles (n,) [rad] of edges, between -π and π; zero is flat.
+def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
+    """Signed fold angles (n,) [rad] of edges, between -π and π, zero if flat.
 
-    Args:
-        x: positions of the vertices (v, 3) [m].
-        corners: vertices (triangles, 3) of all triangles.
-        cells: the two triangles of each edge (n, 2), left and right of it.
-        sides: number of the edge in each of them (n, 2), that of the corner opposite.
+    x (v, 3) [m] are the vertices and `corners` (triangles, 3) their numbers in all triangles;
+    `cells` (n, 2) are the triangles on the left and right of each edge, `sides` (n, 2) the number
+    of the edge in them, that of the corner opposite.
     """
     n = np.arange(len(cells))
     triangles = x[corners[cells]]  # (n, 2, 3, 3)

@@ -2,21 +2,109 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from dolfinx import fem
 
-from gossamer_fx.build.fold.fold_lines import FoldLine, find_lines
-from gossamer_fx.build.fold.folded import Folded
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.build.fold.fold_lines import SHEETS, FoldLine, Map, find_lines, has_two_sheets
+from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.checks.arguments import not_negative, positive
+from gossamer_fx.core.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array, Indices, Vector
+from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
+
+Length = Annotated[float, positive("m")]
+Gap = Annotated[float, not_negative("m")]
+
+
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """Initial positions of a film by a fold map, turned by a rotation vector [rad] about the origin
+    of the folded shape, which is moved to `origin` [m]; velocities do not change.  `FoldMap.start`
+    makes it.
+
+    Ports, joints, tethers, contact and probes start with the folded film.
+    """
+
+    film: Membrane
+    folds: Map
+    origin: tuple[float, ...] = (0.0, 0.0, 0.0)
+    turn: tuple[float, ...] = (0.0, 0.0, 0.0)
+    name: str = "folded"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        for what, value in (("origin", self.origin), ("turn", self.turn)):
+            check(
+                is_vector(value),
+                f"Folded '{self.name}': {what} is {value!r}; give three finite numbers.",
+            )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.film
+
+    def initialise(self, start: InitialState) -> None:
+        start.place(self.film, self.positions())
+
+    def positions(self) -> Array:
+        """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.  A
+        map for a film of another size, or one that gives positions that are not finite, raises
+        `InputError` on all ranks."""
+        owned = self.film.block.index_map.size_local
+        X = self.film.space.tabulate_dof_coordinates()[:owned]
+        self.folds.check_fits(*box(self.film.comm, X))
+        folded = self.folds.place(X, self._sides()[:owned])
+        check_on_all(
+            self.film.comm,
+            folded.shape == X.shape and bool(np.isfinite(folded).all()),
+            f"'{self.name}': the fold map gives positions that are not finite; "
+            "make it for the mesh of this film.",
+        )
+        R = _rotation(np.asarray(self.turn, dtype=float))
+        return folded @ R.T + np.asarray(self.origin, dtype=float)
+
+    def strain_energy(self) -> float:
+        """Return the elastic energy ∫ ψ(E) dA [J] of the film in the folded start, zero but for
+        round-off and for what keeps layers apart.  Collective."""
+        film = self.film
+        x = fem.Function(film.space)
+        owned = 3 * film.block.index_map.size_local
+        x.x.array[:owned] = self.positions().ravel()
+        x.x.scatter_forward()
+        energy = compile_form(film.density(film.measure(x)) * film.dx)
+        own = float(np.real(fem.assemble_scalar(energy)))
+        return float(film.comm.allreduce(own))
+
+    def _sides(self) -> Array:
+        """Return the sheet of each local node (n,): 1 upper, -1 lower, 0 where both are joined, and
+        everywhere on a film without the groups "top" and "bottom"."""
+        index_map = self.film.block.index_map
+        side = np.zeros(index_map.size_local + index_map.num_ghosts)
+        if has_two_sheets(self.film.mesh):
+            top, bottom = SHEETS
+            # Nodes of both sheets add up to zero.
+            side[self.film.nodes(top)] += 1.0
+            side[self.film.nodes(bottom)] -= 1.0
+        return side
+
+
+def _rotation(turn: Array) -> Array:
+    """The rotation (3, 3) by a rotation vector [rad]."""
+    angle = float(np.linalg.norm(turn))
+    # A rotation by nothing has no axis.
+    if angle == 0:
+        return np.eye(3)
+    return rotations(turn / angle, angle)
+
 
 # Misfit of a film and its fold map, over the size of the film, that counts as round-off.
 FIT = 1e-6
@@ -45,12 +133,8 @@ class FoldMap(ABC):
 
     @abstractmethod
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m].
-
-        Args:
-            X: points (n, 3) of the flat film [m].
-            side: 1 on the upper sheet, -1 on the lower one, else 0, (n,).
-        """
+        """Folded positions (n, 3) [m] of points X (n, 3) [m] of the flat film; `side` (n,) is 1 on
+        the upper sheet, -1 on the lower one, else 0."""
 
     @abstractmethod
     def pressed(self) -> FoldMap:
@@ -71,31 +155,21 @@ class FoldMap(ABC):
         return ()
 
     def check_fits(self, low: Array, high: Array) -> None:
-        """Check that the map is for a film of this extent.
-
-        Args:
-            low, high: smallest and largest coordinates (3,) [m] of the flat film on all ranks.
-
-        Raises:
-            InputError: the film has other `film_sizes`, or does not begin at the origin.
-        """
+        """Raise `InputError` unless the map is for a flat film with these smallest and largest
+        coordinates (3,) [m] on all ranks: of its `film_sizes`, and beginning at the origin."""
         for axis, size in enumerate(self.film_sizes()):
             name = "xy"[axis]
             misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
             self._check(
                 misfit <= FIT * size,
-                f"it is for a film from {name} = 0 to {size:.6g} m, but the mesh reaches from "
-                f"{low[axis]:.6g} to "
-                f"{high[axis]:.6g} m; give the map the size of the film, and mesh the film from "
-                f"{name} = 0 on.",
+                f"it is for a film from {name} = 0 to {size:.6g} m, "
+                f"but the mesh reaches from {low[axis]:.6g} to {high[axis]:.6g} m; "
+                f"give the map the size of the film, and mesh the film from {name} = 0 on.",
             )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
-        """The fold lines as edges of a mesh, with their angles.  Collective.
-
-        Raises:
-            InputError: a triangle lies on both sides of a fold line.
-        """
+        """The fold lines as edges of a mesh, with their angles; `InputError` if a triangle lies on
+        both sides of one.  Collective."""
         return find_lines(self, mesh)
 
     def mark(self, mesh: Mesh) -> Mesh:
@@ -155,15 +229,15 @@ class FoldMap(ABC):
         """
         check(
             0 <= set_angle_ratio <= 1,
-            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; give a number from 0 (flat at "
-            "rest) to 1.",
+            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; "
+            "give a number from 0 (flat at rest) to 1.",
         )
         lines = self.lines(film.mesh)
         for line in lines:
             check(
                 line.name in film.mesh.groups,
-                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; make the "
-                "film on mark(mesh).",
+                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; "
+                "make the film on mark(mesh).",
             )
         creases = []
         for line in lines:
@@ -185,21 +259,3 @@ class FoldMap(ABC):
     def _check(self, condition: bool, message: str) -> None:
         """Check a condition; the message starts with the name of the map."""
         check(condition, f"{self.called}: {message}")
-
-    def _check_positive(self, *lengths: str) -> None:
-        """Check that lengths, given by the names of the map's arguments, are positive numbers."""
-        for what in lengths:
-            value = getattr(self, what)
-            self._check(
-                math.isfinite(value) and value > 0,
-                f"{what} is {value!r} m; give a positive number.",
-            )
-
-    def _check_not_negative(self, *lengths: str) -> None:
-        """Check that lengths, given by the names of the map's arguments, are zero or positive."""
-        for what in lengths:
-            value = getattr(self, what)
-            self._check(
-                math.isfinite(value) and value >= 0,
-                f"{what} is {value!r} m; give zero or a positive number.",
-            )

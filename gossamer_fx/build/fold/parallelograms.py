@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 
@@ -51,23 +51,15 @@ class Miura(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Miura"
-    a: float
-    b: float
+    a: Length
+    b: Length
     _: KW_ONLY
     gamma: float
     theta: float
-    opening: float = 0.0
-    lift: float = 0.0
+    opening: Gap = 0.0
+    lift: Gap = 0.0
 
     def __post_init__(self) -> None:
-        """Check lengths [m] and angles [rad] of a parallelogram.
-
-        Raises:
-            InputError: a side that is not positive, a negative opening or lift, or an angle that is
-                not between 0 and π/2.
-        """
-        self._check_positive("a", "b")
-        self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
             value = getattr(self, what)
             self._check(
@@ -77,13 +69,8 @@ class Miura(FoldMap):
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
-        """Sizes of a folded parallelogram: height H, length S along x and L along y, shift V [m].
-
-        Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, equations 1 to 4.
-
-        a and b are the sides [m] of the parallelogram, γ is the angle between them, and θ is 0 for
-        a flat and π/2 for a closed sheet, both [rad].
-        """
+        """Sizes of a folded parallelogram: height H, length S along x and L along y, shift V [m]
+        (Schenk & Guest, equations 1 to 4)."""
         cos_θ = math.cos(self.theta)
         tan_γ = math.tan(self.gamma)
         sines = math.sin(self.theta) * math.sin(self.gamma)
@@ -103,14 +90,9 @@ class Miura(FoldMap):
         return u, v
 
     def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
-        """Return the fold lines that pass over a rectangle of the flat sheet, as straight segments.
-
-        Args:
-            low, high: corners (x, y) [m] of the rectangle.
-
-        Returns:
-            both ends (x, y) [m] of each segment; lines along x may reach beyond the rectangle.
-        """
+        """The fold lines that pass over a rectangle of the flat sheet between the corners `low` and
+        `high` (x, y) [m], as the ends (x, y) [m] of straight segments; lines along x may reach
+        beyond it."""
         # b is the length [m] of the sides that form the zigzags, a of those along y.
         width = self.b * math.sin(self.gamma)
         rise = self.b * math.cos(self.gamma)
@@ -132,13 +114,8 @@ class Miura(FoldMap):
 
     @cached_property
     def axes(self) -> Array:
-        """Unit directions (3, 3), as columns, into which the first parallelogram is folded.
-
-        They are those of x, of y and of the normal on the flat sheet.
-
-        H, S, L and V are height, lengths along x and y and shift [m] of a folded parallelogram, see
-        `sizes`; a and b are its sides [m].
-        """
+        """Unit directions (3, 3), as columns, into which those of x, of y and of the normal are
+        folded in the first parallelogram."""
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
         # The side b of the parallelogram is at the angle γ to the side a.
@@ -148,20 +125,8 @@ class Miura(FoldMap):
         return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat sheet of parallelograms, Miura's fold.
-
-        H, S, L and V are height, lengths along x and y and shift [m] of a folded parallelogram, see
-        `sizes`; u and v are the coordinates of the points in parallelograms, and p their folded
-        positions (n, 3) [m].
-
-        Args:
-            X: points (n, 3) [m] in the plane z = 0.
-            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
-                sheet, (n,).
-
-        Returns:
-            positions (n, 3) [m].
-        """
+        """In the code u and v are the coordinates of the points in parallelograms, p their folded
+        positions."""
         H, S, L, V = self.sizes
         u, v = self.lattice(X)
         p = np.stack([S * u, L * v + V * _wave(u), H * _wave(v)], axis=1)
@@ -183,11 +148,9 @@ class Miura(FoldMap):
 
 def _wave(u: Array) -> Array:
     """The triangular wave: 0 at even numbers, 1 at odd ones."""
-    wave: Array = 1 - np.abs(np.remainder(u, 2) - 1)
-    return wave
+    return 1 - np.abs(np.remainder(u, 2) - 1)
 
 
 def _sense(u: Array) -> Array:
     """Sign of the slope of `_wave`: 1 where it rises, -1 where it falls."""
-    sense: Array = np.where(np.remainder(u, 2) < 1, 1.0, -1.0)
-    return sense
+    return np.where(np.remainder(u, 2) < 1, 1.0, -1.0)

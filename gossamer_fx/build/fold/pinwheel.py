@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
@@ -61,28 +61,19 @@ class Star(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Star"
-    n: int
-    side: float
+    n: Annotated[int, Range(3)]
+    side: Length
     _: KW_ONLY
     columns: int
     reach: int
-    gap: float = 0.0
+    gap: Gap = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: less than 3 sides, columns that are not 1 ≤ columns ≤ reach, a side that is
-                not positive, a negative gap, or layers that leave no room for a hub.
-        """
-        self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
             f"columns is {self.columns!r} and reach {self.reach!r}; give 1 column a side or more, "
             "and no less in all.",
         )
-        self._check_positive("side")
-        self._check_not_negative("gap")
         self._check(
             self.radius > 0,
             f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",
@@ -106,52 +97,37 @@ class Star(FoldMap):
 
     def ajar(self) -> Star:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
+        gap = AJAR * self.pressed().radius * self.columns / self.reach
+        return replace(self, gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
-        hub.
-
-        Args:
-            X: points (m, 3) [m] in the plane z = 0, outside the polygon round the origin.
-            side: sheet of each point (m,), which makes no difference here.
-
-        Returns:
-            positions (m, 3) [m]; NaN for points within the polygon.
-        """
+        """NaN for points within the polygon."""
         # Of each point (m,): the corner k of the polygon at which its sector begins; its distance s
         # [m] from that corner along the nearer bound of the sector; its depth [m] below the bounds
         # of the sector in the roll; and 1 behind the bisector of the sector, else 0.
         k, s, down, is_behind = self._unrolled(X)
-        # A point lies between the columns i and i + 1 from the corner, at this part of their
+        # A point lies between the columns i and i + 1 from the corner, at this fraction of their
         # distance from column i.
         i = np.floor(s / self.column + COORDINATE_ROUND_OFF)
-        part = (s / self.column - i)[:, None]
+        fraction = (s / self.column - i)[:, None]
         slope = math.tan(math.pi / self.n)
         positions = []
         for j in range(2):
             depth_of_bisector = np.maximum((i + j) * self.column, SMALLEST_DEPTH) * slope
             positions.append(self._corner(k, i + j, down / depth_of_bisector, is_behind))
         # Positions (m, 2) [m] seen from above, on the chord between both columns.
-        p = (1 - part) * positions[0] + part * positions[1]
+        p = (1 - fraction) * positions[0] + fraction * positions[1]
         return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the coordinates of points of a ring in the sector of the polygon's corner that
-        they belong to.
+        """Coordinates of points X (m, 3) [m] of the flat ring in the sector of the polygon's corner
+        that they belong to, four arrays (m,); NaN for points within the polygon.
 
-        In the code c and d are cosine and sine of the turn of a sector, ρ [m] and ψ [rad] the polar
-        coordinates of a point about the corner.
-
-        Args:
-            X: points (m, 3) [m] of the flat ring.
-
-        Returns:
-            Four arrays (m,): the corner k of the polygon, from 0, at which the sector of the point
-            begins; the distance [m] of the point from that corner along the nearer of both bounds
-            of the sector, s - k a in the description of the class; its distance [m] from that
-            bound, the depth -z in the roll; and 1 behind the bisector of the sector, else 0.
-            Points within the hub's polygon have no coordinates: all are NaN.
+        They are the corner k, from 0, at which the sector begins; the distance [m] from that corner
+        along the nearer of both bounds of the sector, s - k a; the distance [m] from that bound,
+        the depth -z in the roll; and 1 behind the bisector of the sector, else 0.  In the code c
+        and d are cosine and sine of the turn of a sector, ρ [m] and ψ [rad] the polar coordinates
+        about the corner.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)
@@ -186,25 +162,11 @@ class Star(FoldMap):
             is_behind[here] = (ψ > sector / 2 + COORDINATE_ROUND_OFF)[here]
         return corner, distance, depth, is_behind
 
-    def _corner(
-        self,
-        k: Array,
-        column: Array,
-        depth: Array,
-        is_behind: Array,
-    ) -> Array:
-        """Return where points on columns, lines across the pleats, are in the roll, seen from
-        above.
-
-        Args:
-            k: corner of the polygon at which the sector of each point begins (m,).
-            column: number of columns from that corner (m,).
-            depth: from 0 at the bound of the sector (z = 0) to 1 at its bisector (m,).
-            is_behind: 1 behind the bisector, else 0, (m,).
-
-        Returns:
-            horizontal positions (m, 2) [m] of the m points.
-        """
+    def _corner(self, k: Array, column: Array, depth: Array, is_behind: Array) -> Array:
+        """Horizontal positions (m, 2) [m] in the roll of points on columns, lines across the
+        pleats: the corner k (m,) of their sector, the number of columns from it (m,), the depth
+        (m,) from 0 at the bound of the sector (z = 0) to 1 at its bisector, and 1 behind the
+        bisector, else 0, (m,)."""
         # Sides of the hub since the corner.  A pleat of two layers starts at the corner, and has
         # its whole thickness after the first side.
         j = column / self.columns
@@ -213,38 +175,4 @@ class Star(FoldMap):
         angle = 2 * math.pi / self.n * (k + j + 0.5)
         # Distance from the axis [m]
         r = self.radius + self.gap * layer
-        result: Array = r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-        return result
-
-
-class _Open(Star):
-    """Layers are so far apart that no fold is shut."""
-
-    @property
-    def _ajar(self) -> float:
-        """Distance of layers [m]."""
-        return AJAR * self.radius * self.columns / self.reach
-
-    def pressed(self) -> Star:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """Return positions (m, 3) [m] in the same roll with layers apart, so that no fold is shut.
-
-        Args:
-            X: points (m, 3) [m] of the flat ring.
-            side: sheet of each point (m,), which makes no difference here.
-
-        Returns:
-            positions (m, 3) [m]; NaN for points within the polygon.
-        """
-        # A plain `Star`, as the radius of this class is that without a gap.
-        star = Star(
-            n=self.n,
-            side=self.side,
-            columns=self.columns,
-            reach=self.reach,
-            gap=self._ajar,
-        )
-        return star.place(X, side)
+        return r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)

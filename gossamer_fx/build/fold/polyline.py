@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array, Indices
 
 # Share of the length: points that differ by less are the same.
@@ -25,17 +25,13 @@ SMALLEST_NORMAL = 1e-9
 AJAR = 0.5
 
 # Largest number of rows at which a strip is bent: each is solved for.
-MAX_BENDS = 100_000
+Bends = Annotated[int, Range(1, 100_000)]
 
 
 @dataclass(frozen=True)
 class Bent:
-    """A line along x that is bent at corners; it begins at the origin.
-
-    Attributes:
-        corners: their coordinates x (m,) [m] on the straight line.
-        rise: direction (m + 1,) [rad] of each piece, its angle against the x axis.
-    """
+    """A line along x from the origin that is bent at corners x (m,) [m]; its pieces have the
+    directions `rise` (m + 1,) [rad] against the x axis."""
 
     corners: Array
     rise: Array
@@ -52,17 +48,9 @@ class Bent:
         return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Return where points of a straight line are after it is bent at corners, and unit normals
-        there.
-
-        Args:
-            x: coordinates (n,) [m] on the straight line; beyond its ends the first and last piece
-                go on.
-
-        Returns:
-            positions (n, 2) [m] and normals (n, 2).  At a corner the normal is the mean of both
-            pieces, zero where these are folded back on each other.
-        """
+        """Positions (n, 2) [m] of points x (n,) [m] of the straight line after it is bent, and unit
+        normals (n, 2).  Beyond its ends the first and last piece go on.  At a corner the normal is
+        the mean of both pieces, zero where these are folded back on each other."""
         starts, positions, tangents = self._knots
         last = len(tangents) - 1
         size = max(float(np.abs(starts).max()), float(np.abs(x).max(initial=0.0)))
@@ -88,16 +76,11 @@ class Bent:
 
 @dataclass(frozen=True)
 class Strip(FoldMap):
-    """A strip along x from x = 0, bent across: the common part of accordions and rolls.
+    """A strip of a length [m] along x from x = 0, bent across: the common part of accordions and
+    rolls.  Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
+    isometric."""
 
-    Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
-    isometric.
-
-    Args:
-        length: of the strip [m].
-    """
-
-    length: float
+    length: Length
 
     @property
     def bent(self) -> Bent:
@@ -105,17 +88,6 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat strip that is bent across: an accordion
-        or a roll.
-
-        Args:
-            X: points (n, 3) [m] in the plane z = 0, x along the strip from 0 to `length`.
-            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
-                sheet, (n,).
-
-        Returns:
-            positions (n, 3) [m].
-        """
         # p are positions (n, 2) [m] on the bent line.
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
@@ -139,20 +111,10 @@ class Strip(FoldMap):
         strip.
         """
         distances = np.abs(X[:, :1] - self.bent.corners)
-        nearest: Indices = distances.argmin(axis=1).astype(np.int32) + 1
-        return nearest
+        return distances.argmin(axis=1).astype(np.int32) + 1
 
-    def _check_strip(self, lengths: tuple[str, ...]) -> None:
-        """Check the length, other lengths, and that sheets that are opened have a width.
-
-        Args:
-            lengths: names of arguments that are zero or positive [m].
-
-        Raises:
-            InputError: names the argument and its value.
-        """
-        self._check_positive("length")
-        self._check_not_negative(*lengths)
+    def _check_width(self) -> None:
+        """Check that sheets that are opened have a width."""
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
         self._check(
             not opened or getattr(self, "width", 0.0) > 0,
@@ -164,8 +126,7 @@ class Strip(FoldMap):
         width/2.
         """
         width = getattr(self, "width", 1.0)
-        share: Array = np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
-        return share
+        return np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
 
 
 @check_arguments
@@ -203,34 +164,18 @@ class Zigzag(Strip):
     """
 
     called: ClassVar[str] = "fold.Zigzag"
-    panels: int = 2
+    panels: Annotated[int, Range(2)] = 2
     _: KW_ONLY
-    angle: float = 1.4
-    width: float = 0.0
-    opening: float = 0.0
-    lift: float = 0.0
-    bends: int = 1
-    spacing: float = 0.0
+    # At π/2 panels are pressed shut.
+    angle: Annotated[float, Range(0.0, math.pi / 2, "rad", above=True)] = 1.4
+    width: Gap = 0.0
+    opening: Gap = 0.0
+    lift: Gap = 0.0
+    bends: Bends = 1
+    spacing: Gap = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-], lengths [m] and the angle [rad], before any use.
-
-        Raises:
-            InputError: a length out of its range, less than 2 panels, an angle that is not above 0
-                and up to π/2, several bends without a spacing or one with it, or bends that take
-                more than a panel.
-        """
-        self._check_strip(("width", "opening", "lift", "spacing"))
-        self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
-        self._check(
-            0 < self.angle <= math.pi / 2,
-            f"angle is {self.angle!r} rad; give a number above 0 and up to π/2, at which panels "
-            "are pressed shut.",
-        )
-        self._check(
-            1 <= self.bends <= MAX_BENDS,
-            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
-        )
+        self._check_width()
         self._check(
             (self.spacing > 0) == (self.bends > 1),
             "spacing is the distance of several bends; give both or none.",
@@ -238,29 +183,22 @@ class Zigzag(Strip):
         panel_length = self.length / self.panels
         self._check(
             (self.bends - 1) * self.spacing < panel_length,
-            f"{self.bends} bends of {self.spacing:g} m take more than a panel of "
-            f"{panel_length:g} m; give less.",
+            f"{self.bends} bends of {self.spacing:g} m take more "
+            f"than a panel of {panel_length:g} m; give less.",
         )
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side.
-
-        Each of the `panels` - 1 folds is bent at `bends` rows of edges by equal angles, so that
-        there are c = (`panels` - 1) `bends` corners.
-
-        Returns:
-            coordinates x (c,) [m] of the corners on the flat strip, and directions (c + 1,) [rad]
-            of the pieces before, between and after them against the x axis, from -`angle` to
-            `angle`.
-        """
+        """Line of the strip seen from the side: c = (`panels` - 1) `bends` corners, since each fold
+        is bent at `bends` rows of edges by equal angles, and directions (c + 1,) from -`angle` to
+        `angle`."""
         # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
         folds = self.length * np.arange(1, self.panels) / self.panels
         # The first panel rises; folds turn down and up in turn, each row by an equal part.
         sense = (-1.0) ** np.arange(self.panels - 1)
-        part = 1 - 2 * np.arange(1, self.bends + 1) / self.bends
-        rise = np.concatenate([[1.0], np.outer(sense, part).ravel()])
+        turned = 1 - 2 * np.arange(1, self.bends + 1) / self.bends
+        rise = np.concatenate([[1.0], np.outer(sense, turned).ravel()])
         corners = (folds[:, None] + rows).ravel()
         return Bent(corners, self.angle * rise)
 
@@ -273,28 +211,16 @@ class Zigzag(Strip):
         return replace(self, angle=AJAR * self.angle)
 
     def thickness(self, X: Array) -> Array:
-        """Return half of the distance (n,) [m] of the sheets: a pillow between folds.
-
-        It is zero at folds and seams, and everywhere without `opening`.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Half of the distance (n,) [m] of the sheets at points (n, 3) [m] of the flat strip: a
+        pillow between folds, zero at folds and seams, and everywhere without `opening`."""
         if not self.opening:
             return np.zeros(len(X))
         along = np.abs(np.sin(np.pi * X[:, 0] / self.length * self.panels))
         return self.opening * along * self._across(X)
 
     def shift(self, X: Array) -> Array:
-        """Return the shift (n,) [m] of the upper sheet along z; the lower one is shifted against
-        it.
-
-        It is `lift` at all folds, on the centre line, and grows from zero at both ends of the
-        strip.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Shift (n,) [m] of the upper sheet along z, of the lower one against it: `lift` at all
+        folds, on the centre line, growing from zero at both ends of the strip."""
         if not self.lift:
             return np.zeros(len(X))
         from_end = np.minimum(X[:, 0], self.length - X[:, 0])
@@ -340,26 +266,16 @@ class Roll(Strip):
     """
 
     called: ClassVar[str] = "fold.Roll"
-    bends: int = 10
+    bends: Bends = 10
     _: KW_ONLY
-    radius: float = 0.02
-    pitch: float = 2e-3
+    radius: Length = 0.02
+    pitch: Gap = 2e-3
     flat: float | None = None
-    width: float = 0.0
-    opening: float = 0.0
+    width: Gap = 0.0
+    opening: Gap = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: a length out of its range, no bends or too many, a straight part that is not
-                shorter than the strip, or rows farther apart than two thirds of the radius.
-        """
-        self._check_strip(("radius", "pitch", "width", "opening"))
-        self._check(
-            1 <= self.bends <= MAX_BENDS,
-            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
-        )
+        self._check_width()
         self._check(
             self.flat is None or 0 < self.flat < self.length,
             f"flat is {self.flat!r} m; give a part of the length, above zero.",
@@ -367,9 +283,9 @@ class Roll(Strip):
         spacing = float(np.diff(self._rows).max())
         # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
-            self.radius > 0 and spacing <= 2 * self.radius / 3,
-            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more "
-            "bends or a larger radius.",
+            spacing <= 2 * self.radius / 3,
+            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; "
+            "give more bends or a larger radius.",
         )
 
     @property
@@ -382,18 +298,12 @@ class Roll(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side, bent at b = `bends` corners.
+        """Line of the strip seen from the side, bent at `bends` corners.
 
         Between the corners each piece is a chord of the circle round the axis of the roll, whose
-        radius grows from the inside outwards.  The radius is positive, and the length of a chord at
-        most two thirds of it, as `__post_init__` has checked: no chord is too long for its circle,
-        and no error is raised here.
-
-        Returns:
-            coordinates x (b,) [m] of the corners on the flat strip, and directions (b + 1,) [rad]
-            of the pieces against the x axis.  The first piece, before the first corner, has the
-            direction 0; each later direction is that of the piece before plus the angle of the
-            corner, so that it exceeds 2π after a turn.
+        radius grows from the inside outwards.  A chord is at most two thirds of the radius, as
+        `__post_init__` has checked.  The first piece has the direction 0; each later one is that of
+        the piece before plus the angle of the corner, so that it exceeds 2π after a turn.
         """
         rows = self._rows
         # From the innermost piece outwards, as the radius grows in this direction.  `angle` [rad]
@@ -413,14 +323,8 @@ class Roll(Strip):
         return replace(self, opening=0.0)
 
     def thickness(self, X: Array) -> Array:
-        """Return half of the distance (n,) [m] of the sheets.
-
-        It is zero at seams and ends, and grows to `opening` over a tenth of the length from each
-        end.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Half of the distance (n,) [m] of the sheets: zero at seams and ends, it grows to
+        `opening` over a tenth of the length from each end."""
         if not self.opening:
             return np.zeros(len(X))
         from_end = np.minimum(X[:, 0], self.length - X[:, 0])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
@@ -49,30 +49,19 @@ class Spiral(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Spiral"
-    length: float
-    columns: int
+    length: Length
+    columns: Annotated[int, Range(1)]
     _: KW_ONLY
-    around: int
-    rows: int
-    pitch: float
-    gap: float = 0.0
+    around: Annotated[int, Range(6)]
+    rows: Annotated[int, Range(1)]
+    pitch: Length
+    gap: Gap = 0.0
 
     def film_sizes(self) -> tuple[float, ...]:
         """Length and width [m] of the film that the map needs."""
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: a length that is not positive, a negative gap, less than 1 column or row or
-                6 columns in a turn, or layers that leave no room for a hub.
-        """
-        self._check_positive("length", "pitch")
-        for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
-            value = getattr(self, what)
-            self._check(value >= least, f"{what} is {value!r}; give at least {least}.")
-        self._check_not_negative("gap")
         self._check(
             self.radius > 0,
             f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",
@@ -96,59 +85,28 @@ class Spiral(FoldMap):
 
     def ajar(self) -> Spiral:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Open(**vars(self.pressed()))
+        pressed = self.pressed()
+        return replace(pressed, gap=AJAR * pressed.radius / pressed._layers)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat strip: folded at its rows, and wound
-        round a hub.
-
-        u is the coordinate along the strip in columns, i the column before a point, p (n, 2) [m]
-        its position seen along the axis of the hub.
-
-        Args:
-            X: points (n, 3) [m] in the plane z = 0, x along the strip, y across from 0 on.
-            side: sheet of each point (n,), which makes no difference here.
-
-        Returns:
-            positions (n, 3) [m].
-        """
+        """In the code u is the coordinate along the strip in columns, i the column before a point,
+        p (n, 2) [m] its position seen along the axis of the hub."""
         layer = X[:, 1] / self.pitch
         z = self.pitch * np.abs(np.remainder(layer + 1, 2) - 1)
         # A point lies between the columns i and i + 1, on the chord between their corners.
         u = X[:, 0] / self.length * self.columns
         i = np.floor(u + COLUMN_ROUND_OFF)
-        part = (u - i)[:, None]
+        fraction = (u - i)[:, None]
         at_column = self._corner(i, layer)
         at_next = self._corner(i + 1, layer)
-        p = (1 - part) * at_column + part * at_next
+        p = (1 - fraction) * at_column + fraction * at_next
         return np.column_stack([p, z])
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return corners (n, 2) [m] of the wound strip at whole columns, seen along the axis of the
-        hub.
-
-        Args:
-            i: column of each corner (n,), from the beginning of the strip.
-            layer: layers (n,) from the innermost one of its turn.
-        """
+        """Corners (n, 2) [m] of the wound strip at whole columns i (n,), seen along the axis of the
+        hub, in layers (n,) from the innermost one of the turn."""
         turns = i / self.around
         # Distance from the axis of the hub [m]
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)
         angle = 2 * math.pi * turns
-        corner: Array = r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return corner
-
-
-class _Open(Spiral):
-    """Layers are so far apart that no fold is shut."""
-
-    def pressed(self) -> Spiral:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
-        gap = AJAR * self.radius / self._layers
-        # A plain `Spiral`, as the gap of this class is zero.
-        spiral = replace(Spiral(**vars(self)), gap=gap)
-        return spiral.place(X, side)
+        return r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)

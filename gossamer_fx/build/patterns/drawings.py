@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, require_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
 
@@ -58,7 +58,11 @@ class Drawing:
 
 @check_arguments
 def read_dxf(
-    path: str | Path, comm: MPI.Intracomm, *, size: float, scale: float | None = None
+    path: str | Path,
+    comm: MPI.Intracomm,
+    *,
+    size: Annotated[float, positive("m")],
+    scale: Annotated[float, positive("m")] | None = None,
 ) -> Mesh:
     """Mesh the panels that the closed outlines of a DXF drawing enclose.
 
@@ -85,31 +89,19 @@ def read_dxf(
         >>> def balloon(comm):
         ...     return gx.patterns.read_dxf("gores.dxf", comm, size=0.02, scale=1e-3)
     """
-    require_positive("read_dxf: size", size, "m")
-    if scale is not None:
-        require_positive("read_dxf: scale", scale, "m")
     panels = on_rank_zero(comm, lambda: panels_of(_read(Path(path), scale), str(path)))
     # Only rank 0 builds the model, and only it has the panels.
     return gmsh_mesh(lambda model: _build(model, panels or [], size), comm)
 
 
 def panels_of(drawing: Drawing, path: str) -> list[Panel]:
-    """The panels of a drawing, named, from left to right.
-
-    A panel is a closed outline with the holes in it; its name is a text within it, or "panel 1",
-    ...
-
-    Args:
-        drawing: curves and texts with their points [m].
-        path: of the file, for messages.
-
-    Raises:
-        InputError: there are no outlines, one is open, or names are not unique.
-    """
+    """The panels of a drawing [m], from left to right: closed outlines with the holes in them.  The
+    name is a text within a panel, or "panel 1", ...  `InputError`: there are no outlines, one is
+    open, or names are not unique."""
     check(
         bool(drawing.curves),
-        f"The drawing '{path}' has no lines, arcs or splines in its model space; draw closed "
-        "outlines.",
+        f"The drawing '{path}' has no lines, arcs or splines in its model space; "
+        "draw closed outlines.",
     )
     everything = np.concatenate([curve.points for curve in drawing.curves])
     extent = float(np.linalg.norm(np.ptp(everything, axis=0)))
@@ -140,15 +132,9 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
 
 
 def _read(path: Path, scale: float | None) -> Drawing:
-    """Read curves and texts of a DXF file, scaled to metres.
-
-    Args:
-        scale: metres in a unit of the drawing; None: the drawing says its unit.
-
-    Raises:
-        InputError: the file does not exist, cannot be read, is not DXF, or has no unit; or the
-            package ezdxf is not installed.
-    """
+    """Read curves and texts of a DXF file, scaled to metres, by the unit of the drawing if `scale`
+    is None.  `InputError`: the file cannot be read, is not DXF or has no unit, or ezdxf is not
+    installed."""
     check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
     try:
         import ezdxf
@@ -164,8 +150,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
         unit = int(document.header.get("$INSUNITS", 0))
         check(
             unit in UNITS,
-            f"The drawing '{path}' does not say its unit; give scale, the metres in one of its "
-            "units.",
+            f"The drawing '{path}' does not say its unit; "
+            "give scale, the metres in one of its units.",
         )
         scale = UNITS[unit]
     drawing = Drawing()
@@ -175,9 +161,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
 
 
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
-    """Add an entity of a DXF file to a drawing, if it is a curve or a text; others are left out.
-
-    Parts of polylines and blocks are added one by one."""
+    """Add an entity of a DXF file to a drawing, if it is a curve or a text; polylines and blocks
+    piece by piece."""
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -193,8 +178,8 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         points = np.array([[p[0], p[1]] for p in drawn.flattening(tolerance, segments=16)])
         drawing.curves += _halves(DrawnCurve(scale * points, layer))
     elif kind in POLYLINES or kind == "INSERT":
-        for part in entity.virtual_entities():
-            _take(part, scale, drawing)
+        for piece in entity.virtual_entities():
+            _take(piece, scale, drawing)
     elif kind in TEXTS:
         text = entity.plain_text() if kind == "MTEXT" else entity.dxf.text
         position = entity.dxf.insert
@@ -214,18 +199,9 @@ def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
 
 
 def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[list[DrawnCurve]]:
-    """Closed loops of curves, each turned so that it begins where the one before ends.
-
-    Args:
-        curves: of a drawing, with points (m, 2) [m].
-        tolerance: distance of the ends of two curves that meet [m].
-
-    Returns:
-        the loops, counterclockwise.
-
-    Raises:
-        InputError: a curve has an end at which no other one ends, or several do.
-    """
+    """Closed loops of curves with points (m, 2) [m], counterclockwise, each curve turned so that it
+    begins where the one before ends, within a tolerance [m].  `InputError`: a curve has an end at
+    which no other one ends, or several do."""
     # Points at which curves end, and the curves that end at each of them.
     joints: list[Array] = []
     meeting: list[list[int]] = []
@@ -248,8 +224,7 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
         check(
             len(there) == 2,
             f"The drawing '{path}' has an outline that is open, or branches, at ({point[0]:.6g}, "
-            f"{point[1]:.6g}) m on "
-            f"the layer '{layer}'; let two curves meet there.",
+            f"{point[1]:.6g}) m on the layer '{layer}'; let two curves meet there.",
         )
     loops = []
     left = set(range(len(curves)))
@@ -299,11 +274,7 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 
 
 def _check_names(panels: Sequence[Panel], path: str) -> None:
-    """Raise `InputError` unless all groups of the mesh have different names.
-
-    Raises:
-        InputError: a panel has the name of another panel, of a layer, or "film".
-    """
+    """Raise `InputError` if a panel has the name of another panel, of a layer, or "film"."""
     layers = {curve.layer for panel in panels for loop in panel.loops for curve in loop}
     check(
         ALL_PANELS not in layers,
@@ -314,8 +285,8 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
     for panel in panels:
         check(
             panel.name != ALL_PANELS,
-            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', the name of the group "
-            "of all panels; give the panel another text.",
+            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', "
+            "the name of the group of all panels; give the panel another text.",
         )
         check(
             panel.name not in taken,
@@ -326,14 +297,9 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
 
 
 def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
-    """Put the panels into a gmsh model as plane surfaces, and mesh them; on one rank.
-
-    Neighbouring panels share no edge: seams join them later.
-
-    Args:
-        panels: with loops of curves [m], of which the first is the outer one.
-        size: of the cells [m].
-    """
+    """Put the panels [m], the outer loop of each first, into a gmsh model as plane surfaces, and
+    mesh them with cells of a size [m]; on one rank.  Neighbouring panels share no edge: seams join
+    them later."""
     geo = model.geo
     on_layer: dict[str, list[int]] = {}
     surfaces = {}

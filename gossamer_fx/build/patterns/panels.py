@@ -23,12 +23,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
@@ -79,8 +79,7 @@ class Gores:
 
     def width(self, s: Array) -> Array:
         """Width [m] of a gore at arc lengths s, equation (1) of the module."""
-        found: Array = 2 * np.pi * self.meridian(s)[0] / self.count
-        return found
+        return 2 * np.pi * self.meridian(s)[0] / self.count
 
     @property
     def pitch(self) -> float:
@@ -106,8 +105,8 @@ class Gores:
         """
         check(
             along >= 2 and across >= 1,
-            f"Gores: along is {along!r} and across {across!r}; give 2 cells along and 1 across or "
-            "more.",
+            f"Gores: along is {along!r} and across {across!r}; "
+            "give 2 cells along and 1 across or more.",
         )
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
@@ -132,8 +131,7 @@ class Gores:
         radius = radius + apart
         x1 = radius * np.cos(angle) - y * np.sin(angle)
         x2 = radius * np.sin(angle) + y * np.cos(angle)
-        moved: Array = np.stack([x1, x2, height]) - X
-        return moved
+        return np.stack([x1, x2, height]) - X
 
     def seams(
         self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)
@@ -207,7 +205,7 @@ class Gores:
 
 
 @check_arguments
-def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
+def gores(profile: Sequence[Sequence[float]] | Array, n: Annotated[int, Range(3)]) -> Gores:
     """Cut a body of revolution into n equal flat gores.
 
     Their width is that of the body, w(s) = 2 π r(s)/n along the arc length s of the meridian, so
@@ -233,7 +231,6 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
         points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3,
         f"gores: profile has the shape {points.shape}; give three points (radius, height) or more.",
     )
-    check(n >= 3, f"gores: n is {n!r}; give three gores or more.")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     repeated = np.flatnonzero(steps <= 0)
     check(
@@ -245,16 +242,16 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
     negative = np.flatnonzero(points[:, 0] < -POINT * largest)
     check(
         not len(negative),
-        f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or "
-        "more.",
+        f"gores: the radius of point {_first(negative)} of the profile is negative; "
+        "give zero or more.",
     )
     # Round-off of sin(π) is not a radius.
     points[:, 0] = np.where(points[:, 0] <= POINT * largest, 0.0, points[:, 0])
     closed = np.flatnonzero(points[1:-1, 0] == 0)
     check(
         not len(closed),
-        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; only its ends "
-        "may be poles.",
+        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; "
+        "only its ends may be poles.",
     )
     return Gores(points, n)
 
@@ -265,11 +262,8 @@ def _first(found: Any) -> int:
 
 
 def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
-    """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
-
-    Returns:
-        three numbers of nodes for each triangle.
-    """
+    """Triangles between rows of nodes, as three of their numbers each, with normals along z; a row
+    of one node is a tip."""
     found = []
     for i, (a, b) in enumerate(pairwise(rows)):
         if len(a) == 1 or len(b) == 1:

@@ -59,18 +59,9 @@ class Fibre:
         return CableLaw(EA=self.E / self.density * linear_density, line_density=linear_density)
 
 
-def _fibre(
-    name: str,
-    cn_per_dtex: float,
-    grams_per_cm3: float,
-    source: str,
-) -> Fibre:
-    """A fibre whose modulus is given in the makers' unit cN/dtex; the result is in SI units.
-
-    Args:
-        cn_per_dtex: tensile modulus [cN/dtex].
-        grams_per_cm3: density [g/cm³].
-    """
+def _fibre(name: str, cn_per_dtex: float, grams_per_cm3: float, source: str) -> Fibre:
+    """A fibre in SI units, from a tensile modulus in the makers' unit cN/dtex and a density in
+    g/cm³."""
     return Fibre(
         name,
         E=cn_per_dtex * grams_per_cm3 * _PA_PER_CN_DTEX,

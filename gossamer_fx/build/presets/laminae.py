@@ -58,8 +58,8 @@ class Lamina:
         """
         check(
             kind in (LinearOrthotropic, Orthotropic),
-            f"{self.name}: {kind!r} is not a law of orthotropic films; give LinearOrthotropic or "
-            "Orthotropic.",
+            f"{self.name}: {kind!r} is not a law of orthotropic films; "
+            "give LinearOrthotropic or Orthotropic.",
         )
         return kind(
             self.E1,

@@ -63,17 +63,12 @@ SMALL_HALF_ANGLE = 1e-3
 
 
 def angle(X: Array) -> Array:
-    """Signed dihedral angle θ (...) [rad] of folds, in [-π, π].
+    """Signed dihedral angle θ (...) [rad], in [-π, π], of folds X (..., 3, 3) whose rows, vectors
+    of any unit, are t along the fold, p and m into the panels on its left and on its right.
 
     θ = atan2(S, C) with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| t·(p × m).  It is zero where the
-    two panels continue each other.
-
-    Args:
-        X: folds (..., 3, 3), with three vectors of any unit as rows: t along the fold, p and m into
-            the panels on its left and on its right.
-
-    Returns:
-        Angles (...) [rad]; without meaning, but without an error, where p or m is parallel to t.
+    two panels continue each other; where p or m is parallel to t it has no meaning, but raises no
+    error.
 
     >>> import numpy as np
     >>> t, p, m = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
@@ -81,18 +76,14 @@ def angle(X: Array) -> Array:
     90.0
     """
     C, S = _cosine_and_sine(X)
-    result: Array = np.arctan2(S, C)
-    return result
+    return np.arctan2(S, C)
 
 
 def gradient(X: Numbers) -> Numbers:
-    """Gradient ∂θ/∂X (..., 3, 3) of the dihedral angle θ of folds X (..., 3, 3), in the inverse of
-    its unit.
+    """Gradient ∂θ/∂X (..., 3, 3) of the dihedral angle of folds X (..., 3, 3), in the inverse of
+    their unit: (C ∂S/∂X - S ∂C/∂X)/(C² + S²), with S and C of `angle`.
 
-    The rows of X are three vectors of any unit: t along the fold, p and m into its two panels.  θ =
-    atan2(S, C) with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| J, J = t·(p × m), so that ∂θ/∂X = (C
-    ∂S/∂X - S ∂C/∂X)/(C² + S²).  X may be complex, for derivatives by complex steps.  A panel
-    without area, p or m parallel to t, gives NaN.
+    X may be complex, for derivatives by complex steps.  A panel without area gives NaN.
     """
     # tt = t·t, tp = t·p, tm = t·m, pm = p·m; gC and gS are the gradients of C and S.
     tt, tp, tm, pm, J, length = _products(X)
@@ -105,32 +96,15 @@ def gradient(X: Numbers) -> Numbers:
     return (_v(_v(C)) * gS - _v(_v(S)) * gC) / _v(_v(C * C + S * S))
 
 
-def discrete_gradient(
-    X0: Array,
-    X1: Numbers,
-    θ0: Array,
-    θ1: Numbers,
-) -> Numbers:
-    """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a time step.
+def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
+    """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a step from X0 to X1
+    (..., 3, 3), in the inverse of their unit; equations (3) and (4) of the module.
 
-    It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0, so that the moment of a crease conserves
-    energy and angular momentum; at X1 = X0 it is the gradient.  X_mid is the mean of X0 and X1, and
-    the sum is over the three rows.  Its unit is the inverse of that of X.  Equations (3) and (4) of
-    the module.  The angle of a fold with rows t, p, m is θ = atan2(S, C) with C = (t·p)(t·m) -
-    (t·t)(p·m), S = |t| J and J = t·(p × m).
-
-    Args:
-        X0: folds (..., 3, 3) at the beginning of the step, with three vectors of any unit as rows:
-            t along the fold, p and m into its two panels.
-        X1: folds (..., 3, 3) at its end; may be complex, for derivatives by complex steps.
-        θ0: angles (...) [rad] of X0, on any branch.
-        θ1: angles (...) [rad] of X1, less than a whole turn from θ0, which is not checked.
-
-    Returns:
-        Discrete gradient (..., 3, 3), complex if X1 or θ1 is.
-
-    Raises:
-        LinAlgError: the three vectors of a fold are parallel at the middle of the step.
+    G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0 over the three rows, so that the moment of a crease
+    conserves energy and angular momentum; at X1 = X0 it is the gradient.  The angles θ0 and θ1
+    (...) [rad] may be on any branch, less than a whole turn apart, which is not checked.  X1 may be
+    complex, for derivatives by complex steps.  Three vectors that are parallel at the middle of the
+    step raise `LinAlgError`.
 
     >>> import numpy as np
     >>> X0 = np.eye(3)
@@ -181,25 +155,9 @@ def discrete_gradient(
     return weight_of_sine * gS - weight_of_cosine * gC
 
 
-def discrete_gradient_derivative(
-    X0: Array,
-    X1: Array,
-    θ0: Array,
-    θ1: Array,
-) -> Array:
-    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of the angles of n folds.
-
-    The last two axes are those of X1; the unit is the inverse square of that of X1.  It is taken by
-    complex steps, exact to round-off.
-
-    Args:
-        X0, X1: folds (n, 3, 3), of any unit, at the beginning and end of a time step; rows are the
-            vector along the fold and those into its two panels.
-        θ0, θ1: their angles (n,) [rad], less than a whole turn apart.
-
-    Raises:
-        LinAlgError: the three vectors of a fold are parallel at the middle of the step.
-    """
+def discrete_gradient_derivative(X0: Array, X1: Array, θ0: Array, θ1: Array) -> Array:
+    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, by complex steps,
+    exact to round-off; the last two axes are those of X1."""
     # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at
     # the end depends on X1 too.
     change_of_angle = gradient(X1).reshape(-1, 9).T
@@ -208,10 +166,8 @@ def discrete_gradient_derivative(
 
 
 def gradient_derivative(X: Array) -> Array:
-    """Second derivative ∂²θ/∂X² (n, 3, 3, 3, 3) of n folds X (n, 3, 3), exact to round-off.
-
-    It is taken by complex steps.
-    """
+    """Second derivative ∂²θ/∂X² (n, 3, 3, 3, 3) of n folds X (n, 3, 3), by complex steps, exact to
+    round-off."""
     return _derivative(gradient(_stepped(X)))
 
 
@@ -224,8 +180,7 @@ def _stepped(X: Array) -> Numbers:
 def _derivative(G: Numbers) -> Array:
     """Derivatives (n, 3, 3, 3, 3) from the values (9, n, 3, 3) at stepped folds."""
     columns = np.moveaxis(G.imag / STEP, 0, -1)
-    result: Array = columns.reshape(*G.shape[1:], 3, 3)
-    return result
+    return columns.reshape(*G.shape[1:], 3, 3)
 
 
 def _products(X: Numbers) -> tuple[Numbers, ...]:
@@ -248,17 +203,9 @@ def _cosine_and_sine(X: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
-    """Gradient (..., 3, 3) of C = (t·p)(t·m) - (t·t)(p·m), the cosine of a fold's angle times a
-    factor.
-
-    With the products of X it is the derivative; with means over a step, and X at its middle, the
-    discrete gradient.
-
-    Args:
-        X: folds (..., 3, 3) with the rows t along the fold, p and m into its two panels, of any
-            unit.
-        products: t·t, t·p, t·m and p·m, (...) each, in the square of that unit.
-    """
+    """Gradient (..., 3, 3) of C = (t·p)(t·m) - (t·t)(p·m) from the products t·t, t·p, t·m and p·m,
+    (...) each.  With those of X it is the derivative; with means over a step, and X at its middle,
+    the discrete gradient."""
     t, p, m = _rows(X)
     # tt = t·t, tp = t·p, tm = t·m, pm = p·m, with one more axis for products with vectors.
     tt, tp, tm, pm = (_v(product) for product in products)
@@ -284,13 +231,8 @@ def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
 
 
 def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
-    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) of the rows of two arrays, in the square of their unit.
-
-    With Y = X it is the gradient of the triple product J = X₁·(X₂ × X₃).
-
-    Args:
-        X, Y: three vectors each as rows (..., 3, 3), real or complex.
-    """
+    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) of two arrays of three rows; with Y = X the gradient of
+    the triple product J = X₁·(X₂ × X₃)."""
     # t, p, m are the rows of X, and u, q, n those of Y.
     t, p, m = _rows(X)
     u, q, n = _rows(Y)
@@ -316,17 +258,12 @@ def _v(x: Numbers) -> Numbers:
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:
     """Dot products over the last axis."""
-    product: Numbers = (a * b).sum(axis=-1)
-    return product
+    return (a * b).sum(axis=-1)
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """Cross products a × b (..., 3), several times faster than those of NumPy.
-
-    Args:
-        a, b: real or complex vectors (..., 3) that broadcast, in any units; the result has the
-            product of both.
-    """
+    """Cross products (..., 3) of real or complex vectors that broadcast, several times faster than
+    those of NumPy."""
     # Components (...): x, y, z of a, and u, v, w of b.
     x, y, z = (a[..., i] for i in range(3))
     u, v, w = (b[..., i] for i in range(3))

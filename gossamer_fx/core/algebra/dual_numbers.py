@@ -22,15 +22,9 @@ Numbers = npt.NDArray[Any]  # of real or complex numbers
 
 
 class Dual:
-    """A value and its derivatives with respect to k variables.
-
+    """A value, real or complex, and its derivatives `slopes` (k,) with respect to k variables.
     Comparisons compare real parts of values, so that a formula takes the same branches as for
-    numbers.
-
-    Args:
-        value: x, real or complex.
-        slopes: x_i (k,).
-    """
+    numbers."""
 
     __slots__ = ("slopes", "value")
     # NumPy leaves products of its numbers with dual numbers to this class.
@@ -103,8 +97,7 @@ class Dual:
 
 
 def _value(number: Number) -> complex:
-    value: complex = number.value if isinstance(number, Dual) else number
-    return value
+    return number.value if isinstance(number, Dual) else number
 
 
 def variables(values: Array) -> Array:

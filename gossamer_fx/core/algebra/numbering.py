@@ -33,12 +33,7 @@ GlobalIndices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class NumberedBlock:
-    """Indices of the unknowns of one block.
-
-    Attributes:
-        numbering: the numbering of all blocks.
-        k: number of the block in it.
-    """
+    """Indices of the unknowns of block `k` of a numbering."""
 
     numbering: Numbering
     k: int
@@ -67,15 +62,11 @@ class NumberedBlock:
 class Numbering:
     """Global indices of the unknowns of all blocks, and vectors and matrices of that layout.
 
-    Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.
-
-    Args:
-        comm: the ranks.
-        blocks: the blocks, in the same order on all ranks.
+    Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.  A block
+    is the unknowns of one body; blocks have the same order on all ranks.
 
     Attributes:
-        size: number of unknowns on all ranks.
-        size_local: number of unknowns that this rank owns.
+        size, size_local: number of unknowns on all ranks, and of those that this rank owns.
         start: global index of the first of them.
         local_starts: for each block the index of its first unknown in the local part of a vector;
             the last entry is `size_local`.
@@ -86,9 +77,7 @@ class Numbering:
     """
 
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
-        """Number the unknowns of all blocks, rank by rank and block by block.  Collective.
-
-        A block is the unknowns of one body: nodes with the same number of unknowns each."""
+        """Number the unknowns of all blocks, rank by rank and block by block.  Collective."""
         self.comm = comm
         self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
@@ -161,8 +150,7 @@ class Numbering:
         The first assembly determines its sparsity pattern.  It is dense where one node has most of
         the unknowns (`full`).  If nodes consist of blocks of one size it stores blocks (BAIJ),
         which takes half the time of single numbers to assemble, factorise and multiply.  Otherwise
-        it is AIJ.  The PETSc option `-gx_mat_type` chooses another type; PETSc raises its own error
-        for an unknown one.
+        it is AIJ.  The PETSc option `-gx_mat_type` chooses another type.
         """
         kind = "aij"
         if self.full:
@@ -191,13 +179,9 @@ class Numbering:
 
 
 def _common_block_size(sizes: set[int]) -> int:
-    """Size of the blocks of a matrix whose nodes have these numbers of unknowns.
-
-    Returns:
-        The size itself if there is only one; 3 if all are multiples of 3, as of nodes that consist
-        of vectors; otherwise 1.  A rigid body has four vectors and its multipliers two, so that one
-        of them in a scene of films leaves the blocks of three.
-    """
+    """Size of the blocks of a matrix whose nodes have these numbers of unknowns: the number itself
+    if there is only one; 3 if all are multiples of 3; otherwise 1.  A rigid body has four vectors
+    and its multipliers two, so that one of them in a scene of films leaves the blocks of three."""
     if len(sizes) == 1:
         return next(iter(sizes))
     has_vectors = bool(sizes) and all(size % 3 == 0 for size in sizes)

@@ -57,40 +57,24 @@ def refuse_ports_outside(
     bodies: Sequence[Body],
     tuples_by_name: Iterable[tuple[str, Sequence[Ports]]],
 ) -> None:
-    """Refuse ports of bodies that are not in the scene.  Collective.
-
-    Args:
-        comm: the ranks of the scene.
-        bodies: of the scene.
-        tuples_by_name: name of each item of the scene, and its tuples of ports that this rank has;
-            ranks may have different ones.
-
-    Raises:
-        InputError: on all ranks, if one of them has such a port.
-    """
+    """Raise `InputError` on all ranks if an item, given by its name, has a port of a body that is
+    not in the scene on one of them.  Collective; ranks may have different tuples of ports."""
     known = {id(body) for body in bodies}
     message = ""
     for name, tuples in tuples_by_name:
         for port in itertools.chain.from_iterable(tuples):
             if isinstance(port, Port) and id(port.body) not in known:
                 message = (
-                    f"'{name}' has a port of '{port.body.name}', which is not in the scene; add "
-                    "that body to the scene, or return it from `requires` of the item."
+                    f"'{name}' has a port of '{port.body.name}', which is not in the scene; "
+                    "add that body to the scene, or return it from `requires` of the item."
                 )
     # An error on one rank alone would leave the others waiting in their next message.
     check_on_all(comm, not message, message)
 
 
 def translation_weight(port: Attached) -> float:
-    """Displacement of a port, over that of all bodies, in a common translation (dimensionless).
-
-    Args:
-        port: a vector attached to a body: a sum of positions and directors (vectors that turn with
-            the body) of its nodes, with weights; or `Ground`, a constant vector.
-
-    Returns:
-        1 for a point and 0 for a director or a difference of points.  Ground counts as a point.
-    """
+    """Displacement of a port over that of all bodies in a common translation: 1 for a point,
+    `Ground` included, and 0 for a director or a difference of points."""
     if isinstance(port, Ground):
         return 1.0
     # A port without vectors means the positions of its nodes.
@@ -105,23 +89,12 @@ def translation_weight(port: Attached) -> float:
 def attach(
     numbering: Numbering, bodies: list[Body], ports: Ports
 ) -> tuple[GlobalIndices, Array, Array]:
-    """How the stacked vectors of a tuple of k ports follow from the unknowns: X = P q + offset.
+    """Linear map X = P q + offset from the unknowns to the stacked vectors of k ports, not all of
+    them `Ground`: global indices (D,) of the unknowns, P (3k, D), with lengths [m] where a point
+    depends on a director, else dimensionless, and the offset (3k,), nonzero for ports of the ground
+    ([m] for points, [-] for directions).
 
-    A port is a vector attached to a body, linear in the unknowns of the body; `Ground` is a
-    constant.
-
-    Args:
-        numbering: global indices of the unknowns of all bodies.
-        bodies: the bodies of the system, in the order of the numbering.
-        ports: the ports whose vectors are stacked, not all of them `Ground`.
-
-    Returns:
-        Global indices (D,) of the unknowns; P (3k, D), with lengths [m] where a point depends on a
-        director, else dimensionless; and the offset (3k,), nonzero for ports of the ground: [m] for
-        points, [-] for directions.
-
-    Raises:
-        InputError: a port whose nodes, weights and vectors do not belong together.
+    A port whose nodes, weights and vectors do not belong together raises `InputError`.
     """
     indices = []
     offset = np.zeros(3 * len(ports))
@@ -134,9 +107,9 @@ def attach(
         same_length = len(port.nodes) == len(port.weights) == len(vectors)
         check(
             same_length and bool((vectors * 3 < port.body.block.size).all()),
-            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} "
-            "weights and vectors "
-            f"{port.vectors}; give one weight and one existing vector for each node.",
+            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, "
+            f"{len(port.weights)} weights and vectors {port.vectors}; "
+            "give one weight and one existing vector for each node.",
         )
         nodes = np.array(port.nodes, dtype=np.int64)
         unknowns = numbering.to_global(bodies.index(port.body), nodes)
@@ -152,28 +125,22 @@ def attach(
 
 
 def attach_all(
-    numbering: Numbering,
-    bodies: list[Body],
-    tuples: Sequence[Ports],
-    rows: int,
+    numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
 ) -> tuple[GlobalIndices, Array, Array]:
     """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
-    arrays.
+    `attach` has them, as arrays.
 
-    A port is a vector attached to a body: a point, or a director (a vector that turns with the
-    body).  Tuples with fewer unknowns than others take their first one several times, with weight
-    zero.
+    Tuples with fewer unknowns than others take their first one several times, with weight zero.
 
     Args:
         numbering: global indices of the unknowns of all bodies.
-        bodies: the bodies of the system, in the order of the numbering.
+        bodies: of the system, in the order of the numbering.
         tuples: n tuples of k ports each, those of this rank; may be empty.
         rows: 3k, needed where a rank has no tuple.
 
     Returns:
-        Global indices (n, D), maps P (n, rows, D), with lengths [m] where a point depends on a
-        director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
-        number of unknowns of a tuple on this rank.
+        Global indices (n, D), maps P (n, rows, D) and offsets (n, rows).  D is the largest number
+            of unknowns of a tuple on this rank.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -230,25 +197,19 @@ def nodes_of(measure: PointMeasure) -> int:
 
 
 class PointMeasures:
-    """Point measures that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y + c_i, Y = P (q -
-    z).
+    """Point measures of one kind that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y +
+    c_i, Y = P (q - z).
 
-    Measures of one kind become one array if they have as many measures m and unknowns D.
-
-    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far
-    from the origin would otherwise be a small difference of large numbers.
+    Measures become one array if they have as many measures m and unknowns D.  z (n, D) is where
+    they are stationary, if there is ground: ½|x - g|² of a point g far from the origin would
+    otherwise be a small difference of large numbers.
 
     P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products
     with P would cost more than they save.  Vectors that depend on many unknowns, as the points of a
     reduced film do, would have large matrices, and keep P.
 
-    Args:
-        numbering, bodies: of the system.
-        measures: of one kind.
-
     Attributes:
         owner: (n,) index of the measure to which each tuple of ports belongs.
-        n, m, D: see the module.
         indices: (n, D) global indices of the unknowns.
         c: (n, m).
         share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film
@@ -259,14 +220,8 @@ class PointMeasures:
     def __init__(
         self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
     ) -> None:
-        """Convert the measures that this rank evaluates to arrays.
-
-        A measure is a strain ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some
-        ports: points [m] and directions [-] of bodies, linear in the unknowns q.
-
-        Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together.
-        """
+        """Convert the measures that this rank evaluates to arrays.  A port whose nodes, weights and
+        vectors do not belong together raises `InputError`."""
         self.m = measures[0].H.shape[0]
         rows = measures[0].H.shape[1]
         tuples: list[Ports] = []
@@ -310,26 +265,10 @@ class PointMeasures:
         if self.is_linear:
             self._constant_slope = self.forces(self._L)
 
-    def _stationary(
-        self,
-        P: Array,
-        H: Array,
-        L: Array,
-        offset: Array,
-    ) -> Array:
-        """Points z (n, D) in the space of the unknowns q, about which n sets of strains are
-        expanded.
-
-        The m strains ½ X·H X + L·X + c of a set are quadratic in k vectors X = P q + offset: ports,
-        i.e.  points [m] and directions [-] of bodies or of the ground.  z is zero where no vector
-        belongs to the ground; with ground it is their least-squares stationary point, so that no
-        large numbers cancel.
-
-        Args:
-            P: maps (n, 3k, D) from the unknowns to the vectors.
-            H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of the strains.
-            offset: (n, 3k), nonzero for vectors of the ground: [m] for points, [-] for directions.
-        """
+    def _stationary(self, P: Array, H: Array, L: Array, offset: Array) -> Array:
+        """Points z (n, D) of the unknowns about which n sets of m strains ½ X·H X + L·X + c are
+        expanded: zero without ports of the ground, else their least-squares stationary points, so
+        that no large numbers cancel."""
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L
         slope = np.einsum("nax,nma->nmx", P, slope_of_vectors)
@@ -349,16 +288,14 @@ class PointMeasures:
     def measure(self, Y: Array) -> Array:
         """e (n, m) of Y (n, 3k)."""
         mean_slope = self._times(Y) / 2 + self._L
-        found: Array = (mean_slope @ Y[..., None])[..., 0] + self.c
-        return found
+        return (mean_slope @ Y[..., None])[..., 0] + self.c
 
     def strain(self, q: Array) -> Array:
         """e (n, m) at the unknowns q (n, D)."""
         if self._constant_slope is None:
             return self.measure(self.vectors(q))
         u = q - self._z
-        found: Array = (self._constant_slope @ u[..., None])[..., 0] + self.c
-        return found
+        return (self._constant_slope @ u[..., None])[..., 0] + self.c
 
     def gradient(self, q: Array) -> Array:
         """∂e/∂q (n, m, D)."""
@@ -394,8 +331,7 @@ class PointMeasures:
         # The sum over the tuples is part of one product of matrices.
         rows = P.shape[0] * P.shape[1]
         KP = (K @ P).reshape(rows, self.D)
-        total: Array = P.reshape(rows, self.D).T @ KP
-        return total
+        return P.reshape(rows, self.D).T @ KP
 
     def second(self, v: Array) -> Array:
         """Second derivative D²e[v, v] (n, m) along rates v (n, D)."""
@@ -406,17 +342,11 @@ class PointMeasures:
 
     def _times(self, Y: Array, on: Any = slice(None)) -> Array:
         """H Y (n, m, 3k).  Matrix products take less time here than np.einsum."""
-        found: Array = (self._H[on] @ Y[:, None, :, None])[..., 0]
-        return found
+        return (self._H[on] @ Y[:, None, :, None])[..., 0]
 
 
 class Gather:
-    """Fetch unknowns from all ranks, in one scatter.
-
-    Args:
-        numbering: of the system.
-        indices: arrays of global indices, of any shape.
-    """
+    """Fetch unknowns at arrays of global indices, of any shape, from all ranks in one scatter."""
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         """Make the scatter to this rank from the owners of the unknowns.  Collective."""
@@ -440,15 +370,9 @@ class Gather:
         return found
 
     def add(self, values: Array, r: PETSc.Vec) -> None:
-        """Add values of all arrays to a distributed vector at their global indices.  Collective.
-
-        Args:
-            values: (n,), as many numbers as all index arrays of the `Gather` have together, one
-                array after the other.  Values with the same index add up, also those of different
-                ranks.
-            r: vector of all unknowns in the layout of the numbering, of the same unit; changed in
-                place.
-        """
+        """Add values of all index arrays, one array after the other as (n,), to a distributed
+        vector, which is changed in place.  Values with the same index add up, also those of
+        different ranks.  Collective."""
         self._values.array[:] = values.ravel()
         self._scatter.scatter(
             self._values,
@@ -458,20 +382,10 @@ class Gather:
         )
 
 
-def add_blocks(
-    A: PETSc.Mat,
-    rows: GlobalIndices,
-    columns: GlobalIndices,
-    values: Array,
-) -> None:
-    """Add n dense blocks to a PETSc matrix; collective assembly is left to the caller.
-
-    Args:
-        A: the matrix.
-        rows: global rows (n, r) of each block.
-        columns: global columns (n, c) of each block.
-        values: (n, r, c); n may be zero.  Entries that coincide add up.
-    """
+def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
+    """Add n dense blocks (n, r, c) to a PETSc matrix at their global rows (n, r) and columns (n,
+    c); n may be zero, and entries that coincide add up.  The collective assembly is left to the
+    caller."""
     n, r, c = values.shape
     # This rank has nothing to add.
     if n == 0:

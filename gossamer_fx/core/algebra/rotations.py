@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.body import Array, unit
 
 
 def cross_matrices(a: Array) -> Array:
-    """Skew matrices [a]× (..., 3, 3) of vectors, such that [a]× b = a × b.
-
-    Args:
-        a: vectors (..., 3), in any unit, which the matrices have, too.
+    """Skew matrices [a]× (..., 3, 3) of vectors a (..., 3), in their unit, such that [a]× b = a ×
+    b.
 
     >>> import numpy as np
     >>> cross_matrices(np.array([1.0, 0.0, 0.0])) @ np.array([0.0, 1.0, 0.0])
@@ -31,11 +28,8 @@ def cross_matrices(a: Array) -> Array:
 
 
 def rotations(axes: Array, angle: float) -> Array:
-    """Rotation matrices (..., 3, 3) about axes (..., 3), by Rodrigues' formula.
-
-    Args:
-        axes: unit vectors (..., 3), dimensionless; that they have unit length is not checked.
-        angle: angle [rad], counterclockwise about each axis.
+    """Rotation matrices (..., 3, 3) about unit vectors (..., 3), whose length is not checked, by an
+    angle [rad], counterclockwise about each axis (Rodrigues' formula).
 
     >>> import numpy as np
     >>> quarter_turn = rotations(np.array([0.0, 0.0, 1.0]), np.pi / 2)
@@ -45,15 +39,12 @@ def rotations(axes: Array, angle: float) -> Array:
     K = cross_matrices(axes)
     sine_part = np.sin(angle) * K
     cosine_part = (1 - np.cos(angle)) * K @ K
-    result: Array = np.eye(3) + sine_part + cosine_part
-    return result
+    return np.eye(3) + sine_part + cosine_part
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with n.
-
-    Args:
-        n: unit vector (3,), dimensionless; that its length is one is not checked.
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
+    (3,), whose length is not checked.
 
     >>> import numpy as np
     >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))

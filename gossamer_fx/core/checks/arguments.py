@@ -3,8 +3,9 @@
 `check_arguments` is put on a class or function where it is defined, so that the check is the same
 by every import path and comes before the function does anything.  It refuses, in one sentence,
 arguments that are missing or unknown, and values of another type, infinite numbers and NaN
-included, and numbers so large or small that their powers overflow.  What values mean is checked by
-those who take them.
+included, and numbers so large or small that their powers overflow.  Marks limit numbers
+(`Annotated[float, positive("m")]`) and count entries (`Count`).  What values mean beyond that is
+checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -33,11 +34,11 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.checks.real_numbers import (
+from gossamer_fx.core.checks.errors import (
     LARGEST,
     LARGEST_COUNT,
     SMALLEST,
+    InputError,
     are_usual_sizes,
     real_numbers,
 )
@@ -79,28 +80,57 @@ class Count:
 
 
 @dataclass(frozen=True)
+class Range:
+    """Mark of an annotated number from `low` to `high`; `low` itself is excluded if `above`.
+
+    The unit is that of the number in messages.
+    """
+
+    low: float
+    high: float = math.inf
+    unit: str = ""
+    above: bool = False
+
+    def contains(self, number: float) -> bool:
+        is_above = number > self.low if self.above else number >= self.low
+        return bool(is_above and number <= self.high)
+
+    def words(self, kind: str) -> str:
+        """What messages ask for, of a kind: "a number" or "a whole number"."""
+        if self.high < math.inf:
+            joint = "above {} and up to {}" if self.above else "between {} and {}"
+            return f"{kind} {joint.format(f'{self.low:g}', f'{self.high:g}')}"
+        if kind == "a number" and self.low == 0:
+            return "a positive number" if self.above else "zero or a positive number"
+        return f"{kind} {'above' if self.above else 'of at least'} {self.low:g}"
+
+
+def positive(unit: str = "") -> Range:
+    """Mark of an annotated number above zero."""
+    return Range(0.0, unit=unit, above=True)
+
+
+def not_negative(unit: str = "") -> Range:
+    """Mark of an annotated number that is zero or above."""
+    return Range(0.0, unit=unit)
+
+
+@dataclass(frozen=True)
 class Kind:
-    """What an annotation allows: a test of values, and the words of a message that asks for one."""
+    """What an annotation allows: a test of values, and the words of a message that asks for one,
+    with the unit of the values."""
 
     accepts: Callable[[Any], bool]
     words: str
+    unit: str = ""
 
 
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
-    """Let a class or function check its arguments before it acts; a decorator.
+    """Let a class or function check its arguments when it is called, before it acts; a decorator.
 
     Of a class the arguments of its constructor are checked.  A subclass with another constructor
-    needs the decorator, too.
-
-    Args:
-        thing: the class or function.  All its arguments have annotations.
-
-    Returns:
-        The same class, whose constructor now checks; or a function that checks and then calls
-        `thing`.
-
-    Raises, when the class or function is called:
-        InputError: an argument that is missing, unknown, or not of the type in its annotation.
+    needs the decorator, too.  All arguments have annotations.  One that is missing, unknown, or not
+    of the type and in the range of its annotation raises `InputError`.
 
     Example:
         >>> from gossamer_fx.core.checks.arguments import check_arguments
@@ -118,15 +148,9 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that the types of its arguments are checked at each call.
-
-    Defaults are not checked.
-
-    Returns:
-        A function with the same name and signature.  It raises `InputError` with one sentence,
-        which names the argument, its value and what to give, if an argument is missing, unknown or
-        not of the type in its annotation.
-    """
+    """Wrap a function so that a call whose arguments are missing, unknown or not of the types in
+    its signature raises `InputError`, with one sentence that names the argument, its value and what
+    to give.  Defaults are not checked."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -140,15 +164,6 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        """Call the wrapped function if all arguments have the types of its signature, and return
-        its result.
-
-        Args:
-            args, kwargs: the arguments of the call.
-
-        Raises:
-            InputError: an argument is missing, unknown, or of another type.
-        """
         name = function.__name__
         if name == "__init__":
             name = type(args[0]).__name__
@@ -174,8 +189,9 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                 # Infinity is a value where it is the default, e.g. for "without limit".
                 if parameter.default is math.inf and _is_infinite(one):
                     continue
+                unit = f" {allowed.unit}" if allowed.unit and isinstance(one, Real) else ""
                 raise InputError(
-                    f"{name}: {label} is {_shown(one)}; give {allowed.words}{_range(one)}."
+                    f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
                 )
         return function(*args, **kwargs)
 
@@ -192,14 +208,10 @@ def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]
 
 
 def _wrong_call(
-    signature: inspect.Signature,
-    args: tuple[Any, ...],
-    kwargs: dict[str, Any],
-    error: TypeError,
+    signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
 ) -> str:
-    """Explain in one clause of a message why arguments do not fit a signature.
-
-    Unknown names are looked for first, then too many positional arguments, then missing ones."""
+    """Explain in one clause of a message why arguments do not fit a signature: unknown names first,
+    then too many positional arguments, then missing ones."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"
@@ -232,15 +244,9 @@ def _wrong_call(
 
 
 def resolved(function: Callable[..., Any], argument: str) -> Any:
-    """The annotation of an argument of a function, as a type.
-
-    Annotations are text where a module imports `annotations` from `__future__`; names in them that
-    the module imports for type checkers only are imported now.
-
-    Raises:
-        NameError: the module of the function does not know a name in the annotation.
-        KeyError: the function has no argument of this name.
-    """
+    """The annotation of an argument of a function, as a type.  Where a module imports `annotations`
+    from `__future__` it is text; names that the module imports for type checkers only are imported
+    now."""
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
         return annotation
@@ -249,14 +255,9 @@ def resolved(function: Callable[..., Any], argument: str) -> Any:
 
 
 def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
-    """The module in which the annotation of an argument of a function was written.
-
-    It is that of the function, but for the constructor of a dataclass, which takes fields, with
-    their annotations, from base classes of other modules.
-
-    Args:
-        function: a function, or the `__init__` of a class.
-    """
+    """The module in which the annotation of an argument was written: that of the function, but for
+    the constructor of a dataclass, which takes fields, with their annotations, from base classes of
+    other modules."""
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
     if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
@@ -283,11 +284,8 @@ class _TypeCheckingNames(dict[str, Any]):
 
 @functools.cache
 def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
-    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a module.
-
-    Raises:
-        OSError: there is no source.
-    """
+    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a
+    module."""
     found: dict[str, tuple[str, str]] = {}
     for node in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
@@ -300,18 +298,9 @@ def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
 
 
 def kind_of(hint: Any) -> Kind | None:
-    """The test of values that an annotated type allows, and the words by which a message asks for
-    them.
-
-    Args:
-        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated`.
-
-    Returns:
-        A `Kind` with `accepts(value)` and `words`; None if the type allows all values.
-
-    Raises:
-        TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
-    """
+    """The test of values that an annotated type allows, with the words by which a message asks for
+    them; None if the type allows all values.  A type that cannot be tested, e.g. a protocol that is
+    not `runtime_checkable`, raises `TypeError`, here and in the functions below."""
     if hint is Any or hint is object or isinstance(hint, TypeVar):
         return None
     # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols,
@@ -343,34 +332,30 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """The test of values of an `Annotated` type, with the words for messages; None if it allows
-    all.
-
-    Raises:
-        TypeError: `hint` cannot be tested.
-    """
+    """The test of values of an `Annotated` type, which marks may limit."""
     kind = kind_of(hint)
-    counts = [mark.entries for mark in marks if isinstance(mark, Count)]
-    if kind is None or not counts:
-        return kind
-    [entries] = counts
+    for mark in marks:
+        if kind is not None and isinstance(mark, Count | Range):
+            kind = _marked(kind, mark)
+    return kind
+
+
+def _marked(kind: Kind, mark: Count | Range) -> Kind:
+    if isinstance(mark, Range):
+        return Kind(
+            lambda value: kind.accepts(value) and mark.contains(value),
+            mark.words(kind.words),
+            mark.unit,
+        )
     return Kind(
-        lambda value: kind.accepts(value) and len(value) == entries,
-        f"{_COUNTS.get(entries, entries)} {kind.words}",
+        lambda value: kind.accepts(value) and len(value) == mark.entries,
+        f"{_COUNTS.get(mark.entries, mark.entries)} {kind.words}",
     )
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """The test of values of a union of types, with the words for messages.
-
-    It accepts what one of the types accepts.
-
-    Returns:
-        None if one of them allows all values.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of values of a union of types: what one of them accepts; None if one allows all
+    values."""
     hints = list(alternatives)
     if Path in hints:
         # A word is tested as a path, which is stricter.
@@ -382,16 +367,12 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
             return None
         kinds.append(kind)
     words = " or ".join(dict.fromkeys(kind.words for kind in kinds))
-    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words)
+    unit = next((kind.unit for kind in kinds if kind.unit), "")
+    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words, unit)
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
-    """The test of a collection of fixed length, with a type for each entry, and the words for
-    messages.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of a collection of fixed length, with a type for each entry."""
     kinds = [kind_of(hint) for hint in hints]
     if all(hint is float for hint in hints):
         # Components may be tiny: next to the others they vanish.
@@ -411,16 +392,8 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
-    """The test of values of a class with type arguments, e.g. `Sequence[float]`, and the words for
-    messages.
-
-    Args:
-        arguments: the types in its brackets, e.g. `(float,)`; those of functions and arrays are not
-            tested.
-
-    Raises:
-        TypeError: `origin` is a protocol that is not `runtime_checkable`.
-    """
+    """The test of values of a class with type arguments, e.g. `Sequence[float]`; the types in the
+    brackets of functions and arrays are not tested."""
     if origin is _CALLABLE:
         return Kind(callable, "a function")
     if issubclass(origin, np.ndarray):
@@ -438,12 +411,7 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
 
 
 def _mapping(key: Any, value: Any) -> Kind:
-    """The test of a mapping whose keys and values are of annotated types, and the words for
-    messages.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of a mapping whose keys and values are of annotated types."""
     keys = kind_of(key)
     values = kind_of(value)
 
@@ -461,11 +429,7 @@ def _mapping(key: Any, value: Any) -> Kind:
 
 
 def _collection(entry: Any) -> Kind:
-    """The test of a list, tuple, set or array of any length, and the words for messages.
-
-    Raises:
-        TypeError: it cannot be tested.
-    """
+    """The test of a list, tuple, set or array of any length."""
     if entry is float:
         return Kind(_are_numbers, "numbers")
     if entry is int:
@@ -480,14 +444,7 @@ def _collection(entry: Any) -> Kind:
 
 
 def _class(kind: type) -> Kind:
-    """The test of instances of a class or protocol, and the words by which messages ask for one.
-
-    Args:
-        kind: a class, or a protocol that can be checked at run time.
-
-    Raises:
-        TypeError: `kind` is a protocol that is not `runtime_checkable`.
-    """
+    """The test of instances of a class, or of a protocol that can be checked at run time."""
     is_protocol = getattr(kind, "_is_protocol", False)
     if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
         raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")
@@ -534,7 +491,7 @@ def _is_infinite(value: Any) -> bool:
     return isinstance(value, Real) and value == math.inf
 
 
-def _range(value: Any) -> str:
+def _size(value: Any) -> str:
     """Clause of a message about the size that numbers may have; empty if size is not what is
     wrong."""
     numbers = real_numbers(value)

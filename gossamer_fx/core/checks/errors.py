@@ -12,13 +12,70 @@ import re
 import sys
 import time
 from collections.abc import Callable
+from numbers import Real
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.real_numbers import real_numbers
+# Kinds of NumPy's types that are real numbers: truth values, whole numbers and floating-point
+# numbers.
+REAL_KINDS = "biuf"
+
+# Sizes of numbers, other than zero, with which the package computes, in SI units: cubes of these,
+# and ratios of their squares, are floating-point numbers.
+LARGEST = 1e100
+SMALLEST = 1e-100
+
+# Whole numbers up to this one are integers of 64 bits.
+LARGEST_COUNT = 2**63 - 1
+
+
+def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
+    """Return a number, list or array as an array of floats, of shape () for a number; None if an
+    entry is not a real number.
+
+    NaN and infinite values are returned, too.  Words, complex numbers, and lists whose rows differ
+    in length are not real numbers; True and False are 1 and 0.
+
+    >>> real_numbers([1, 2.5])
+    array([1. , 2.5])
+    >>> print(real_numbers(["1", "2"]), real_numbers([1j]))
+    None None
+    """
+    try:
+        found = np.asarray(value)
+        if found.dtype.kind not in REAL_KINDS:
+            # Fractions and numbers beyond 64 bits are objects for NumPy.
+            are_real = all(isinstance(one, Real) for one in found.ravel().tolist())
+            if found.dtype.kind != "O" or not are_real:
+                return None
+        return found.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def are_usual_sizes(numbers: npt.NDArray[np.floating]) -> bool:
+    """Return whether all numbers are finite, and zero or of a size that can be computed with.
+
+    A size may be at most `LARGEST`, 1e100 in SI units.  A single number, of shape (), must also be
+    zero or at least `SMALLEST`, 1e-100; entries of a list may be smaller, since a component that
+    vanishes next to the others is harmless.
+
+    >>> are_usual_sizes(np.array([1e-300, -1e9])), are_usual_sizes(np.array([1e300]))
+    (True, False)
+    >>> are_usual_sizes(np.array(1e-300))
+    False
+    """
+    sizes = np.abs(numbers)
+    # NaN is not below the limit.
+    is_below = bool((sizes <= LARGEST).all())
+    if sizes.ndim > 0:
+        return is_below
+    return is_below and bool(sizes == 0 or sizes >= SMALLEST)
+
 
 # Seconds for which a rank that could not write a file waits for the others: longer than a large
 # file takes.
@@ -111,21 +168,9 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(
-    what: str,
-    value: float,
-    unit: str,
-    hint: str = "",
-) -> None:
-    """Raise `InputError` unless a value is a finite, positive number.
-
-    Not collective: the value is the same on all ranks.
-
-    Args:
-        what: subject of the message.
-        value: the number, in the unit `unit`.
-        unit: its unit, for the message.
-        hint: text that follows "give a positive number".
+def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+    """Raise `InputError` unless a value is a finite, positive number, the same on all ranks.  The
+    message begins with `what`; `hint` follows "give a positive number" and the unit.
 
     >>> require_positive("The thickness", 1e-3, "m")
     """
@@ -162,18 +207,11 @@ def is_vector(value: Any) -> bool:
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
-    """Run a task on rank 0, and raise its error on all ranks.  Collective.
+    """Run a task that does not communicate on rank 0, and return its result there, None on the
+    others.  Collective.
 
-    Args:
-        comm: the ranks.
-        task: function without arguments that does not communicate.
-
-    Returns:
-        The result on rank 0, None on the other ranks.
-
-    Raises:
-        Exception: on rank 0 the error of the task.  On the other ranks one of the same type if it
-            is built in or defined in this module, otherwise RuntimeError.
+    An error of the task is raised on all ranks: on the others of the same type if it is built in or
+    defined in this module, otherwise as `RuntimeError`.
     """
     result = None
     failure = None
@@ -199,22 +237,13 @@ def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
 
 
 def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T:
-    """Run a task that writes a file on all ranks together.  Collective.
+    """Run a task that writes the file `path` on all ranks together, and return its result.
+    Collective.
 
-    Args:
-        comm: the ranks.
-        path: the file, for the message.
-        task: function that writes the file.
-
-    Returns:
-        the result of the task.
-
-    Raises:
-        OutputFailure: on all ranks, if the task raised OSError or RuntimeError on one of them.
-
-    The task may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one
-    rank and the others have not returned from it after `WRITE_PATIENCE`, that rank prints the
-    message and ends the program.
+    If it raises OSError or RuntimeError on one rank, `OutputFailure` is raised on all.  The task
+    may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one rank and the
+    others have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends
+    the program.
     """
     result = None
     reason = ""
@@ -246,17 +275,15 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
 
 def _cannot_write(path: Path, reason: str) -> str:
     return (
-        f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the "
-        "folder, then restart from the last checkpoint, or start again if there is none."
+        f"Cannot write '{path}' ({reason}); "
+        "what was written before is kept: make room or mend the folder, "
+        "then restart from the last checkpoint, or start again if there is none."
     )
 
 
 def _reason(error: Exception) -> str:
-    """Why a file could not be written, in the words of the operating system if they are known.
-
-    Returns:
-        One line, never empty: at least the name of the exception's class.
-    """
+    """Why a file could not be written, as one line: in the words of the operating system if they
+    are known, else at least the name of the exception's class."""
     system_message = getattr(error, "strerror", None)
     if system_message:
         return str(system_message)
@@ -269,22 +296,10 @@ def _reason(error: Exception) -> str:
 
 
 def wait_for_others(
-    comm: MPI.Intracomm,
-    request: MPI.Request,
-    *,
-    patience: float,
-    message: str,
-    exit_code: int,
+    comm: MPI.Intracomm, request: MPI.Request, *, patience: float, message: str, exit_code: int
 ) -> None:
-    """Wait for a request of MPI, or end the program on all ranks if it does not complete.
-
-    Args:
-        comm: the ranks, all of which end.
-        request: of a message that this rank has started.
-        patience: time [s] after which the program ends.
-        message: printed to standard error before the end.
-        exit_code: with which the program then ends.
-    """
+    """Wait for a request of MPI.  If it does not complete within `patience` [s], print the message
+    to standard error and end the program on all ranks."""
     deadline = time.monotonic() + patience
     while not request.Test():
         if time.monotonic() > deadline:
@@ -293,3 +308,16 @@ def wait_for_others(
             comm.Abort(exit_code)
         # Poll, since a blocking wait could not end after `patience`.
         time.sleep(1e-3)
+
+
+# ---- reasons to reject a step --------------------------------------------------------------------
+
+
+class NotConverged(Exception):
+    """Newton's iteration failed; the message holds PETSc's reason and where the residual is
+    largest."""
+
+
+class Inadmissible(NotConverged):
+    """Newton's iteration converged to an inadmissible state: interpenetration, a negative
+    volume."""

@@ -37,10 +37,8 @@ class Interrupted(SystemExit):
 
 class Listener:
     """Context in which SIGTERM, SIGINT and SIGUSR1 are noted instead of having their usual effect.
-
     A second signal of the same kind has its usual effect, so that a step that never ends can be
-    stopped.
-    """
+    stopped."""
 
     def __init__(self) -> None:
         self._noted = 0

@@ -29,12 +29,8 @@ _MAX_PROPOSALS = 5
 
 
 def names_of_stub(package: str, stub: Path) -> dict[str, str]:
-    """Read the public names of a stub, and the module from which each is imported.
-
-    Args:
-        package: name of the package to which the stub's relative imports refer.
-        stub: path of a stub with lines `from .module import Name as Name`.
-    """
+    """Public names of a stub with lines `from .module import Name as Name`, and the module from
+    which each is imported, relative to a package."""
     homes: dict[str, str] = {}
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
@@ -46,32 +42,19 @@ def names_of_stub(package: str, stub: Path) -> dict[str, str]:
 def lazy_names(
     package: str, init_file: str, module: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub.
+    """Make `__getattr__`, `__dir__` and `__all__` of a package from the stub `__init__.pyi` next to
+    its `__init__.py`.
 
-    Args:
-        package: name of the package, `__name__` in its `__init__.py`.
-        init_file: path of its `__init__.py`; the stub `__init__.pyi` lies in the same folder.
-        module: name of the module that has the names, if that is not the package itself.
-
-    Returns:
-        the functions `__getattr__` and `__dir__`, and the list `__all__`.
-
-    Raises, when a name is used:
-        AttributeError: a name that is not in the stub; similar names are proposed.
-        ImportError: dolfinx or another library of the system is missing.
+    `module` is the module that has the names, if that is not the package itself.  A name that is
+    not in the stub raises `AttributeError`, which proposes similar names; a missing library of the
+    system raises `ImportError`.
     """
     module = module or package
     homes = names_of_stub(package, Path(init_file).with_suffix(".pyi"))
     names = sorted(homes)
 
     def __getattr__(name: str) -> Any:
-        """Load a public name of the package at its first use, and return it.
-
-        Raises:
-            AttributeError: the package has no such name; similar names are proposed.
-            ImportError: dolfinx or another library of the system, which pip does not install, is
-                missing.
-        """
+        """Load a public name of the package at its first use."""
         if name not in homes:
             raise AttributeError(_unknown(module, name, names))
         try:
@@ -81,9 +64,9 @@ def lazy_names(
             if library not in _FROM_THE_SYSTEM:
                 raise
             raise ImportError(
-                f"gossamer_fx {VERSION} needs {library}, which this Python does not have; use a "
-                "Python with dolfinx, petsc4py, mpi4py and gmsh, or pip install "
-                "'gossamer_fx[light]'."
+                f"gossamer_fx {VERSION} needs {library}, which this Python does not have; "
+                "use a Python with dolfinx, petsc4py, mpi4py and gmsh, "
+                "or pip install 'gossamer_fx[light]'."
             ) from error
         # The next use finds the attribute without this function.
         setattr(sys.modules[module], name, found)
@@ -106,11 +89,8 @@ def _load(home: str, name: str) -> Any:
 
 
 class NamespaceFinder(MetaPathFinder):
-    """Imports `gossamer_fx.gas` and what lies below it as `gossamer_fx.mechanics.gas`.
-
-    Public namespaces do not change where rooms move from house to house.  Both names give the same
-    module.
-    """
+    """Imports `gossamer_fx.gas` and what lies below it as `gossamer_fx.mechanics.gas`, the same
+    module: public namespaces do not change where rooms move from house to house."""
 
     def __init__(self, package: str, init_file: str) -> None:
         """Read the houses of the namespaces from the stub of the package."""
@@ -157,10 +137,8 @@ class _AliasLoader(Loader):
 
 
 def public_names() -> list[str]:
-    """Names of all public classes and functions as they follow `gx.`, each once.
-
-    Core names stand alone, e.g. "Chamber"; the others have their namespace, e.g. "gas.Ring".
-    """
+    """Names of all public classes and functions as they follow `gx.`, each once: core names alone,
+    e.g. "Chamber", the others with their namespace, e.g. "gas.Ring"."""
     core_names = import_module("gossamer_fx").__all__
     namespaces = _namespaces("gossamer_fx", core_names)
     found = [name for name in core_names if name not in namespaces]

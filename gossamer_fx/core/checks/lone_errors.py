@@ -1,4 +1,4 @@
-"""Handling of errors that occur on one rank only.
+"""Handling of errors that occur on one rank only, and of ranks whose launcher is gone.
 
 The other ranks would wait for the failed rank for ever.  So a rank with an error asks the others
 whether they have an error of the same kind.  If all have, the error is raised on each of them;
@@ -7,7 +7,9 @@ otherwise the program ends on all ranks.
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import sys
 import time
 import traceback
@@ -25,24 +27,18 @@ PATIENCE = 10.0
 # Tag of the messages about errors, which no other part of the program uses.
 TAG = 28531
 
+# Option of prctl(2): the signal that a process gets when its parent ends.
+_PR_SET_PDEATHSIG = 1
+
 # Environment variables in which launchers of Open MPI, MPICH and Intel MPI set the number of ranks.
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
-    """Context in which an error of one rank ends the program, unless all ranks have it.
-
-    Otherwise the other ranks would wait for messages of this rank for ever.  All ranks of `comm`
-    enter the context.
-
-    Args:
-        comm: the ranks.
-
-    Raises:
-        Exception: the error, if all ranks have one of the same class within `PATIENCE` seconds;
-            else the error is printed and the program ends with the exit code 1.
-    """
+    """Context, entered by all ranks, in which an error of one rank ends the program with the exit
+    code 1, unless all ranks have one of the same class within `PATIENCE` seconds; that is raised.
+    Otherwise the other ranks would wait for messages of this rank for ever."""
     try:
         yield
     except Exception as error:
@@ -51,15 +47,9 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
-    """Return if all ranks call this with an error of the same class; otherwise end the program.
-
-    Ranks that do not call it within `PATIENCE` seconds count as without an error; then this rank
-    prints its error and ends all ranks with the exit code 1.
-
-    Args:
-        comm: the ranks.
-        error: the error of this rank.
-    """
+    """Return if all ranks call this with an error of the same class; otherwise print the error of
+    this rank and end all ranks with the exit code 1.  Ranks that do not call it within `PATIENCE`
+    seconds count as without an error."""
     if comm.size == 1:
         return
     others = [r for r in range(comm.size) if r != comm.rank]
@@ -86,6 +76,21 @@ def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
         time.sleep(1e-3)
 
 
+def end_with_launcher() -> None:
+    """Let the system end this process when its parent, mpirun, has gone.  Linux only.
+
+    Without mpirun, killed because memory ran out, say, a rank waits for the others for ever, and
+    holds the locks of its files.
+    """
+    if sys.platform != "linux":
+        return
+    parent = os.getppid()
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    # The parent may have gone before the call, which then has no effect.
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 def watch_uncaught_errors() -> None:
     """Install a hook that ends the program on all ranks after an uncaught error of one rank.
 
@@ -96,6 +101,7 @@ def watch_uncaught_errors() -> None:
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):
         return
+    end_with_launcher()
     usual = sys.excepthook
 
     def uncaught(

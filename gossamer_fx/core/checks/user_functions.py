@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, wait_for_others
-from gossamer_fx.core.checks.real_numbers import LARGEST, real_numbers
+from gossamer_fx.core.checks.errors import LARGEST, InputError, real_numbers, wait_for_others
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0
@@ -39,7 +38,6 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
     Collective.
 
     Args:
-        comm: the ranks.
         what: name of the function in error messages.
         function: called without arguments.
 
@@ -52,21 +50,14 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 
 
 def ask_numbers(
-    comm: MPI.Intracomm,
-    what: str,
-    function: Callable[[], Any],
-    shape: tuple[int, ...] = (),
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
 ) -> Numbers:
     """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
 
     Args:
-        comm: the ranks.
         what: name of the function in error messages.
         function: called without arguments, on every rank.
-        shape: shape of the array that it must return; () for a number.
-
-    Returns:
-        The numbers as an array of floats of this shape, in the unit of the function.
+        shape: shape of the array that it must return, in its unit; () for a number.
 
     Raises:
         InputError: on all ranks, if the function raises or returns something else on one of them,
@@ -78,22 +69,14 @@ def ask_numbers(
 
 
 def ask_points(
-    comm: MPI.Intracomm,
-    what: str,
-    function: Callable[[], Any],
-    shape: tuple[int, ...],
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
 ) -> Numbers:
-    """Call a function of the user that returns vectors or numbers at this rank's points.
-    Collective.
+    """Call a function of the user that returns finite numbers at this rank's points.  Collective.
 
     Args:
-        comm: the ranks.
         what: name of the function in error messages.
         function: called without arguments; it knows the n points of this rank.
-        shape: shape of the array that it must return, e.g. (3, n) or (n,).
-
-    Returns:
-        The finite numbers, in the unit of the function, as an array of this shape.
+        shape: shape of the array that it must return, in its unit, e.g. (3, n) or (n,).
 
     Raises:
         InputError: on all ranks, if the function raises or returns something else on one of them.
@@ -107,16 +90,9 @@ def ask_points(
 def _numbers(
     function: Callable[[], Any], shape: tuple[int, ...], wanted: str
 ) -> tuple[str, Exception | None, Numbers]:
-    """Call a user's function that is to return numbers, and say what is wrong with its result.
-
-    Args:
-        shape: shape of the array that it must return, () for a number.
-
-    Returns:
-        The problem in words, empty if there is none; the exception that caused it, if any; and the
-        numbers, of this shape and in the unit of the function, zeros where there is a problem.
-        Nothing is raised.
-    """
+    """Call a user's function that is to return numbers of a shape, () for a number.  Returns the
+    problem in words, empty if there is none; the exception that caused it, if any; and the numbers,
+    zeros where there is a problem."""
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
@@ -136,12 +112,9 @@ def _is_below_limit(numbers: Numbers) -> bool:
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
-    """Call a function of the user, and return its result or what it raises.
-
-    Returns:
-        The result, None after an exception; the problem in words, empty if there is none; and the
-        exception that caused it.  `KeyboardInterrupt` and `SystemExit` are not caught.
-    """
+    """Call a function of the user.  Returns the result, None after an exception; the problem in
+    words, empty if there is none; and the exception.  `KeyboardInterrupt` and `SystemExit` are not
+    caught."""
     try:
         return function(), "", None
     except InputError as error:
@@ -153,10 +126,8 @@ def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
 
 
 def _shown(value: Any) -> str:
-    """Text of a value for an error message: short, on one line, without addresses.
-
-    A long value is named by its class, an array of more than three numbers by its shape.
-    """
+    """Text of a value for an error message: short, on one line, without addresses.  A long value is
+    named by its class, an array of more than three numbers by its shape."""
     if isinstance(value, np.ndarray) and value.size > 3:
         return f"an array {value.shape}"
     plain = value
@@ -169,22 +140,14 @@ def _shown(value: Any) -> str:
 
 
 def _agree(
-    comm: MPI.Intracomm,
-    what: str,
-    problem: str,
-    cause: Exception | None,
-    values: Numbers,
+    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
 ) -> Numbers:
-    """Return the values if no rank has a problem and the values of all ranks are the same.
-    Collective.
+    """Return the values if no rank has a problem and those of all ranks are the same, the largest
+    where they differ by round-off.  Collective.
 
-    Returns:
-        The values, in their shape; the largest of all ranks where they differ by round-off.
-
-    Raises:
-        InputError: on all ranks, if one has a problem, or if values differ by more than `SAME`
-            (1e-9) of the largest.  If other ranks do not answer within `PATIENCE` seconds, a rank
-            with a problem prints it and ends the program.
+    Otherwise `InputError` is raised on all ranks; values differ if by more than `SAME` of the
+    largest.  If other ranks do not answer within `PATIENCE` seconds, a rank with a problem prints
+    it and ends the program.
     """
     if comm.size == 1:
         if problem:
@@ -219,12 +182,9 @@ def _agree(
 
 
 def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
-    """Communicator with the same ranks, for messages about users' functions only.
-
-    It is a duplicate, which is made once and stored as an attribute of `comm`; the first call for a
-    communicator is collective.  Communicators with the same ranks as the world share one, since
-    their number is limited.
-    """
+    """Communicator with the same ranks, for messages about users' functions only: a duplicate,
+    which is made once, collectively, and stored as an attribute of `comm`.  Communicators with the
+    same ranks as the world share one, since their number is limited."""
     if MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT):
         comm = MPI.COMM_WORLD
     known: Any = comm.Get_attr(_KEY)

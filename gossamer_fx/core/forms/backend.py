@@ -50,11 +50,12 @@ __all__ = [
     "VERSION",
     "Topology",
     "add_to_matrix",
+    "cell_nodes",
     "distribute",
     "evaluate",
     "gmsh_order",
     "interpolation_points",
-    "part_of",
+    "submesh_of",
     "tabulate",
 ]
 
@@ -86,18 +87,13 @@ def distribute(
     order: int,
     sheets: int,
 ) -> Mesh:
-    """Create a mesh that is distributed over all ranks, with ghost cells that share facets.
+    """Create a mesh that is distributed over all ranks, with ghost cells that share facets, so that
+    both triangles at an edge are known to the rank that owns the edge.  Collective.
 
-    Both triangles at an edge are thus known to the rank that owns the edge.  Collective.
-
-    Args:
-        comm: the ranks.
-        cells: node numbers (m, k) of the cells that this rank contributes, in dolfinx's order; they
-            count the points of all ranks.
-        points: node coordinates (n, 3) [m] that this rank contributes.
-        kind: "interval" or "triangle".
-        order: polynomial order of the cells, 1 or 2.
-        sheets: largest number of triangles at one edge; above 2 only if `SHEETS_MAY_MEET`.
+    A rank contributes the node numbers (m, k) of cells of a kind, "interval" or "triangle", and of
+    order 1 or 2, in dolfinx's order, which count the points of all ranks, and coordinates (n, 3)
+    [m] of points.  At most `sheets` triangles meet at one edge, more than 2 only if
+    `SHEETS_MAY_MEET`.
     """
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, order, shape=(3,)))
     # dolfinx expects a manifold by default, two triangles at an edge.
@@ -118,34 +114,23 @@ def _partitioner(mode: GhostMode, sheets: int) -> Any:
     return make(mode, sheets)
 
 
-def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
-    """Create a mesh of some cells of another mesh; collective.
-
-    Args:
-        whole: the other mesh.
-        cells: local numbers (n,) of its cells.
-
-    Returns:
-        the new mesh, and for each of its local cells (ghosts last) the local number in `whole`.
-    """
+def submesh_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
+    """Create a mesh of some cells of another mesh, by their local numbers (n,); returned with the
+    local number in `whole` of each of its local cells, ghosts last.  Collective."""
     found: Any = create_submesh(whole, whole.topology.dim, cells)
-    part, parents, *_ = found
+    submesh, parents, *_ = found
     if VERSION >= (0, 10):
         # An `EntityMap` has replaced the array of parent cells.
-        cell_map = part.topology.index_map(whole.topology.dim)
+        cell_map = submesh.topology.index_map(whole.topology.dim)
         count = cell_map.size_local + cell_map.num_ghosts
         local_cells = np.arange(count, dtype=np.int32)
         parents = parents.sub_topology_to_topology(local_cells, False)
-    return part, np.asarray(parents, dtype=np.int32)
+    return submesh, np.asarray(parents, dtype=np.int32)
 
 
 def gmsh_order(kind: str, nodes: int) -> Indices:
-    """Permutation p (nodes,) from gmsh's node order to dolfinx's: node i of dolfinx is p[i] of
-    gmsh.
-
-    Args:
-        kind: "interval" or "triangle".
-        nodes: number of nodes of the cell.
+    """Permutation p (nodes,) from gmsh's node order to dolfinx's of an "interval" or "triangle":
+    node i of dolfinx is p[i] of gmsh.
 
     >>> [int(node) for node in gmsh_order("triangle", 6)]
     [0, 1, 2, 4, 5, 3]
@@ -167,16 +152,8 @@ def interpolation_points(space: fem.FunctionSpace) -> Array:
 
 
 def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
-    """Evaluate a compiled expression in some cells.
-
-    Args:
-        expression: compiled by `forms.compilation.compile_expression` for a number of points.
-        mesh: the mesh on which it is defined.
-        cells: local numbers (n,) of the cells; n may be 0.
-
-    Returns:
-        values (n, points × components), one row a cell, in the unit of the expression.
-    """
+    """Values (n, points × components) of a compiled expression in cells (n,) of a mesh, by their
+    local numbers; n may be 0."""
     values = expression.eval(mesh, cells)
     if len(cells):
         return np.asarray(values).reshape(len(cells), -1)
@@ -187,16 +164,9 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
 
 
 def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices) -> None:
-    """Set a function to the values of an expression at the points of its cells.
-
-    It does what `Function.interpolate` does for spaces of point values, without its copies.  Ghost
-    values follow only where their cells are given.
-
-    Args:
-        expression: compiled for the interpolation points of the function's space.
-        at_points: the function that is set; its space stores values at points of cells.
-        cells: local numbers (n,) of the cells.
-    """
+    """Set a function whose space stores values at points of cells to the values of an expression
+    that was compiled for these points.  Unlike `Function.interpolate` it makes no copies.  Ghost
+    values follow only where their cells, local numbers (n,), are given."""
     if not len(cells):
         return
     space = at_points.function_space
@@ -207,17 +177,20 @@ def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices
 
 
 def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
-    """Add a bilinear form to a matrix, or to a part of one that is addressed by local indices.
+    """Add a compiled bilinear form to a PETSc matrix, or to the result of `getLocalSubMatrix`,
+    whose pattern has its entries; not assembled afterwards, since the caller may add more.
 
-    Args:
-        matrix: a PETSc matrix, or the result of `getLocalSubMatrix`, whose pattern has the entries
-            of the form; not assembled afterwards, since the caller may add more.
-        form: compiled bilinear form.
-        unrolled: enter single numbers; otherwise enter the blocks of nodes, which is faster but
-            needs the block size of the matrix to be that of the form's space.
+    Blocks of nodes are entered, or single numbers if `unrolled`: blocks are faster, but need the
+    block size of the matrix to be that of the form's space.
     """
     compiled = form._cpp_object
     library = dolfinx.cpp.fem
     constants = library.pack_constants(compiled)
     coefficients = library.pack_coefficients(compiled)
     library.petsc.assemble_matrix(matrix, compiled, constants, coefficients, [], unrolled)
+
+
+def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Local node numbers (cells, k) of all cells of a space: owned cells first, then ghost cells.
+    In each row the corners come first; nodes on edges follow in the order of the element."""
+    return space.dofmap.list

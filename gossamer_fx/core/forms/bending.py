@@ -63,7 +63,7 @@ EDGE_DEGREE = 2
 
 
 def second_gradient(x: Expr, B: Expr) -> Expr:
-    """Second derivatives D²x (3, 2, 2) [1/m] of positions x (3,) along the frame B (3, 2) of a
+    """Second derivatives D²x (3, 2, 2) [1/m] of positions x (3,) along the cell axes B (3, 2) of a
     plane cell.
     """
     i, j, k, a, b = ufl.indices(5)
@@ -72,12 +72,8 @@ def second_gradient(x: Expr, B: Expr) -> Expr:
 
 
 def moment(H: Expr, D: Expr, ν: Expr) -> Expr:
-    """Bending moment D ((1-ν) H + ν tr(H) I) (2, 2) [N] of a curvature H (2, 2) [1/m].
-
-    Args:
-        H: curvature (2, 2) [1/m].
-        D: bending stiffness [N m].
-        ν: Poisson's ratio.
+    """Bending moment D ((1-ν) H + ν tr(H) I) (2, 2) [N] of a curvature H (2, 2) [1/m], with the
+    bending stiffness D [N m] and Poisson's ratio ν.
 
     >>> import ufl
     >>> cylinder = ufl.as_matrix([[1.0, 0.0], [0.0, 0.0]])
@@ -89,7 +85,7 @@ def moment(H: Expr, D: Expr, ν: Expr) -> Expr:
 
 
 class BendingStiffness(Protocol):
-    """How bending moments follow from curvatures, in the frame of the mesh."""
+    """How bending moments follow from curvatures, in the cell axes."""
 
     @property
     def reference(self) -> Expr:
@@ -107,12 +103,8 @@ class BendingStiffness(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class IsotropicBending:
-    """The bending stiffness of an isotropic plate.
-
-    Args:
-        D: E t³/(12 (1-ν²)) [N m].
-        ν: Poisson's ratio.
-    """
+    """The bending stiffness D = E t³/(12 (1-ν²)) [N m] of an isotropic plate, and its Poisson's
+    ratio ν."""
 
     D: Expr
     ν: Expr
@@ -130,13 +122,12 @@ class IsotropicBending:
 
 @dataclass(frozen=True, eq=False)
 class OrthotropicBending:
-    """The bending stiffness of an orthotropic plate, without coupling to the membrane strain.
+    """The bending stiffnesses D11, D12, D22, D66 [N m] of an orthotropic plate in its axes, without
+    coupling to the membrane strain:
 
         M1 = D11 κ1 + D12 κ2,    M2 = D12 κ1 + D22 κ2,    M12 = 2 D66 κ12
 
-    Args:
-        D11, D12, D22, D66: stiffnesses [N m] in the axes.
-        cosine, sine: of the angle of the first axis in the frame of the mesh.
+    `cosine` and `sine` are of the angle of the first axis in the cell axes.
     """
 
     D11: Expr
@@ -152,19 +143,12 @@ class OrthotropicBending:
 
     @property
     def _axes(self) -> Expr:
-        """The axes as columns (2, 2), in the frame of the mesh."""
+        """The axes as columns (2, 2), in the cell axes."""
         return ufl.as_matrix([[self.cosine, -self.sine], [self.sine, self.cosine]])
 
     def moment(self, H: Expr) -> Expr:
-        """Return the moments (2, 2) [N] of curvatures, both in the frame of the mesh.
-
-        Q (2, 2) has the axes of the material as columns, κ [1/m] and M1, M2, M12 [N] are curvature
-        and moments in these axes; D11, D12, D22, D66 [N m] are the bending stiffnesses, M12 the
-        twisting moment.
-
-        Args:
-            H: curvatures (2, 2) [1/m], a symmetric UFL expression.
-        """
+        """Moments (2, 2) [N] of symmetric curvatures H (2, 2) [1/m], both in the cell axes;
+        Q (2, 2) has the axes of the material as columns."""
         Q = self._axes
         κ = ufl.dot(Q.T, ufl.dot(H, Q))
         M1 = self.D11 * κ[0, 0] + self.D12 * κ[1, 1]
@@ -179,15 +163,8 @@ class OrthotropicBending:
 
 
 def curvature(x: Expr, B: Expr) -> Expr:
-    """Return the curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal.
-
-    F (3, 2) [-] has the derivatives of x along the two vectors of B as columns, H (3, 2, 2) [1/m]
-    its second derivatives; a and b number the vectors of B.
-
-    Args:
-        x: positions (3,) [m] of order 2; with those of order 1 it is zero.
-        B: frame of the mesh, two orthonormal vectors of each cell as columns (3, 2).
-    """
+    """Curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal, in the cell axes B
+    (3, 2) of the mesh; zero for positions x (3,) [m] of order 1."""
     F = ufl.dot(ufl.grad(x), B)
     normal = ufl.cross(F[:, 0], F[:, 1])
     H = second_gradient(x, B)
@@ -199,14 +176,13 @@ def curvature(x: Expr, B: Expr) -> Expr:
 
 
 class Bending:
-    """Bending forms of one plate; equation numbers are those of the module.
+    """Bending forms [J] of one plate of plane triangles with straight edges; equation numbers are
+    those of the module.
 
-    Args:
-        domain: plane triangles with straight edges.
-        B: frame (3, 2) of the triangles.
-        stiffness: moments of curvatures.
-        penalty: factor on the bound (3), such as `PENALTY`.
-        rest: curvature (2, 2) [1/m] of the plate without bending moments; None for a flat plate.
+    B (3, 2) are the cell axes, `penalty` the factor on the bound (3), `rest` the
+    curvature (2, 2) [1/m] of the plate without bending moments, None for a flat plate.  In the
+    methods x (3,) [m] are positions of order 2, w a test function like x; the degree of measures of
+    cells is `DEGREE`, of edges `EDGE_DEGREE`.
     """
 
     def __init__(
@@ -228,19 +204,7 @@ class Bending:
     # ---- the quadratic form ----------------------------------------------------------------------
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
-        """Integral ∫ M(x):D²w dA [J] of the bending form over the cells, M the moment of the
-        curvature D²x.
-
-        The bending energy is half of the form with w = x.
-
-        H and G are the second derivatives (3, 2, 2) of x and w in the frame `_B` (3, 2) of the
-        mesh.
-
-        Args:
-            x: positions (3,) [m] of order 2.
-            w: test function (3,), like x.
-            dx: measure of the cells, of degree `DEGREE`.
-        """
+        """Integral ∫ M(x):D²w dA over the cells; the bending energy is half of it with w = x."""
         H = second_gradient(x, self._B)
         G = second_gradient(w, self._B)
         densities = []
@@ -250,18 +214,8 @@ class Bending:
         return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
-        """Integral of the bending form [J] over interior edges that transmit bending.
-
-        It has moments times jumps of slopes, and a penalty on the jumps: second term of (1) of the
-        module.
-
-        In the code s [N] is the factor of the penalty in (1) of the module.
-
-        Args:
-            x: positions (3,) [m] of order 2.
-            w: test function (3,), like x.
-            dS: measure of these edges, of degree `EDGE_DEGREE`.
-        """
+        """Integral over interior edges that transmit bending: moments times jumps of slopes, and a
+        penalty on the jumps with the factor s [N], the second term of (1)."""
         stiffness_per_area = sum((self._edge_stiffness() / self._area)(side) for side in ("+", "-"))
         s = 0.75 * self._penalty * self._length("+") * stiffness_per_area
         jump_x = jump(self.slope, x)
@@ -274,26 +228,9 @@ class Bending:
         work_of_test_moments = ufl.dot(moment_w, jump_x)
         return (penalty_term - work_of_moments - work_of_test_moments) * dS
 
-    def clamp(
-        self,
-        x: Expr,
-        w: Expr,
-        d: Expr,
-        ds: ufl.Measure,
-    ) -> ufl.Form:
-        """Integral of the bending form [J] over boundary edges where the plate is tangent to a
-        direction.
-
-        With a rest curvature it has the part of `rest_clamp`, too.
-
-        In the code s [N] is the factor of the penalty in (1) of the module.
-
-        Args:
-            x: positions (3,) [m] of order 2.
-            w: test function (3,), like x.
-            d: unit vector (3,) to which the plate is tangent.
-            ds: measure of these edges, of degree `EDGE_DEGREE`.
-        """
+    def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
+        """Integral over boundary edges where the plate is tangent to a unit vector d (3,), with
+        that of a rest curvature (`rest_clamp`)."""
         # The jump is the part of the slope perpendicular to d; along d the slope is free.
         slope_x = self.slope(x)
         slope_w = self.slope(w)
@@ -310,15 +247,7 @@ class Bending:
         return form * ds
 
     def rest_clamp(self, x: Expr, w: Expr, d: Expr, rest: Expr, ds: ufl.Measure) -> ufl.Form:
-        """The part of `clamp` that a rest curvature, at which the plate has no moments, adds [J].
-
-        Args:
-            x: positions (3,) [m] of order 2.
-            w: test function (3,), like x.
-            d: unit vector (3,) to which the plate is tangent.
-            rest: curvature (2, 2) [1/m] in the frame of the mesh.
-            ds: measure of these edges, of degree `EDGE_DEGREE`.
-        """
+        """The part of `clamp` of a rest curvature (2, 2) [1/m]."""
         # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in
         # x.
         m0 = self._across(self._moment(rest))
@@ -339,20 +268,8 @@ class Bending:
 
     def rest_in_cells(self, x: Expr) -> tuple[Expr, Expr, Expr]:
         """Three vectors whose triple product is -M0:(n·D²x), the energy of a rest curvature in
-        cells.
-
-        M0 [N] is the moment of the rest curvature, n = x,1 × x,2 the normal in the frame of the
-        mesh.
-
-        F (3, 2) are the first and H (3, 2, 2) the second derivatives of x in the frame `_B` of the
-        mesh; a and b number its two directions.
-
-        Args:
-            x: positions (3,) [m] of order 2.
-
-        Returns:
-            x,1 and x,2 (3,) [-], and -M0:D²x (3,) [N/m].
-        """
+        cells: x,1 and x,2 (3,) [-], and -M0:D²x (3,) [N/m].  M0 [N] is the moment of the rest
+        curvature, n = x,1 × x,2 the normal in the cell axes."""
         F = ufl.dot(ufl.grad(x), self._B)
         H = second_gradient(x, self._B)
         M0 = self.rest_moment
@@ -362,17 +279,11 @@ class Bending:
 
     def rest_at_edges(self, x: Expr) -> tuple[Expr, Expr, Expr]:
         """Three vectors whose triple product is {m0} n·[x,n], the energy of a rest curvature at
-        edges.
+        edges: x,n and x,t (3,) [-] of the cell "+", and {m0} x,n (3,) [N] of the cell "-".
 
-        m0 [N] is the moment of the rest curvature across the edge, {m0} its mean of both sides,
+        {m0} is the mean of both sides of the moment m0 [N] of the rest curvature across the edge,
         [x,n] the jump of the slope.  The normal n = x,n × x,t of either cell gives the same
         product.
-
-        Args:
-            x: positions (3,) [m] of order 2.
-
-        Returns:
-            x,n and x,t (3,) [-] of the cell "+", and {m0} x,n (3,) [N] of the cell "-".
         """
         sides = [self._across(self.rest_moment)(side) for side in ("+", "-")]
         m0 = (sides[0] + sides[1]) / 2
@@ -407,14 +318,7 @@ class Bending:
         return self._stiffness.across(ufl.dot(self._B.T, self._n))
 
     def _edge_moment(self, x: Expr) -> Expr:
-        """Bending moment m(x) (3,) [N] across the edge, for each component of the positions.
-
-        H are the second derivatives (3, 2, 2) of x in the frame `_B` (3, 2) of the mesh, M (2, 2)
-        the moment of one component.
-
-        Args:
-            x: positions (3,) [m] of order 2, or a test function like it.
-        """
+        """Bending moment m(x) (3,) [N] across the edge, for each component of the positions."""
         H = second_gradient(x, self._B)
         components = []
         for i in range(3):

@@ -25,8 +25,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import on_rank_zero
-from gossamer_fx.core.forms.compilation import kernel_options
-from gossamer_fx.core.forms.compiler import require_compiler
+from gossamer_fx.core.forms.backend import KERNELS_TAKE_DATA
+from gossamer_fx.core.forms.compilation import kernel_options, private_cache, require_compiler
 
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
@@ -70,18 +70,12 @@ class CLibrary:
         *,
         writable: bool = False,
     ) -> Any:
-        """Return an array as a C pointer, which lives as long as it is kept; None is the null
-        pointer.
+        """Return an array, which C reads or writes without a copy, as a C pointer that lives as
+        long as it is kept; None is the null pointer.
 
-        Args:
-            name: what it is called in messages.
-            values: array that C reads or writes without a copy, or None.
-            dtype: "float64", "int32", "int64" or "uint8".
-            shape: the one it must have.
-            writable: whether C writes into it.
-
-        Raises:
-            ValueError: another type or shape, not contiguous, or not writable.
+        An array that is not contiguous, not of the type ("float64", "int32", "int64" or "uint8")
+        and shape that are given, or read-only although C writes into it, raises `ValueError` with
+        its name.
         """
         if values is None:
             return self.ffi.NULL
@@ -101,24 +95,12 @@ class CLibrary:
 
 
 class CStruct:
-    """A C structure that keeps alive the arrays to which its fields point.
-
-    Attributes:
-        pointer: to be handed to a C function.
-    """
+    """A C structure that keeps alive the arrays to which its fields point; `pointer` is what C
+    functions take."""
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
-        """Set all fields of a new structure.
-
-        Args:
-            ffi: cffi's interface of the library.
-            type_name: of the structure in the C header.
-            fields: a value for each of its fields: numbers, pointers, or the fields of an inner
-                structure.
-
-        Raises:
-            ValueError: a field is missing or unknown.
-        """
+        """Set all fields of a new structure: numbers, pointers, or the fields of an inner
+        structure.  A missing or unknown field raises `ValueError`."""
         known = _field_names(ffi, type_name)
         if known != fields.keys():
             raise ValueError(
@@ -140,13 +122,8 @@ def _unsuitable(problem: str, dtype: str, shape: tuple[int, ...]) -> ValueError:
 
 
 def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> None:
-    """Raise `ValueError` unless all indices are from 0 to count - 1; C functions do not look.
-
-    Args:
-        name: subject of the message, in the plural.
-        indices: of any shape; none is right.
-        count: of what they number.
-    """
+    """Raise `ValueError`, about `name` in the plural, unless all indices are from 0 to count - 1; C
+    functions do not look."""
     if not indices.size:
         return
     least = int(indices.min())
@@ -165,72 +142,36 @@ def declarations_of(header: Path) -> str:
 _loaded: dict[Path, CLibrary] = {}
 
 
-def loaded_library(
-    comm: MPI.Intracomm,
-    name: str,
-    header: Path,
-    sources: Sequence[str],
-    definitions: Sequence[str] = (),
-) -> CLibrary:
-    """Return a library of C functions, which is compiled or loaded once in a process.
+def c_library(header: Path, comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
+    """Return the C functions that a header declares, of all C files in its folder.
 
-    The first call for a header is collective.
-
-    Args:
-        comm: rank 0 compiles, the others wait.
-        name: of the library, for its file's name.
-        header: C header with all functions and structures that Python uses; later calls use it
-            alone.
-        sources: names of the C files in the header's folder.
-        definitions: names that are defined for the preprocessor.
-
-    Raises:
-        InputError: no C compiler was found.
-        cffi.VerificationError: the compiler refuses the files; on other ranks than 0 a
-            RuntimeError.
+    The first call for a header is collective: rank 0 of `comm` compiles the files, or finds them in
+    the cache of kernels, and the others wait.  Without a C compiler it raises `InputError`; if the
+    compiler refuses the files, `cffi.VerificationError`, on other ranks `RuntimeError`.
     """
-    found = _loaded.get(header)
-    if found is None:
-        found = compile_library(comm, name, header, sources, definitions)
-        _loaded[header] = found
-    return found
+    if header not in _loaded:
+        _loaded[header] = _load(header, comm)
+    return _loaded[header]
 
 
-def compile_library(
-    comm: MPI.Intracomm,
-    name: str,
-    header: Path,
-    sources: Sequence[str],
-    definitions: Sequence[str] = (),
-) -> CLibrary:
-    """Compile C files into a library, or take it from the cache of kernels; collective.
-
-    Args:
-        comm: rank 0 compiles, the others wait.
-        name: of the library, which becomes a part of its file's name.
-        header: the file with all functions and structures that Python uses.
-        sources: names of the C files in the header's folder.
-        definitions: names that are defined for the preprocessor.
-
-    Raises:
-        InputError: no C compiler was found.
-        cffi.VerificationError: the compiler refuses the files; on other ranks than 0 a
-            RuntimeError.
-        RuntimeError: the file in the cache is damaged.
-    """
+def _load(header: Path, comm: MPI.Intracomm) -> CLibrary:
+    """Compile the C files next to a header, unless the cache has them, and load them.
+    Collective."""
     options = kernel_options()
     arguments = [*options["cffi_extra_compile_args"], *OPTIMISATION]
-    arguments += [f"-D{definition}" for definition in definitions]
+    if KERNELS_TAKE_DATA:
+        arguments.append("-DKERNELS_TAKE_DATA")
     arguments += shlex.split(os.environ.get(FLAGS_VARIABLE, ""))
     # All on which the machine code depends; the version of Python, because cffi links against it.
     texts = [path.read_text(encoding="utf-8") for path in sorted(header.parent.glob("*.[ch]"))]
     digest = hashlib.sha1("\n".join([*texts, *arguments, sys.version]).encode()).hexdigest()
-    module = f"gossamer_{name}_{digest[:HASH_DIGITS]}"
+    module = f"gossamer_{header.stem}_{digest[:HASH_DIGITS]}"
     path = Path(options["cache_dir"]) / f"{module}.so"
 
     def build() -> None:
+        private_cache()
         if not path.exists():
-            _build(module, path, header, sources, arguments)
+            _build(module, path, header, arguments)
 
     on_rank_zero(comm, build)
     specification = importlib.util.spec_from_file_location(module, path)
@@ -241,23 +182,9 @@ def compile_library(
     return CLibrary(loaded.lib, loaded.ffi)
 
 
-def _build(
-    module: str,
-    path: Path,
-    header: Path,
-    sources: Sequence[str],
-    arguments: Sequence[str],
-) -> None:
-    """Compile a module in a separate folder, and rename it when it is complete.
-
-    Two runs may compile the same library at the same time; renaming is atomic, so that neither sees
-    half a file.
-
-    Raises:
-        InputError: no C compiler was found.
-        cffi.VerificationError: the compiler refuses the files.
-        OSError: the folder cannot be written to.
-    """
+def _build(module: str, path: Path, header: Path, arguments: Sequence[str]) -> None:
+    """Compile a module in a separate folder, and rename it when it is complete: two runs may
+    compile the same library at the same time, and neither sees half a file."""
     require_compiler()
     import cffi
 
@@ -267,13 +194,13 @@ def _build(
     ffi.set_source(
         module,
         f'#include "{header.name}"',
-        sources=[str(header.parent / source) for source in sources],
+        sources=[str(path) for path in sorted(header.parent.glob("*.c"))],
         include_dirs=[str(header.parent)],
         extra_compile_args=list(arguments),
         extra_link_args=[option for option in arguments if option.startswith("-fsanitize")],
     )
     with tempfile.TemporaryDirectory(dir=path.parent) as work:
         compiled = Path(ffi.compile(tmpdir=work))
-        part = path.parent / f".{module}.{Path(work).name}"
-        shutil.copy(compiled, part)
-        part.rename(path)
+        unfinished = path.parent / f".{module}.{Path(work).name}"
+        shutil.copy(compiled, unfinished)
+        unfinished.rename(path)

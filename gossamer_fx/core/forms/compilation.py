@@ -6,6 +6,10 @@ import fcntl
 import hashlib
 import os
 import platform
+import shlex
+import shutil
+import stat
+import sysconfig
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
@@ -24,8 +28,19 @@ from ufl.algorithms.map_integrands import map_integrand_dags
 from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
-from gossamer_fx.core.checks.errors import on_rank_zero
-from gossamer_fx.core.forms.compiler import require_compiler
+from gossamer_fx.core.checks.errors import check, on_rank_zero
+
+
+def require_compiler() -> None:
+    """Raise `InputError` if there is no C compiler: the one that the variable CC names, or else the
+    one that Python was built with, or else `cc`."""
+    command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    program = shlex.split(command)[0]
+    check(
+        shutil.which(program) is not None,
+        f"The C compiler '{program}' is not there; install one (apt-get install gcc, "
+        "or conda install c-compiler), or set the variable CC to the name of yours.",
+    )
 
 
 @cache
@@ -109,11 +124,7 @@ class _Number(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self, of: Any) -> None:
-        """Number the constants of a form or expression in the order in which UFL finds them.
-
-        Args:
-            of: UFL form or expression, whose constants and labels are replaced by numbered ones.
-        """
+        """Number the constants of a form or expression in the order in which UFL finds them."""
         super().__init__()
         self._labels: dict[Label, Label] = {}
         self._constants: dict[Any, ufl.Constant] = {}
@@ -139,18 +150,14 @@ def _numbered(constant: fem.Constant, number: int) -> ufl.Constant:
 
 def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
     """Run a compilation; if it fails, remove unfinished kernels from the cache and run it again.
+    Collective.
 
     dolfinx takes a source file without a kernel for one that another process is compiling, and
     gives up after the time limit.  A run that was killed while it compiled would thus make all
     later runs fail.  Processes that compile hold a shared lock, which the system releases when they
     end; whoever gets the exclusive lock knows that nothing is being compiled.
-
-    Collective.
-
-    Raises:
-        InputError: no C compiler was found.
-        Exception: what the second attempt raises.
     """
+    on_rank_zero(comm, private_cache)
     try:
         with _shared_lock(comm):
             return task()
@@ -164,6 +171,32 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
         return task()
 
 
+@cache
+def private_cache() -> Path:
+    """Make the cache folder, and see that nobody else can put code there.
+
+    Kernels are machine code that is executed.  Once for each process, on one rank.
+
+    Raises:
+        InputError: the folder or a file in it belongs to another user, or others may write it.
+    """
+    folder = Path(kernel_options()["cache_dir"])
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    writable_by_others = stat.S_IWGRP | stat.S_IWOTH
+    # Files in a folder that others cannot enter are safe whatever their mode.
+    is_open = bool(folder.stat().st_mode & (stat.S_IXGRP | stat.S_IXOTH))
+    for path in (folder, *folder.iterdir()):
+        about = path.lstat()
+        is_others = about.st_uid not in (os.getuid(), 0)
+        may_be_written = is_open and bool(about.st_mode & writable_by_others)
+        check(
+            not (is_others or may_be_written or path.is_symlink()),
+            f"'{path}' belongs to another user or may be written by others, and its code would be "
+            f"executed; remove {folder}, or set XDG_CACHE_HOME to a folder of yours.",
+        )
+    return folder
+
+
 def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:
     """Shared lock of the cache for rank 0, which compiles; the other ranks wait for it."""
     if comm.rank == 0:
@@ -174,8 +207,7 @@ def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:
 @contextmanager
 def _lock(kind: int) -> Iterator[Path]:
     """Lock the cache folder: `fcntl.LOCK_SH` shared, `fcntl.LOCK_EX` exclusive."""
-    folder = Path(kernel_options()["cache_dir"])
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = private_cache()
     with (folder / "lock").open("w") as file:
         fcntl.flock(file, kind)
         yield folder

@@ -4,7 +4,7 @@ The unknowns are positions x [m] (and the directors of beams); the mesh is the s
 Every measure is quadratic in the unknowns and does not change under rigid motions, which is what
 the energy-conserving time step needs.
 
-Surface tensors have components in the local orthonormal frame B of the mesh (see `frame`).
+Surface tensors have components in the local orthonormal axes B of the mesh (see `cell_axes`).
 Symmetric ones are written as vectors: strains as (E11, E22, 2 E12), stresses as (S11, S22, S12), so
 that their dot product is the work per unit reference area.
 """
@@ -23,19 +23,15 @@ Expr = Any
 SMALLEST_SQUARE = 1e-30
 
 
-def frame(mesh: Mesh) -> Expr:
-    """Return the local orthonormal frame B (3, 2) of a triangle mesh in space, as a UFL expression.
-
-    Its first column is the direction of the first edge of the cell; its second column is
-    perpendicular to that, within the surface.
-
-    Args:
-        mesh: triangles in three dimensions; the frame is constant in a cell with straight edges.
+def cell_axes(mesh: Mesh) -> Expr:
+    """Return the local orthonormal axes B (3, 2) of a triangle mesh in space, as a UFL expression,
+    constant in a cell with straight edges.  Its first column is the direction of the first edge of
+    the cell; its second is perpendicular to that, within the surface.
 
     >>> import basix.ufl
     >>> import ufl
     >>> triangles = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
-    >>> frame(triangles).ufl_shape
+    >>> cell_axes(triangles).ufl_shape
     (3, 2)
     """
     # Jacobian (3, 2): its columns are the edges of the cell; t1 and t2 are the columns of B.
@@ -48,22 +44,13 @@ def frame(mesh: Mesh) -> Expr:
 
 
 def surface_gradient(x: Expr, B: Expr) -> Expr:
-    """Deformation gradient F = ∇x·B (3, 2) of a surface.
-
-    Its columns are the vectors into which the two frame vectors are moved.
-
-    Args:
-        x: positions (3,) [m].
-        B: frame (3, 2) of the mesh.
-    """
+    """Deformation gradient F = ∇x·B (3, 2) of a surface with positions x (3,) [m]: its columns are
+    the vectors into which the two vectors of the cell axes B (3, 2) are moved."""
     return ufl.dot(ufl.grad(x), B)
 
 
 def green_lagrange(F: Expr) -> Expr:
-    """Green-Lagrange strain E = ½(FᵀF - I) as (E11, E22, 2 E12), dimensionless.
-
-    Args:
-        F: deformation gradient (3, 2) of a surface.
+    """Green-Lagrange strain E = ½(FᵀF - I) of a surface as (E11, E22, 2 E12), dimensionless.
 
     >>> import ufl
     >>> stretched = ufl.as_matrix([[1.1, 0.0], [0.0, 1.0], [0.0, 0.0]])
@@ -90,13 +77,9 @@ def area_vector(F: Expr) -> Expr:
 
 
 def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
-    """Centre h and radius r of Mohr's circle of a strain.
-
-    The principal values are h + r and h - r.  The radius is at least 1e-15, so that its derivative
+    """Centre h and radius r of Mohr's circle of a strain (e11, e22, 2 e12), of a stress with twice
+    the shear; the principal values are h ± r.  The radius is at least 1e-15, so that its derivative
     at equal principal values is zero instead of 0/0.
-
-    Args:
-        e: strain (e11, e22, 2 e12), dimensionless; of a stress give twice the shear.
 
     >>> import ufl
     >>> h, r = half_trace_and_radius(ufl.as_vector([3.0, 1.0, 0.0]))
@@ -110,10 +93,8 @@ def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
 
 
 def tension(S: Expr) -> Expr:
-    """Tensile part (S11, S22, S12) of a plane stress: negative principal stresses are set to zero.
-
-    Args:
-        S: stress (S11, S22, S12), in any unit.
+    """Tensile part of a plane stress (S11, S22, S12): negative principal stresses are set to
+    zero.
 
     >>> import ufl
     >>> pulled_and_pressed = ufl.as_vector([5.0, -2.0, 0.0])
@@ -140,11 +121,8 @@ def tension(S: Expr) -> Expr:
 
 
 def line_derivative(f: Expr) -> Expr:
-    """Derivative f' with respect to the reference length [m] of a mesh of line elements.
-
-    Args:
-        f: expression of functions on such a mesh, of any shape, which is that of the result.
-    """
+    """Derivative of an expression of any shape with respect to the reference length [m] of a mesh
+    of line elements."""
     J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))
     tangent = J[:, 0]
     return ufl.dot(ufl.grad(f), tangent / ufl.sqrt(ufl.dot(tangent, tangent)))
@@ -157,17 +135,13 @@ def bar_strain(x: Expr) -> Expr:
 
 
 def beam_strain(q: Expr) -> Expr:
-    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a geometrically exact beam with directors.
-
-    With the positions x and the directors d2, d3, which span the cross-section,
+    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a geometrically exact beam whose coordinates q (9,) are the
+    positions x [m] and the directors d2, d3 [-], which span the cross-section:
 
         ε = ½(x'·x' - 1)               axial strain [-]
         γ_i = x'·d_i                   transverse shear [-]
         κ_i = x'·d_i'                  curvature [1/m]
         τ = ½(d2'·d3 - d3'·d2)         twist [1/m]
-
-    Args:
-        q: x [m], d2 and d3 [-], one after the other, shape (9,), on a mesh of line elements.
     """
     # Derivatives along the beam of x, d2 and d3, named dx, dd2 and dd3
     dq = line_derivative(q)

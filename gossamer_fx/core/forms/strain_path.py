@@ -92,13 +92,11 @@ SMALLEST_OPENING = 1e-24
 
 @dataclass(frozen=True)
 class Piece:
-    """One interval of a path in strain space, on which the film stays in one state.
+    """One interval of a path in strain space, 0 ≤ start ≤ end ≤ 1, on which the film stays in one
+    state; empty where start = end.
 
-    Attributes:
-        start: s at which the interval begins, 0 ≤ start ≤ 1.
-        end: s at which it ends, start ≤ end ≤ 1; an interval that is empty has start = end.
-        stress: `stress(ea, eb)` is the stress (3,) [N/m] of that state, averaged along the path
-            from the strain ea (3,) to the strain eb (3,).
+    `stress(ea, eb)` is the stress (3,) [N/m] of that state, averaged along the path from the strain
+    ea (3,) to the strain eb (3,).
     """
 
     start: Expr
@@ -107,12 +105,8 @@ class Piece:
 
 
 def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
-    """Derivative ψ'(e) of a scalar function of a strain, as an expression of the shape of e.
-
-    Args:
-        ψ: function of one expression that returns a scalar expression, such as an energy density
-            [J/m²].
-        e: the strain at which the derivative is taken.
+    """Derivative ψ'(e) of a scalar function of a strain, such as an energy density [J/m²], as an
+    expression of the shape of e.
 
     >>> import ufl
     >>> gradient(lambda e: e[0] ** 2, ufl.as_vector([3.0, 0.0, 0.0])).ufl_shape
@@ -123,11 +117,8 @@ def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
 
 
 def with_derivative(S: Expr, e: Expr) -> Expr:
-    """A stress S (m,) and its derivative dS/de, row after row, as one vector (m + m²,).
-
-    Args:
-        S: stress (m,) as an expression of e, in any unit.
-        e: strain (m,), made by `ufl.variable`.
+    """A stress S (m,) as an expression of a `ufl.variable` e (m,), and its derivative dS/de, row
+    after row, as one vector (m + m²,).
 
     >>> import ufl
     >>> e = ufl.variable(ufl.as_vector([3.0, 1.0]))
@@ -142,28 +133,13 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     return ufl.as_vector(components)
 
 
-def within_cone(
-    e0: Expr,
-    e1: Expr,
-    m: Expr,
-    margin: float,
-) -> tuple[Expr, Expr]:
-    """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
+def within_cone(e0: Expr, e1: Expr, m: Expr, margin: float) -> tuple[Expr, Expr]:
+    """Interval (start, end), 0 ≤ start ≤ end ≤ 1, of the path from the strain e0 to e1 (E11, E22, 2
+    E12) on which h + margin ≥ m r, m > 0; start = end if it misses this cone.
 
-    Here h and r are centre and radius of Mohr's circle of the strain.  All are UFL expressions.
-
-    h0, d0 and h1, d1 are centre and deviator (2,) of both ends, |d| = r. With s from 0 to 1, q(s) =
-    (h + margin)² - m² r² = A s² + 2 B s + C is positive inside the cone and its opposite one.
-
-    Args:
-        e0: strain (3,) at s = 0, as (E11, E22, 2 E12), dimensionless.
-        e1: strain (3,) at s = 1.
-        m: slope of the cone, > 0.
-        margin: strain by which the apex of the cone is shifted.
-
-    Returns:
-        start and end, shares of the path with 0 ≤ start ≤ end ≤ 1; start = end if it misses the
-        cone.
+    h and r are centre and radius of Mohr's circle of the strain, d its deviator (2,), |d| = r.
+    With s from 0 to 1, q(s) = (h + margin)² - m² r² = A s² + 2 B s + C is positive inside the cone
+    and its opposite one.
 
     >>> import ufl
     >>> slack = ufl.as_vector([-1.0, -1.0, 0.0])
@@ -230,9 +206,8 @@ def within_cone(
 
 
 def _fraction(a: Expr, b: Expr) -> Expr:
-    """The quotient a/b limited to [0, 1], without a division by zero.
-
-    Roots of a quadratic equation beyond the ends of a path, 0 and 1, are moved to the ends."""
+    """The quotient a/b limited to [0, 1], without a division by zero: roots of a quadratic equation
+    beyond the ends of a path are moved to the ends."""
     is_positive = ufl.gt(a * b, 0)
     inside = ufl.And(is_positive, ufl.lt(abs(a), abs(b)))
     beyond = ufl.conditional(is_positive, 1.0, 0.0)
@@ -244,18 +219,12 @@ def _fraction(a: Expr, b: Expr) -> Expr:
 
 def mean_gradient(ea: Expr, eb: Expr) -> Expr:
     """Gradient (3,) of h r with respect to the strain, averaged along the straight path from ea to
-    eb.
+    eb (E11, E22, 2 E12); equations (4) to (8) of the module.  It is finite also for ea = eb and for
+    paths through r = 0.
 
-    Here h and r are centre and radius of Mohr's circle; equations (4) to (8) of the module.  The
-    result is finite also for ea = eb and for paths through r = 0.
-
-    In the code a and b denote both ends: h is the centre and (x, y) the deviator, whose norm is r.
-    J0, J1 and J2 are the averages of 1/r, t/r and t²/r over -1 ≤ t ≤ 1, kx and ky half the change
-    of the deviator, k its norm.
-
-    Args:
-        ea: strain (3,) at the beginning, as (E11, E22, 2 E12), dimensionless.
-        eb: strain (3,) at the end.
+    h and r are centre and radius of Mohr's circle.  In the code a and b denote both ends, (x, y) is
+    the deviator, whose norm is r, (kx, ky) half its change, with the norm k.  J0, J1 and J2 are the
+    averages of 1/r, t/r and t²/r over -1 ≤ t ≤ 1.
 
     >>> import ufl
     >>> e = ufl.as_vector([3.0, 1.0, 0.0])  # h = 2, r = 1; the gradient is (½(r + h), ½(r - h), 0)
@@ -332,9 +301,7 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
 
 
 def _mean_of_product(
-    a: tuple[Expr, Expr],
-    b: tuple[Expr, Expr],
-    J: tuple[Expr, Expr, Expr],
+    a: tuple[Expr, Expr], b: tuple[Expr, Expr], J: tuple[Expr, Expr, Expr]
 ) -> Expr:
     """The average of a b/r, with two linear functions a = a[0] + a[1] t and b = b[0] + b[1] t, over
     -1 ≤ t ≤ 1."""
@@ -345,24 +312,16 @@ def _mean_of_product(
 
 
 def _mean_inverse_radius(
-    xa: Expr,
-    ya: Expr,
-    xb: Expr,
-    yb: Expr,
-    ra: Expr,
-    rb: Expr,
-    k: Expr,
+    xa: Expr, ya: Expr, xb: Expr, yb: Expr, ra: Expr, rb: Expr, k: Expr
 ) -> Expr:
-    """The average J0 of 1/|d| along a straight path of vectors d from da to db.
+    """The average J0 of 1/|d| along a straight path of vectors d from da to db; k > 0 is the length
+    of (db - da)/2.
 
     With 2 artanh(z) = ln((1 + z)/(1 - z)) it is
 
         J0 = ln((ra + rb + 2|k|)²/(2 opening))/(2|k|),    opening = ra rb + da·db,
 
-    since (ra + rb)² - 4 k² = 2 opening.  All are scalar UFL expressions of strains.
-
-    Args:
-        k: length of (db - da)/2, > 0.
+    since (ra + rb)² - 4 k² = 2 opening.
     """
     along = xa * xb + ya * yb
     across = xa * yb - ya * xb
@@ -389,8 +348,6 @@ def _mohr(e: Expr) -> tuple[Expr, Expr, Expr]:
 
 
 def _norm(x: Expr, y: Expr) -> Expr:
-    """Length of the vector (x, y), at least 1e-15.
-
-    Its derivative at zero is zero instead of 0/0.
-    """
+    """Length of the vector (x, y), at least 1e-15, so that its derivative at zero is zero instead
+    of 0/0."""
     return ufl.sqrt(ufl.max_value(x**2 + y**2, SMALLEST_SQUARE))

@@ -34,29 +34,22 @@ from gossamer_fx.core.forms.kinematics import Expr
 
 
 def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
-    """Green-Lagrange strain (E11, E22, 2 E12) of a plate, free of membrane locking.
+    """Green-Lagrange strain (E11, E22, 2 E12) of a plate with positions x (3,) [m] of order 2 on
+    plane triangles with straight edges, in their cell axes B (3, 2), linear in each cell and free
+    of membrane locking.
 
-    It is a dimensionless UFL expression in the frame B, linear in each cell.  The tangential
-    strains along the edges, which are quadratic, are replaced by linear functions with the same
-    mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021)
-    113524).
-
-    In the code X is a point of the cell, F and H are the first and second derivatives of x there, τ
-    is the vector along an edge, c = ∂x/∂τ at its middle, d = ∂²x/∂τ², b half the difference of the
-    strain between its ends; λ are the barycentric coordinates of X.
-
-    Args:
-        domain: plane triangles with straight edges.
-        x: positions (3,) [m] of order 2.
-        B: frame (3, 2) of the mesh, `gossamer_fx.core.forms.kinematics.frame`.
+    The tangential strains along the edges, which are quadratic, are replaced by linear functions
+    with the same mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng.
+    373 (2021) 113524).  In the code X is a point of the cell, F and H are the first and second
+    derivatives of x there; the other symbols are those of the module.
 
     >>> import basix.ufl
     >>> import ufl
-    >>> from gossamer_fx.core.forms.kinematics import frame
+    >>> from gossamer_fx.core.forms.kinematics import cell_axes
     >>> triangles = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
     >>> quadratic = basix.ufl.element("Lagrange", "triangle", 2, shape=(3,))
     >>> x = ufl.Coefficient(ufl.FunctionSpace(triangles, quadratic))
-    >>> tied_strain(triangles, x, frame(triangles)).ufl_shape
+    >>> tied_strain(triangles, x, cell_axes(triangles)).ufl_shape
     (3,)
     """
     X = ufl.SpatialCoordinate(domain)
@@ -103,7 +96,7 @@ def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
         between_ends = b * (λ[i - 1] - λ[i - 2])
         towards_vertex = 3 * (cell_mean - edge_mean) * (λ[i] - 1.0 / 3)
         tangential_strains.append(cell_mean + between_ends + towards_vertex)  # equation (1)
-        # τ·E τ = t1² E11 + t2² E22 + t1 t2 (2 E12), with the components t of τ in the frame.
+        # τ·E τ = t1² E11 + t2² E22 + t1 t2 (2 E12), with the components t of τ in the cell axes.
         t = ufl.dot(B.T, τ)
         row = [
             t[0] ** 2,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx import mesh as dmesh
 
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 
 Indices = npt.NDArray[np.int32]
 Integers = npt.NDArray[np.int64]
@@ -73,40 +73,29 @@ class EdgeTable:
     @property
     def is_boundary(self) -> npt.NDArray[np.bool_]:
         """Whether each edge (n,) belongs to one triangle only."""
-        result: npt.NDArray[np.bool_] = self.count == 1
-        return result
+        return self.count == 1
 
     @property
     def is_inside(self) -> npt.NDArray[np.bool_]:
         """Whether each edge (n,) lies between two triangles."""
-        result: npt.NDArray[np.bool_] = self.count == 2
-        return result
+        return self.count == 2
 
     @property
     def is_known(self) -> npt.NDArray[np.bool_]:
         """Whether `cells` contains all triangles of each edge (n,), owned or ghost."""
-        result: npt.NDArray[np.bool_] = (self.cells >= 0).sum(axis=1) == self.count
-        return result
+        return (self.cells >= 0).sum(axis=1) == self.count
 
     @cached_property
     def opposite(self) -> Indices:
-        """Local vertices (n, 2) of the left and the right triangle that are not on the edge.
-
-        The entry of a side without a triangle is -1.
-        """
+        """Local vertices (n, 2) of the left and the right triangle that are not on the edge; -1
+        where there is no triangle."""
         corners = _corners(self.domain.topology)
         vertices = np.where(self.cells >= 0, corners[self.cells, self.sides], -1)
-        result: Indices = vertices.astype(np.int32)
-        return result
+        return vertices.astype(np.int32)
 
     def nodes(self, space: fem.FunctionSpace, edges: Indices) -> Indices:
-        """Local nodes (k, order + 1) of a function space along some edges, from start to end.
-
-        Args:
-            space: space of Lagrange elements of order 1 or 2 on this mesh.
-            edges: local numbers (k,) of edges that have a triangle on this rank; of others the
-                nodes have no meaning.
-        """
+        """Local nodes (k, order + 1) of a Lagrange space of order 1 or 2 along some edges (k,),
+        from start to end; without meaning for edges that have no triangle on this rank."""
         layout = space.dofmap.dof_layout
         # Nodes of the reference triangle: those on edge i and at its ends, and that at vertex i.
         closure = np.array([layout.entity_closure_dofs(1, i) for i in range(3)])
@@ -126,27 +115,15 @@ class EdgeTable:
         return cell_nodes(space)[cells[:, None], node_in_cell]
 
     def tally(self, cells: Indices) -> tuple[Floats, Floats]:
-        """Count some triangles at each owned edge, and sum the directions in which they pass it.
-
-        A triangle contributes +1 if it passes the edge forwards, -1 if backwards; the sum is zero
-        where two triangles have the same orientation.  Collective.
-
-        Args:
-            cells: local numbers (m,) of triangles; ghosts among them are ignored, since their
-                owners count them.
-
-        Returns:
-            the counts and the sums of directions, (owned,) each.
-        """
+        """For each owned edge the number of the given triangles at it, and the sum of the
+        directions in which they pass it: +1 forwards, -1 backwards, so that it is zero where two
+        triangles have the same orientation.  Ghosts among the local numbers (m,) are ignored, since
+        their owners count them.  Collective."""
         return _tally(self.domain, cells, self.owned)
 
 
 def edges_of(domain: dmesh.Mesh) -> EdgeTable:
-    """Create the table of edges of a triangle mesh.  Collective; `Mesh.edges` stores it.
-
-    Args:
-        domain: triangles, whose connectivity of edges is computed where it is missing.
-    """
+    """Create the table of edges of a triangle mesh.  Collective; `Mesh.edges` stores it."""
     topology = domain.topology
     topology.create_entities(1)
     for from_dim, to_dim in ((1, 0), (2, 1), (2, 0)):
@@ -179,20 +156,13 @@ def edges_of(domain: dmesh.Mesh) -> EdgeTable:
 
 
 def _triangles_at_edges(
-    topology: dmesh.Topology,
-    vertices: Indices,
-    n: int,
+    topology: dmesh.Topology, vertices: Indices, n: int
 ) -> tuple[Indices, Indices]:
-    """Find the triangles on the left and on the right of edges.
+    """Local triangles (n, 2) on the left and on the right of edges with the vertices (n, 2), and
+    the number of the edge in them (n, 2), 0 to 2; -1 on a side without a triangle.
 
-    The triangle on the left passes the edge from its start to its end.
-
-    Args:
-        vertices: local vertices (n, 2) of the edges, start and end.
-
-    Returns:
-        local triangles (n, 2), left and right, and the number of the edge in them (n, 2), 0 to 2;
-        -1 on a side without a triangle.  A third triangle of an edge is left out.
+    The triangle on the left passes the edge from its start to its end.  A third triangle of an edge
+    is left out.
     """
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
     corners = _corners(topology)
@@ -227,15 +197,7 @@ def _triangles_at_edges(
 
 
 def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
-    """Count triangles at each owned edge, and sum the directions in which they pass it.
-    Collective.
-
-    Args:
-        cells: local numbers (m,) of triangles; ghosts are ignored.
-
-    Returns:
-        counts (n,), and sums of +1 for forwards and -1 for backwards (n,).
-    """
+    """See `EdgeTable.tally`; n is the number of owned edges."""
     topology = domain.topology
     owned_cells = cells[cells < topology.index_map(2).size_local]
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned_cells]
@@ -253,14 +215,12 @@ def _sum_at_edges(topology: dmesh.Topology, edges: Indices, values: Floats) -> F
     np.add.at(vector.array, edges, values)
     # Contributions to ghost edges go to the ranks that own them.
     vector.scatter_reverse(la.InsertMode.add)
-    result: Floats = vector.array
-    return result
+    return vector.array
 
 
 def _corners(topology: dmesh.Topology) -> Indices:
     """Local vertices (n, 3) of all local triangles."""
-    corners: Indices = topology.connectivity(2, 0).array.reshape(-1, 3)
-    return corners
+    return topology.connectivity(2, 0).array.reshape(-1, 3)
 
 
 def _global_vertices(topology: dmesh.Topology, vertices: Indices) -> Integers:

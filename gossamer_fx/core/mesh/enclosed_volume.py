@@ -5,19 +5,28 @@ normals point outwards.  An open surface is closed for this purpose: each of its
 a fan of triangles between the edges of the rim and the mean of its points.  If the fans are small
 against the surface, as those of the polar rings of a balloon, the surface has an inside; if they
 are not, as that of the rim of a reflector, its sides are equal.
+
+Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
+same side.  Two neighbours agree if they pass their common edge in opposite directions.  Starting
+from one triangle of each connected surface, all others are turned to agree with a neighbour that is
+done.  The normals of a closed surface then point outwards if its volume is positive.  A surface
+with small rims is treated like a closed one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from gossamer_fx.core.mesh.edges import EdgeTable
+from gossamer_fx.core.mesh.gmsh_reader import BadMesh, Integers, RawMesh
 from gossamer_fx.core.mesh.quality import area_vectors, box, corner_points
 from gossamer_fx.core.model.body import Array
 
@@ -31,14 +40,8 @@ FLAT_VOLUME = 1e-6
 
 @dataclass(frozen=True)
 class Enclosed:
-    """What a surface encloses.
-
-    Attributes:
-        volume: [m³], positive if the normals point outwards.
-        area: of the surface without the fans [m²].
-        rim_area: of the fans [m²].
-        rims: number of rims.
-    """
+    """Volume [m³] that a surface encloses, positive if the normals point outwards; its area without
+    the fans and that of the fans [m²], and the number of rims."""
 
     volume: float
     area: float
@@ -52,14 +55,8 @@ class Enclosed:
 
 
 def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
-    """Return volume [m³] and areas [m²] of what a mesh of triangles encloses.  Collective.
-
-    Rims of an open surface are spanned by triangles; of several surfaces it is the sums.
-
-    Args:
-        domain: the mesh, whose neighbouring triangles have their normals on the same side.
-        table: its edges.
-    """
+    """What a mesh of triangles encloses; of several surfaces the sums.  Neighbouring triangles have
+    their normals on the same side.  Collective."""
     comm = domain.comm
     corners = corner_points(domain)
     low, high = box(comm, corners.reshape(-1, 3))
@@ -87,25 +84,16 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
 
 
 def has_inside(volume: Array | float, area: Array | float, rim_area: Array | float) -> Any:
-    """Return whether surfaces are closed but for small rims, and not flat.
-
-    Arrays of surfaces, and numbers of one, are taken; the result has their shape.
-
-    Args:
-        volume: that they enclose with their rims spanned [m³].
-        area: without what spans the rims [m²].
-        rim_area: of what spans the rims [m²].
+    """Return whether surfaces are closed but for small rims, and not flat, by the volume [m³] that
+    they enclose, their area and that of what spans the rims [m²]; numbers, or arrays of surfaces.
     """
     is_flat = np.abs(volume) < FLAT_VOLUME * np.asarray(area) ** 1.5
     return ~is_flat & (rim_area <= MAX_RIM_SHARE * np.asarray(area))
 
 
 def volumes(corners: Array) -> Array:
-    """Signed volumes (n,) [m³] of the tetrahedra between triangles and the origin.
-
-    Args:
-        corners: vertices (n, 3, 3) [m] of the triangles; a volume is positive if the normal points
-            away from the origin.
+    """Signed volumes (n,) [m³] of the tetrahedra between triangles (n, 3, 3) [m] and the origin,
+    positive if the normal points away from it.
 
     >>> import numpy as np
     >>> volumes(np.eye(3)[None]).round(4)
@@ -113,22 +101,16 @@ def volumes(corners: Array) -> Array:
     """
     # The three vertices (n, 3) [m]
     x0, x1, x2 = corners.transpose(1, 0, 2)
-    result: Array = np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
-    return result
+    return np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
 
 
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:
-    """Return triangles that span the rims of a surface, from each edge to the mean of its rim's
-    points.
+    """Corners (n, 3, 3) [m] of triangles that span the rims of a surface, from each edge to the
+    mean of its rim's points, with normals that agree with the surface; and the number of rims.
 
-    Args:
-        ends: start and end (n, 2, 3) [m] of edges on the rims, in the direction in which the
-            triangle of the surface passes them.
-        numbers: of these points (n, 2), global, n > 0; edges that share a number are on one rim.
-
-    Returns:
-        corners (n, 3, 3) [m] of the triangle at each edge, whose normals agree with the surface,
-        and the number of rims.
+    `ends` (n, 2, 3) [m] are start and end of the edges, in the direction in which the triangle of
+    the surface passes them; edges that share one of the global `numbers` (n, 2), n > 0, are on one
+    rim.
     """
     # Imported here: a closed surface has no rims.
     from scipy import sparse
@@ -150,15 +132,9 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
 def _rim_edges(
     domain: dmesh.Mesh, table: EdgeTable, corners: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return the edges of this rank's triangles that no other triangle has.
-
-    Args:
-        corners: vertices (m, 3, 3) [m] of the triangles that this rank owns.
-
-    Returns:
-        both ends (n, 2, 3) [m] of each edge, in the direction in which its triangle passes it, and
-        their global numbers (n, 2).
-    """
+    """Edges of this rank's triangles, with vertices (m, 3, 3) [m], that no other triangle has: both
+    ends (n, 2, 3) [m], in the direction in which the triangle passes them, and their global numbers
+    (n, 2)."""
     topology = domain.topology
     owned = len(corners)
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[:owned]
@@ -170,3 +146,152 @@ def _rim_edges(
     last = (side + 2) % 3
     ends = np.stack([corners[cell, first], corners[cell, last]], axis=1)
     return ends, np.stack([numbers[cell, first], numbers[cell, last]], axis=1)
+
+
+# ---- consistent normals --------------------------------------------------------------------------
+
+# Nodes of a triangle in gmsh's order after its second and third corner are exchanged, by number of
+# nodes. Of order 2 the nodes in the middle of the edges 01, 12, 20 follow the corners.
+_TURNED = {3: [0, 2, 1], 6: [0, 2, 1, 5, 4, 3]}
+
+
+@dataclass(frozen=True)
+class _Neighbours:
+    """Pairs of triangles that share an edge which no third triangle has.
+
+    Attributes:
+        first, second: rows of the cells (n,).
+        agree: whether the normals of both are on the same side (n,).
+        at_rim: rows of cells with an edge that does not have exactly two triangles, as often as
+            they have such edges.
+        rim_edges: rows of points at start and end of these edges (k, 2), as the cell passes them.
+    """
+
+    first: Integers
+    second: Integers
+    agree: npt.NDArray[np.bool_]
+    at_rim: Integers
+    rim_edges: Integers
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Volume [m³] and area [m²] of each surface (surfaces,)."""
+
+    volume: Array
+    area: Array
+
+
+def oriented(raw: RawMesh) -> RawMesh:
+    """Return the mesh with consistent normals, which point out of closed surfaces.
+
+    A surface with rims counts as closed if they are small.  Any other open surface keeps the side
+    that the larger number of its triangles has.  Where three or more triangles share an edge,
+    surfaces end.  A mesh of line elements is returned as it is.  A surface with one side only, as a
+    Möbius strip, raises `BadMesh`.
+    """
+    if raw.kind != "triangle":
+        return raw
+    corners = raw.cells[:, :3]
+    neighbours = _neighbours(corners)
+    count = len(corners)
+    links = (np.ones(len(neighbours.first)), (neighbours.first, neighbours.second))
+    graph = sparse.coo_array(links, shape=(count, count)).tocsr()
+    surfaces, surface_of_cell = csgraph.connected_components(graph, directed=False)
+    turned = _disagreeing(graph, neighbours, surface_of_cell)
+    inconsistent = (turned[neighbours.first] == turned[neighbours.second]) != neighbours.agree
+    if inconsistent.any():
+        raise BadMesh(
+            "The mesh has a surface with one side only, "
+            "as a Möbius strip, whose normals cannot agree; leave orient out."
+        )
+
+    # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the
+    # origin.
+    points = raw.points - raw.points.mean(axis=0)
+    of_cells = _sums(points[corners], surface_of_cell, turned, surfaces)
+    volume = of_cells.volume
+    rim_area = np.zeros(surfaces)
+    if len(neighbours.at_rim):
+        surface_of_rim = surface_of_cell[neighbours.at_rim]
+        # Two surfaces that share a point have separate rims there.
+        numbers = neighbours.rim_edges + surface_of_rim[:, None] * len(points)
+        fans, _ = spanning_fans(points[neighbours.rim_edges], numbers)
+        of_fans = _sums(fans, surface_of_rim, turned[neighbours.at_rim], surfaces)
+        volume = volume + of_fans.volume
+        rim_area = of_fans.area
+    share_turned = np.bincount(surface_of_cell, turned, surfaces) / np.bincount(surface_of_cell)
+    is_inside_out = volume < 0
+    is_mostly_turned = share_turned > 0.5
+    is_other_side = np.where(
+        has_inside(volume, of_cells.area, rim_area), is_inside_out, is_mostly_turned
+    )
+    turned ^= is_other_side[surface_of_cell]
+
+    cells = raw.cells.copy()
+    cells[turned] = cells[turned][:, _TURNED[cells.shape[1]]]
+    return replace(raw, cells=cells)
+
+
+def _sums(
+    triangles: Array, surface: Integers, turned: npt.NDArray[np.bool_], surfaces: int
+) -> _Sums:
+    """Signed volumes [m³] and areas [m²] of surfaces: the sums of triangles (n, 3, 3) [m] by the
+    number of their surface (n,), with those reversed that are turned (n,)."""
+    volume = volumes(triangles)
+    area = np.linalg.norm(area_vectors(triangles), axis=1)
+    # NumPy declares sums of weights as integers.
+    volume_sums: Array = np.asarray(
+        np.bincount(surface, np.where(turned, -volume, volume), surfaces), dtype=float
+    )
+    area_sums: Array = np.asarray(np.bincount(surface, area, surfaces), dtype=float)
+    return _Sums(volume_sums, area_sums)
+
+
+def _neighbours(corners: Integers) -> _Neighbours:
+    """Pairs of the triangles with nodes (m, 3), in their order round each, that share an edge which
+    no third triangle has."""
+    directed = np.vstack([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+    cell = np.tile(np.arange(len(corners)), 3)
+    forwards = directed[:, 0] < directed[:, 1]
+    low_ends = directed.min(axis=1)
+    high_ends = directed.max(axis=1)
+    keys = low_ends * (int(corners.max()) + 1) + high_ends
+    order = np.argsort(keys, kind="stable")
+    _, start, count = np.unique(keys[order], return_index=True, return_counts=True)
+    inner = start[count == 2]
+    first = order[inner]
+    second = order[inner + 1]
+    is_inner = np.zeros(len(keys), dtype=bool)
+    is_inner[first] = True
+    is_inner[second] = True
+    return _Neighbours(
+        first=cell[first],
+        second=cell[second],
+        agree=forwards[first] != forwards[second],
+        at_rim=cell[~is_inner],
+        rim_edges=directed[~is_inner],
+    )
+
+
+def _disagreeing(
+    graph: sparse.csr_array, neighbours: _Neighbours, surface_of_cell: Integers
+) -> npt.NDArray[np.bool_]:
+    """Mask (m,) of the triangles that must be turned to agree with the first one of their surface
+    (m,); the graph (m, m) is nonzero where two triangles are neighbours."""
+    agree = {}
+    for pair, is_same in enumerate(neighbours.agree):
+        first = int(neighbours.first[pair])
+        second = int(neighbours.second[pair])
+        agree[first, second] = bool(is_same)
+        agree[second, first] = bool(is_same)
+    turned = np.zeros(graph.shape[0], dtype=bool)
+    _, roots = np.unique(surface_of_cell, return_index=True)
+    for root in roots:
+        order, before = csgraph.breadth_first_order(graph, root, directed=False)
+        # Each triangle comes after the neighbour from which it was reached.
+        for cell in map(int, order[1:]):
+            reached_from = int(before[cell])
+            # The same as that neighbour if both agree, the contrary if not.
+            turned[cell] = turned[reached_from] == agree[reached_from, cell]
+    return turned

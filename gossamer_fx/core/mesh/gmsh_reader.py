@@ -77,21 +77,12 @@ class RawMesh:
 
 
 def extract(model: Any) -> RawMesh:
-    """Extract the mesh of a gmsh model.
+    """The mesh of a `gmsh.model`, with its named groups.
 
-    Its cells are the elements of the highest dimension; if named groups of this dimension exist,
-    only the elements in these groups.
-
-    Args:
-        model: `gmsh.model` of an open session.
-
-    Returns:
-        the mesh with its named groups; only nodes of cells become points, numbered in rising order
-        of their tags.
-
-    Raises:
-        BadMesh: the model has no elements, or elements of several kinds; cells coincide; nodes are
-            missing, or have coordinates that are not finite.
+    Cells are the elements of the highest dimension; if named groups of this dimension exist, only
+    the elements in these groups.  Only nodes of cells become points, numbered in rising order of
+    their tags.  A model without elements or with several kinds, cells that coincide, and nodes that
+    are missing or not finite raise `BadMesh`.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
@@ -113,8 +104,9 @@ def extract(model: Any) -> RawMesh:
     )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
-        "Two cells of the mesh have the same nodes: a file of version 2.2 has cells twice that are "
-        "in two physical groups, so save it as version 4.1; where two sheets meet at a corner, "
+        "Two cells of the mesh have the same nodes: "
+        "a file of version 2.2 has cells twice that are in two physical groups, "
+        "so save it as version 4.1; where two sheets meet at a corner, "
         "choose the triangles so that each has a separate node.",
     )
 
@@ -124,8 +116,8 @@ def extract(model: Any) -> RawMesh:
     points = coordinates.reshape(-1, 3)[rows]
     _check(
         bool((abs(points) < _FARTHEST).all()),
-        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; mesh it "
-        "again.",
+        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; "
+        "mesh it again.",
     )
     return RawMesh(
         kind=kind,
@@ -153,13 +145,9 @@ def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
 
 
 def _cells(model: Any, dim: int) -> Integers:
-    """Return the tags (m, nodes), gmsh's numbers, of the nodes of all cells.
-
-    If named groups of the dimension exist, cells are the elements in them, else all elements.
-
-    Raises:
-        BadMesh: the named groups hold no cell, or elements of several kinds.
-    """
+    """Tags (m, nodes), gmsh's numbers, of the nodes of all cells: of the elements in named groups
+    of the dimension if there are any, else of all.  `BadMesh`: the groups hold no cell, or elements
+    of several kinds."""
     surfaces = set()
     # d is the dimension of a group.
     for d, group in _tagged(model, dim):
@@ -180,18 +168,11 @@ def _cells(model: Any, dim: int) -> Integers:
 
 
 def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Integers]]:
-    """Named groups of the mesh, by the rows of its points; a group without a name has its number.
+    """Dimension and rows (k, nodes) of the points of each entity of the named groups, by name; a
+    group without a name has its number.
 
-    Entities that belong to no cell are left out.
-
-    Args:
-        used: tags (n,) of the points in rising order.
-
-    Returns:
-        dimension and rows (k, nodes) of the points of each entity, by name.
-
-    Raises:
-        BadMesh: an entity has one node twice, or a group elements of several kinds.
+    `used` are the tags (n,) of the points in rising order.  Entities that belong to no cell are
+    left out.  `BadMesh`: an entity has one node twice, or a group elements of several kinds.
     """
     groups = {}
     # d is the dimension of a group.
@@ -236,16 +217,11 @@ def _check(condition: bool, message: str) -> None:
 
 
 def read_file(path: Path) -> RawMesh:
-    """Read a mesh from a file in MSH format, version 2.2 or 4.x, in a child process.
+    """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of one
+    rank.
 
-    Not collective: one rank reads.
-
-    Args:
-        path: of the file; coordinates in it are in m.
-
-    Raises:
-        BadMesh: the file cannot be read or is in another format, gmsh fails on it, or `extract`
-            refuses its mesh; the message is a sentence for the user.
+    A file that cannot be read, is in another format, on which gmsh fails or whose mesh `extract`
+    refuses raises `BadMesh` with a sentence for the user.
     """
     _check_format(path)
     with tempfile.TemporaryDirectory() as folder:
@@ -258,8 +234,14 @@ def read_file(path: Path) -> RawMesh:
         for name, value in os.environ.items():
             if not name.startswith(_LAUNCHER_VARIABLES):
                 environment[name] = value
+        # Without -P a file gmsh.py in the current folder would be executed.  The package may be
+        # there, too: its folder is named.
+        home = str(Path(__file__).parents[3])
+        others = os.environ.get("PYTHONPATH", "")
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in (home, others) if path)
+        module = "gossamer_fx.core.mesh.gmsh_reader"
         child = subprocess.run(
-            [sys.executable, "-m", "gossamer_fx.core.mesh.gmsh_reader", str(mesh), str(arrays)],
+            [sys.executable, "-P", "-m", module, str(mesh), str(arrays)],
             capture_output=True,
             env=environment,
             stdin=subprocess.DEVNULL,
@@ -269,8 +251,8 @@ def read_file(path: Path) -> RawMesh:
             raise BadMesh(reason.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
             raise BadMesh(
-                f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH "
-                "4.1."
+                f"gmsh broke off when it read '{path}'; "
+                "the file is damaged, write it again as MSH 4.1."
             )
         return _load(arrays)
 
@@ -292,11 +274,8 @@ def _load(arrays: Path) -> RawMesh:
 
 
 def _check_format(path: Path) -> None:
-    """Check that a file begins as one in MSH format 2.2 or 4.x does.
-
-    Raises:
-        BadMesh: the file cannot be opened, or is in another format.
-    """
+    """Raise `BadMesh` unless a file can be opened and begins as one in MSH format 2.2 or 4.x
+    does."""
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -306,20 +285,14 @@ def _check_format(path: Path) -> None:
         ) from error
     _check(
         _MSH.match(head) is not None,
-        f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh "
-        "-format msh41).",
+        f"'{path}' is not in MSH format 2.2 or 4.x; "
+        "write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
     )
 
 
 def _read_here(path: str, arrays: str) -> None:
-    """Read a file with gmsh in this process, and write its mesh to an .npz file.
-
-    Args:
-        arrays: path of the .npz file, with points [m], cells, and the nodes of each named group.
-
-    Raises:
-        BadMesh: gmsh cannot read the file, or its mesh cannot be used.
-    """
+    """Read a file with gmsh in this process, and write its mesh to an .npz file: points [m], cells,
+    and the nodes of each named group."""
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)

@@ -30,21 +30,9 @@ _TO_VTK = (0, 1, 2, 5, 3, 4)
 
 
 def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
-    """Cut cells of order 1 or 2 into straight pieces between their nodes.
-
-    Args:
-        cells: nodes (n, k) of each cell, in the order of dolfinx.
-        dimension: 1 for lines with 2 or 3 nodes, 2 for triangles with 3 or 6 nodes.
-
-    Returns:
-        Nodes (m, dimension + 1) of the pieces; those of one cell follow each other.
-
-    Raises:
-        KeyError: cells with another number of nodes.
-
-    Example:
-        `linear_pieces(np.array([[7, 8, 9]]), 1)` is `[[7, 9], [9, 8]]`.
-    """
+    """Cut cells of order 1 or 2, with nodes (n, k) in the order of dolfinx, into straight pieces
+    between their nodes (m, dimension + 1); those of one cell follow each other.  E.g. the line [[7,
+    8, 9]] becomes [[7, 9], [9, 8]]."""
     nodes_of_cell = cells.shape[1]
     pieces = np.array(_PIECES[dimension, nodes_of_cell])
     nodes = cells[:, pieces]
@@ -66,14 +54,8 @@ def to_vtk(cells: npt.NDArray[np.integer]) -> Integers:
 
 
 def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Values at the six nodes of quadratic triangles from those at their corners, which are linear.
-
-    Args:
-        corners: values (n, 3, ...) in any unit.
-
-    Returns:
-        (n, 6, ...) in the order of dolfinx: corners, then middles of the edges opposite to them.
-    """
+    """Values (n, 6, ...) at the nodes of quadratic triangles, in the order of dolfinx (corners,
+    then middles of the edges opposite to them), from linear ones (n, 3, ...) at their corners."""
     # Values at the three corners a, b, c
     a = corners[:, 0]
     b = corners[:, 1]

@@ -75,10 +75,8 @@ class Mesh:
         return "line elements"
 
     def group_words(self) -> str:
-        """Return the names of the groups with what they are made of, for messages.
-
-        E.g. "groups: film (surfaces), rim (curves)", or "groups: none".
-        """
+        """Names of the groups with what they are made of, for messages, e.g. "groups: film
+        (surfaces), rim (curves)", or "groups: none"."""
         kinds = ("points", "curves", "surfaces")
         names = [
             f"{name or 'one without a name'} ({kinds[dim]})"
@@ -174,11 +172,6 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
     """
 
     def read() -> RawMesh:
-        """Read the file, on rank 0, and orient its triangles if that is wanted.
-
-        Raises:
-            InputError: there is no such file, or its mesh cannot be used.
-        """
         check(
             Path(path).is_file(),
             f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
@@ -235,21 +228,13 @@ def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
     if not orient:
         return raw
     # Imported here: most meshes have consistent normals, and do not pay for scipy's graphs.
-    from gossamer_fx.core.mesh.orientation import oriented
+    from gossamer_fx.core.mesh.enclosed_volume import oriented
 
     return oriented(raw)
 
 
 def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
-    """Call a user's function in a new gmsh session, and extract the mesh from it; on rank 0.
-
-    Args:
-        build: takes `gmsh.model`, makes geometry [m] and groups, and generates the mesh.
-
-    Raises:
-        InputError: `build` raises any error, the mesh cannot be used, or a surface has one side
-            only.
-    """
+    """Call a user's function in a new gmsh session, and extract the mesh from it; on rank 0."""
     # Most scenes read a file or run on other ranks; gmsh is loaded only here.
     import gmsh
 
@@ -267,23 +252,17 @@ def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
     except Exception as error:
         words = " ".join(str(error).split()) or "no words"
         raise InputError(
-            f"The function that builds the mesh raises {type(error).__name__} ({words}); correct "
-            "it."
+            f"The function that builds the mesh raises {type(error).__name__} ({words}); "
+            "correct it."
         ) from error
     finally:
         gmsh.finalize()
 
 
 def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
-    """Distribute the mesh that rank 0 has, and its groups, over all ranks.  Collective.
-
-    Args:
-        raw: arrays of the mesh; None on the other ranks.
-
-    Raises:
-        InputError: more than two cells meet at one edge, on several ranks, and this version of
-            dolfinx distributes only two.
-    """
+    """Distribute the mesh that rank 0 has, None on the other ranks, and its groups.  Collective.
+    `InputError`: more than two cells meet at one edge, on several ranks, and this version of
+    dolfinx distributes only two."""
     about = None
     if raw is not None:
         about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw))
@@ -337,14 +316,8 @@ def _most_at_a_facet(raw: RawMesh) -> int:
 def _distribute(
     domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int32]:
-    """Return local numbers of entities that rank 0 lists by their nodes.  Collective.
-
-    Args:
-        entities: nodes (n, k) in the numbering of the file; none on the other ranks.
-
-    Returns:
-        local numbers (m,), owned and ghost, ascending.
-    """
+    """Local numbers (m,), owned and ghost, ascending, of entities that rank 0 lists by their nodes
+    (n, k) in the numbering of the file.  Collective."""
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
     domain.topology.create_connectivity(dim, domain.topology.dim)

@@ -49,8 +49,7 @@ def corner_points(domain: dmesh.Mesh) -> Array:
     elements."""
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
-    points: Array = domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
-    return points
+    return domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
@@ -69,10 +68,8 @@ def extent(domain: dmesh.Mesh) -> float:
 
 
 def area_vectors(corners: Array) -> Array:
-    """Normals (n, 3) of triangles, with the area [m²] as length.
-
-    Args:
-        corners: vertices (n, 3, 3) [m] of the triangles; a normal has them counterclockwise.
+    """Normals (n, 3) of triangles (n, 3, 3) [m], about which vertices are counterclockwise, with
+    the area [m²] as length.
 
     >>> import numpy as np
     >>> area_vectors(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
@@ -80,8 +77,7 @@ def area_vectors(corners: Array) -> Array:
     """
     first = corners[:, 1] - corners[:, 0]
     second = corners[:, 2] - corners[:, 0]
-    area: Array = np.cross(first, second) / 2
-    return area
+    return np.cross(first, second) / 2
 
 
 def sizes(corners: Array) -> Array:
@@ -89,20 +85,12 @@ def sizes(corners: Array) -> Array:
     vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
     if corners.shape[1] == 3:
         vectors = area_vectors(corners)
-    result: Array = np.linalg.norm(vectors, axis=1)
-    return result
+    return np.linalg.norm(vectors, axis=1)
 
 
 def shape_quality(corners: Array) -> Array:
-    """Quality 4√3 A/(a² + b² + c²) of triangles with the sides a, b, c and the area A [-].
-
-    It is 1 if equilateral, 0 if degenerate.
-
-    Args:
-        corners: vertices (n, 3, 3) [m] of the triangles.
-
-    Returns:
-        (n,).
+    """Quality 4√3 A/(a² + b² + c²) (n,) of triangles (n, 3, 3) [m] with the sides a, b, c and the
+    area A: 1 if equilateral, 0 if degenerate.
 
     >>> import numpy as np
     >>> flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
@@ -113,19 +101,12 @@ def shape_quality(corners: Array) -> Array:
     squares = (edges**2).sum(axis=(1, 2))
     # A cell whose nodes coincide has no edges; its area is zero, so any divisor gives zero.
     divisor = np.where(squares > 0, squares, 1.0)
-    quality: Array = 4 * np.sqrt(3) * sizes(corners) / divisor
-    return quality
+    return 4 * np.sqrt(3) * sizes(corners) / divisor
 
 
 def aspects(corners: Array) -> Array:
-    """Aspect ratios c²/(4A) of triangles with the longest edge c and the area A [-]: 1 for half a
-    square.
-
-    Args:
-        corners: vertices (n, 3, 3) [m] of the triangles.
-
-    Returns:
-        (n,), at least 1; very large for a triangle without area.
+    """Aspect ratios c²/(4A) (n,) of triangles (n, 3, 3) [m] with the longest edge c and the area A:
+    1 for half a square, very large without area.
 
     >>> import numpy as np
     >>> aspects(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
@@ -134,21 +115,12 @@ def aspects(corners: Array) -> Array:
     edges = corners - np.roll(corners, 1, axis=1)
     longest = (edges**2).sum(axis=2).max(axis=1)
     # A cell without area is refused elsewhere.
-    ratio: Array = np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
-    return ratio
+    return np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
 
 
 def turned_inside(domain: dmesh.Mesh) -> int:
-    """Count curved triangles (order 2) whose normal reverses within the cell.  Collective.
-
-    The normal is examined at the three corners.
-
-    Args:
-        domain: mesh of triangles; for plane ones the number is 0.
-
-    Returns:
-        the number in the whole mesh, on all ranks.
-    """
+    """Count curved triangles (order 2) of the whole mesh whose normal, examined at the three
+    corners, reverses within the cell.  Collective."""
     if domain.geometry.cmap.degree != 2:
         return 0
     owned = domain.topology.index_map(2).size_local
@@ -166,17 +138,9 @@ def turned_inside(domain: dmesh.Mesh) -> int:
 
 
 def folded(table: EdgeTable) -> int:
-    """Count triangles that lie upside down on their neighbours.  Collective.
-
-    These are triangles with two neighbours or more, all of which have an opposite normal: a node
-    was moved across an edge.  One neighbour is not enough, since it may be a sharp fold.
-
-    Args:
-        table: edges of the mesh, `Mesh.edges`.
-
-    Returns:
-        the number in the whole mesh, on all ranks.
-    """
+    """Count triangles of the whole mesh that lie upside down on their neighbours: with two
+    neighbours or more, all of which have an opposite normal, since a node was moved across an edge.
+    One neighbour is not enough, since it may be a sharp fold.  Collective."""
     domain = table.domain
     topology = domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
@@ -209,18 +173,13 @@ def folded(table: EdgeTable) -> int:
 
 
 def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
-    """Count triangles of a plane mesh that lie upside down.  Collective.
+    """Number, and share of the area, of triangles of a plane mesh that lie upside down; zero for a
+    mesh that is not plane, or whose neighbouring triangles pass edges in the same direction.
+    Collective.
 
     Nodes that were moved across edges turn triangles over, which then cover a part of the plane
     again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
     either side; neither side counts as upside down there.
-
-    Args:
-        table: edges of the mesh, `Mesh.edges`.
-
-    Returns:
-        number, and share of the area [-], in the whole mesh, on all ranks; zero for a mesh that is
-        not plane, or whose neighbouring triangles pass edges in the same direction.
     """
     domain = table.domain
     comm = domain.comm
@@ -256,18 +215,9 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
-    """Count boundary facets that coincide with another boundary facet but are not glued to it.
-
-    Collective.  Facets are edges of triangles, or ends of line elements.  A slit that is intended
-    has its two sides in different named groups; its facets are not counted.
-
-    Args:
-        domain: the mesh.
-        groups: dimension and local entities of its named groups, `Mesh.groups`.
-
-    Returns:
-        the number in the whole mesh, on all ranks.
-    """
+    """Count boundary facets of the whole mesh, edges of triangles or ends of line elements, that
+    coincide with another one but are not glued to it.  A slit that is intended has its two sides in
+    different named groups; its facets are not counted.  Collective."""
     topology = domain.topology
     comm = domain.comm
     dim = topology.dim
@@ -310,18 +260,11 @@ def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[n
 
 
 def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
-    """Count triangles that intersect another triangle.  Collective.
+    """Count triangles over all ranks that intersect another triangle; triangles that share a node
+    are not tested.  Collective.
 
-    Triangles that share a node are not tested against each other.  Ranks pass their triangles on in
-    a ring, so that none stores more than two shares of the mesh.
-
-    Args:
-        comm: the ranks.
-        corners: vertices (n, 3, 3) [m] of this rank's triangles.
-        nodes: global numbers (n, 3) of these vertices.
-
-    Returns:
-        the number over all ranks, on all ranks.
+    A rank has triangles (n, 3, 3) [m] with global numbers (n, 3) of their vertices.  Ranks pass
+    them on in a ring, so that none stores more than two shares of the mesh.
 
     >>> import numpy as np
     >>> from mpi4py import MPI
@@ -343,24 +286,11 @@ def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
 
 
 def _pierced(
-    mine: Array,
-    my_nodes: Integers,
-    others: Array,
-    other_nodes: Integers,
+    mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers
 ) -> npt.NDArray[np.bool_]:
-    """Return whether triangles intersect one of other triangles.
-
-    Two triangles intersect if an edge of the one passes through the inside of the other.
-
-    Args:
-        mine: vertices (n, 3, 3) [m].
-        my_nodes: global numbers (n, 3) of these vertices.
-        others: vertices (m, 3, 3) [m].
-        other_nodes: global numbers (m, 3); triangles that share a node are not tested.
-
-    Returns:
-        mask (n,) of `mine`.
-    """
+    """Mask (n,) of the triangles (n, 3, 3) [m] that intersect one of others (m, 3, 3), i.e. an edge
+    of one passes through the inside of the other; triangles that share a global number of a node
+    are not tested."""
     found = np.zeros(len(mine), dtype=bool)
     if not len(mine) or not len(others):
         return found
@@ -397,18 +327,10 @@ def _pierced(
 
 
 def _is_candidate(
-    distance: Array,
-    reach: Array,
-    nodes: Integers,
-    other_nodes: Integers,
+    distance: Array, reach: Array, nodes: Integers, other_nodes: Integers
 ) -> npt.NDArray[np.bool_]:
-    """Return whether the bounding balls of pairs of triangles overlap and they share no node.
-
-    Args:
-        distance: between the centres of the balls (n,) [m].
-        reach: sum of their radii (n,) [m].
-        nodes, other_nodes: global numbers (n, 3) of the vertices of both triangles.
-    """
+    """Whether the bounding balls of pairs of triangles overlap, by the distance of their centres
+    and the sum of their radii (n,) [m], and they share no node."""
     overlap: npt.NDArray[np.bool_] = distance <= reach
     shared = (nodes[:, :, None] == other_nodes[:, None, :]).any(axis=(1, 2))
     return overlap & ~shared
@@ -422,16 +344,8 @@ def _ball(corners: Array) -> tuple[Array, Array]:
 
 
 def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.bool_]:
-    """Return whether segments pass through the inside of triangles; those that only touch do not.
-
-    Args:
-        start: beginnings (n, 3) [m] of the segments.
-        end: their ends (n, 3) [m].
-        triangle: one triangle (n, 3, 3) [m] for each segment.
-
-    Returns:
-        mask (n,); false for triangles without area and segments in their plane.
-    """
+    """Mask (n,) of segments that pass through the inside of one triangle (n, 3, 3) [m] each; false
+    for those that only touch, triangles without area and segments in their plane."""
     origin = triangle[:, 0]
     # a and b are two edge vectors of the triangle.
     a = triangle[:, 1] - origin
@@ -461,5 +375,4 @@ def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.
 
 def _dot(a: Array, b: Array) -> Array:
     """Dot products over the last axis."""
-    product: Array = (a * b).sum(axis=-1)
-    return product
+    return (a * b).sum(axis=-1)

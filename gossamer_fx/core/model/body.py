@@ -145,8 +145,8 @@ class Port:
         count = self.body.block.index_map.size_global
         check(
             all(0 <= node < count for node in self.nodes),
-            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to "
-            f"{count - 1}.",
+            f"A port of '{self.body.name}' has the nodes {self.nodes}; "
+            f"its nodes are 0 to {count - 1}.",
         )
 
     def evaluate(self, unknowns: Array) -> Array:
@@ -208,3 +208,37 @@ class Ground:
 
 # What connectors, constraints and point loads act on.
 Attached = Port | Ground
+
+
+def unit(direction: Vector | Array) -> Array:
+    """The vector (3,) of length one in a direction."""
+    n = np.asarray(direction, dtype=float)
+    return n / np.linalg.norm(n)
+
+
+def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
+    """The linear combination Σ_k weights[k] ports[k] of ports of one body, or of the ground; ports
+    of several bodies, or of a body and of the ground, raise `InputError`."""
+    if all(isinstance(port, Ground) for port in ports):
+        vectors_of_ground = np.array([port.initial() for port in ports])
+        x, y, z = np.asarray(weights) @ vectors_of_ground
+        return Ground((float(x), float(y), float(z)))
+    # The first one exists: not all are of the ground.
+    body = next(port.body for port in ports if isinstance(port, Port))
+    nodes: list[int] = []
+    node_weights: list[float] = []
+    vectors: list[int] = []
+    for weight, port in zip(weights, ports, strict=True):
+        is_of_body = isinstance(port, Port) and port.body is body
+        check(is_of_body, "Only ports of one body can be combined.")
+        assert isinstance(port, Port)
+        nodes += port.nodes
+        node_weights += [weight * each for each in port.weights]
+        # A port without vectors means the positions of its nodes.
+        vectors += port.vectors or (0,) * len(port.nodes)
+    return Port(
+        body,
+        tuple(nodes),
+        weights=tuple(node_weights),
+        vectors=tuple(vectors),
+    )

@@ -2,7 +2,7 @@
 
 A term names the parameters of its item.  Where the equations are UFL forms, a parameter is a
 coefficient of these forms, and UFL takes the derivative.  Elsewhere it is a number that the
-compiled kind of the term knows by a key (`roles.PointParameters`).
+compiled kind of the term knows by a key (`Differentiable.get_number`).
 """
 
 from __future__ import annotations

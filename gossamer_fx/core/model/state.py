@@ -33,21 +33,7 @@ class BodyState:
     """One body in a state; what it returns is of this rank and read-only, unless stated
     otherwise."""
 
-    def __init__(
-        self,
-        body: Body,
-        part: slice,
-        q: PETSc.Vec,
-        v: PETSc.Vec,
-    ) -> None:
-        """Give access to the unknowns of one body in the vectors of a scene, without a copy.
-
-        Args:
-            body: whose unknowns they are.
-            part: their range in the local part of q and v.
-            q: coordinates of all bodies: positions [m] and directors [-].
-            v: their rates [m/s or 1/s].
-        """
+    def __init__(self, body: Body, part: slice, q: PETSc.Vec, v: PETSc.Vec) -> None:
         self.body = body
         self.part = part
         self._q = q
@@ -91,8 +77,7 @@ class BodyState:
         """Positions (m, 3) [m] of owned and ghost nodes of a body on a mesh.  Collective."""
         function = self.function()
         size = function.function_space.dofmap.index_map_bs
-        positions: Array = function.x.array.reshape(-1, size)[:, :3]
-        return positions
+        return function.x.array.reshape(-1, size)[:, :3]
 
     def gathered(self) -> Array:
         """Positions (N, 3) [m] of all nodes of the body, by global number, on every rank.
@@ -126,11 +111,7 @@ class State:
     """
 
     def __init__(
-        self,
-        bodies: Sequence[Body],
-        comm: MPI.Intracomm,
-        q: PETSc.Vec,
-        v: PETSc.Vec,
+        self, bodies: Sequence[Body], comm: MPI.Intracomm, q: PETSc.Vec, v: PETSc.Vec
     ) -> None:
         self.comm = comm
         self._q = q
@@ -193,15 +174,7 @@ class InitialState(State):
     """
 
     def __init__(self, bodies: Sequence[Body], comm: MPI.Intracomm) -> None:
-        """Make vectors for coordinates and rates, with the state that the bodies have by
-        themselves.
-
-        Args:
-            bodies: of the scene, in the order in which their unknowns are numbered.
-            comm: ranks of the scene.
-
-        Collective: all ranks call it.
-        """
+        """Make vectors with the state that the bodies have by themselves.  Collective."""
         # Without multipliers: constraints are compiled from this state, later.
         size = sum(map(_local_size, bodies))
         q = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=comm)

@@ -13,7 +13,7 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
 from gossamer_fx.core.forms.strain_path import Piece, gradient
@@ -194,7 +194,20 @@ class Cable(Curve):
             "strain has it; give "
             "initial_strain.",
         )
+        check(
+            length_factor == 1 or (initial_tension is None and initial_strain is None),
+            f"Cable '{name}': length_factor and prestress are both given, and both say how long "
+            "the cable is without stress; give one of them.",
+        )
         self._take_prestress(initial_tension, initial_strain)
+        if isinstance(law, TensionOnly) and initial_tension is not None:
+            tensions = self.constants.initial_tension.x.array
+            check_on_all(
+                self.comm,
+                bool((tensions >= 0).all()),
+                f"Cable '{name}': its initial_tension is {tensions.min(initial=0.0):g} N, which a "
+                "law without compression does not bear; give a positive number, or a CableLaw.",
+            )
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 

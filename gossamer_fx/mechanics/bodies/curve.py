@@ -13,7 +13,12 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Block
-from gossamer_fx.mechanics.bodies.initial_strain import Numbers, check_one_given, line_numbers
+from gossamer_fx.mechanics.bodies.initial_strain import (
+    Numbers,
+    check_one_given,
+    check_strain,
+    line_numbers,
+)
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 
 if TYPE_CHECKING:
@@ -83,6 +88,7 @@ class Curve(Meshed):
         if strain is not None:
             what = f"'{self.name}': its initial_strain"
             self.constants.initial_strain = line_numbers(self.mesh, strain, what)
+            check_strain(self.mesh, self.constants.initial_strain, what)
         if tension is not None:
             what = f"'{self.name}': its initial_tension"
             self.constants.initial_tension = line_numbers(self.mesh, tension, what)

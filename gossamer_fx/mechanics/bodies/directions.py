@@ -12,8 +12,8 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array

@@ -14,8 +14,7 @@ from dolfinx.common import IndexMap
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector
-from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.checks.real_numbers import real_numbers
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array
@@ -37,8 +37,12 @@ Tensors = (
 # A number; {group: number}; or a function of points (3, n) that returns (n,).
 Numbers = float | Mapping[str, float] | Callable[[Array], Array]
 
-# Compression over the largest stress that is round-off of the user's numbers.
+# Compression, or asymmetry, over the largest stress that is round-off of the user's numbers.
 COMPRESSION_TOLERANCE = 1e-9
+ASYMMETRY_TOLERANCE = 1e-12
+
+# Green-Lagrange strain of a length that is compressed to nothing.
+LEAST_STRAIN = -0.5
 
 
 # SI units of the coefficients of prestress, by their names among the constants of a body.
@@ -108,8 +112,39 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
         f"{what} is given, but {type(law).__name__} does not say which strain has it; give "
         "initial_strain.",
     )
+    in_film = _projected(mesh, stresses)
+    largest = float(np.abs(stresses.x.array).max(initial=0.0))
+    largest_in_film = float(np.abs(in_film).max(initial=0.0))
+    largest, largest_in_film = mesh.comm.allreduce(np.array([largest, largest_in_film]), MPI.MAX)
+    check(
+        largest == 0 or largest_in_film > COMPRESSION_TOLERANCE * largest,
+        f"{what} is normal to the film, which bears nothing there; give a stress in its plane.",
+    )
     if not law.quadratic:
-        _check_tensile(mesh, stresses, what)
+        _check_tensile(mesh, in_film, what)
+
+
+def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
+    """Refuse an initial strain of -½ or less, to which nothing can be compressed.  Collective.
+
+    Args:
+        mesh: cells of the body.
+        strains: a tensor (3, 3), or a number, in each cell: Green-Lagrange strains.
+        what: subject of the messages.
+
+    Raises:
+        InputError: on all ranks.
+    """
+    shape = strains.function_space.value_shape
+    smallest = float(strains.x.array.min(initial=0.0))
+    if shape:
+        smallest = float(np.linalg.eigvalsh(strains.x.array.reshape(-1, *shape)).min(initial=0.0))
+    check_on_all(
+        mesh.comm,
+        smallest > LEAST_STRAIN,
+        f"{what} is {smallest:.3g}; a Green-Lagrange strain is above -0.5, that of a length of "
+        "zero.",
+    )
 
 
 def strain_in_frame(tensors: fem.Function, frame: Expr) -> Expr:
@@ -175,11 +210,12 @@ def _tensor(value: Any, what: str) -> Array:
         )
     if numbers.shape == ():
         return np.asarray(float(numbers) * np.eye(3))
+    asymmetry = np.abs(numbers - numbers.T).max()
     check(
-        bool((numbers == numbers.T).all()),
+        bool(asymmetry <= ASYMMETRY_TOLERANCE * np.abs(numbers).max()),
         f"{what} is {value!r}, which is not symmetric; give a symmetric tensor (3, 3).",
     )
-    return np.asarray(numbers)
+    return np.asarray((numbers + numbers.T) / 2)
 
 
 def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
@@ -187,16 +223,8 @@ def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
     return ufl.dot(frame.T, ufl.dot(tensors, frame))
 
 
-def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
-    """Check that film which bears no compression is not compressed by its initial stress.
-    Collective.
-
-    Args:
-        stresses: a tensor (3, 3) [Pa] in each cell, of which the part in the film counts.
-
-    Raises:
-        InputError: on all ranks, if a principal stress in the film is negative beyond round-off.
-    """
+def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
+    """Parts in the film of the stresses (n, 3, 3) [Pa] of this rank's n cells."""
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(stresses.function_space)[:owned].ravel()
     tensors = stresses.x.array.reshape(-1, 3, 3)[nodes]
@@ -204,7 +232,17 @@ def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     # Projections on the plane of each cell.
     projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    in_film = projections @ tensors @ projections
+    in_film: Array = projections @ tensors @ projections
+    return in_film
+
+
+def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
+    """Check that film which bears no compression is not compressed by its initial stress, (n, 3, 3)
+    [Pa].  Collective.
+
+    Raises:
+        InputError: on all ranks, if a principal stress in the film is negative beyond round-off.
+    """
     smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
     largest = float(np.abs(in_film).max(initial=0.0))
     check_on_all(

@@ -12,7 +12,13 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
+from gossamer_fx.core.forms.kinematics import (
+    Expr,
+    cell_axes,
+    green_lagrange,
+    surface_gradient,
+    tension,
+)
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block
@@ -21,6 +27,7 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
     Tensors,
     check_one_given,
+    check_strain,
     check_stress,
     film_tensors,
     prestress_parameters,
@@ -129,7 +136,7 @@ class Membrane(Meshed):
             from gossamer_fx.mechanics.bodies.properties import vary
 
             vary(self.constants, law, self.mesh, properties, name)
-        self._frame = frame(domain)
+        self._frame = cell_axes(domain)
         self._orient()
         self.thermal = thermal
         if thermal is not None:
@@ -219,7 +226,9 @@ class Membrane(Meshed):
         check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
-            self.constants.initial_strain = film_tensors(self.mesh, self._initial_strain, what)
+            strains = film_tensors(self.mesh, self._initial_strain, what)
+            check_strain(self.mesh, strains, what)
+            self.constants.initial_strain = strains
         if self._initial_stress is not None:
             what = f"'{self.name}': its initial_stress"
             stresses = film_tensors(self.mesh, self._initial_stress, what)

@@ -11,8 +11,8 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all
-from gossamer_fx.core.checks.real_numbers import real_numbers
+from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import (
     DEGREE,
     EDGE_DEGREE,
@@ -23,7 +23,6 @@ from gossamer_fx.core.forms.bending import (
 )
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.mesh import Mesh

@@ -11,10 +11,9 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.checks.real_numbers import real_numbers
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
 from gossamer_fx.core.checks.user_functions import ask_points
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.mechanics.bodies.meshed import Property

@@ -15,8 +15,8 @@ in compression.  Its potential is piecewise quadratic,
     W(x) = Σ_i ½ c_i ⟨s_i (x - x_i)⟩²,                                                        (2)
 
 and its average from x0 to x1 follows term by term from that of ⟨y⟩, which has a closed form
-(`terms.one_sided`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1) Δx,
-the stress with S Δε = ΔW is the averaged force over the mean of both stretches,
+(`terms.point_energies`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1)
+Δx, the stress with S Δε = ΔW is the averaged force over the mean of both stretches,
 
     S = N_mean / (½(λ0 + λ1)).                                                                (3)
 
@@ -46,7 +46,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import BarLaw
-from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
 
 # The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
 MIN_SQUARED_STRETCH = 1e-6
@@ -410,7 +410,7 @@ def _stretch(ε: Array) -> Array:
 
 
 def _mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
-    """Average of max(y, 0) along the path from y0 to y1; `terms.one_sided` says how."""
+    """Average of max(y, 0) along the path from y0 to y1; `terms.point_energies` says how."""
     positive0 = ufl.max_value(y0, 0.0)
     positive1 = ufl.max_value(y1, 0.0)
     passes_zero = ufl.lt(y0 * y1, 0.0)

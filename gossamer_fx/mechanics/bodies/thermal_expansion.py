@@ -14,9 +14,9 @@ from dolfinx import fem
 
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.parameters import Parameter

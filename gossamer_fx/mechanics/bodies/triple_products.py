@@ -35,15 +35,6 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    Forces,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import gonzalez_correction
 
@@ -76,16 +67,7 @@ class _Changing:
     supplied: fem.Form
 
 
-class TripleProductEnergies(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Supply,
-    CompiledTerms["TripleProductEnergy"],
-):
+class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
@@ -103,7 +85,7 @@ class TripleProductEnergies(
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             residual = ufl.Form([])
             tangent = ufl.Form([])
             energy = term.constant
@@ -113,8 +95,7 @@ class TripleProductEnergies(
                 δ = vectors(at.w)
                 dq = vectors(at.dq)
                 force = _gradient(mid, δ)
-                # Only the midpoint rule conserves energy; other rules need no correction.
-                if system.rule.alpha == 0.5:
+                if system.rule.conserves:
                     force += _defect(mid, vectors(at.q1 - at.q0), δ)
                 residual += scale * force * dx
                 tangent += at.α * scale * _second(mid, dq, δ) * dx

@@ -14,7 +14,7 @@ from gossamer_fx.core.checks.errors import check, check_positive
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 
 @check_arguments

@@ -23,25 +23,14 @@ from gossamer_fx.core.algebra import dihedral_angle
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    CellFields,
-    Dissipation,
-    ExchangesEnds,
-    Forces,
-    GradientLimits,
-    GradientNotes,
-    HistoryAdjoint,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
     HistoryVariables,
-    PointParameters,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    StepCheck,
-    StepHistory,
-    StoredEnergies,
-    Tangents,
+    Shown,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -54,26 +43,10 @@ SHUT = np.radians(1.0)
 FARTHEST = 0.95 * np.pi
 
 
-class CreaseEnergies(
-    StateObserver,
-    Forces,
-    Tangents,
-    StepCheck,
-    StoredEnergies,
-    Dissipation,
-    CellFields,
-    HistoryVariables,
-    PointParameters,
-    GradientLimits,
-    GradientNotes,
-    ExchangesEnds,
-    StartDerivatives,
-    HistoryAdjoint,
-    StepHistory,
-    Reversible,
-    CompiledTerms["CreaseEnergy"],
-):
+class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["CreaseEnergy"]):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
+
+    reversible = False
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
         """Compile all creases of a scene: arrays and indices that stay the same in a run.
@@ -267,7 +240,7 @@ class CreaseEnergies(
 
     def without_gradient(self) -> str:
         # In a run rest angles are history variables.
-        if self._system.rule.alpha < 1:
+        if not self._system.rule.is_static:
             return ""
         for i in self._yielding:
             return (
@@ -381,8 +354,7 @@ class _Points:
         A point stands for a part of a fold.  It has a stiffness [N m/rad], a rest angle and a yield
         angle [rad], and the sign of the angle if the fold starts pressed shut."""
         self.of = of
-        # Weight of the end of a step in the point at which forces act: ½ or, in backward Euler, 1.
-        self._α = float(system.rule.alpha)
+        self._rule = system.rule
         mine = [terms[i] for i in of]
         self._names = [term.name for term in mine]
         counts = [len(term.nodes) for term in mine]
@@ -445,7 +417,7 @@ class _Points:
 
     def forces(self, q: Array) -> Array:
         """Forces (n, D) [N] of a step to the unknowns q (n, D)."""
-        X = self.vectors(q)
+        X = self._strained(self.vectors(q))
         θ1 = self._end(X)
         moment, _ = self._moment(θ1)
         return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
@@ -457,10 +429,10 @@ class _Points:
             LinAlgError: the vectors along a fold and into its panels are parallel in the middle of
                 the step.
         """
-        # X (n, 3, 3): vectors along the fold and into both panels, θ1 (n,) [rad]: angles, both at
-        # the end of the step.  G (n, 9): discrete gradient of the angle by X, dG: its derivative,
-        # K (n, 9, 9): derivative of the forces on the vectors.
-        X = self.vectors(q)
+        # X (n, 3, 3): vectors along the fold and into both panels, θ1 (n,) [rad]: angles, both of
+        # the configuration whose angle the rule takes.  G (n, 9): discrete gradient of the angle by
+        # X, dG: its derivative, K (n, 9, 9): derivative of the forces on the vectors.
+        X = self._strained(self.vectors(q))
         n = len(X)
         θ1 = self._end(X)
         # In a reversed step both are those of the step.
@@ -469,12 +441,14 @@ class _Points:
         gradient = dihedral_angle.gradient(X).reshape(n, 9)
         K = slope[:, None, None] * G[:, :, None] * gradient[:, None, :]
         if geometric:
-            # Backward Euler takes the gradient at the end of the step.
-            if self._α == 1.0:
-                dG = dihedral_angle.gradient_derivative(X)
-            else:
+            if self._rule.conserves:
                 dG = dihedral_angle.discrete_gradient_derivative(self._X, X, self.θ, θ1)
+            else:
+                dG = dihedral_angle.gradient_derivative(X)
             K = K + (geometric * moment)[:, None, None] * dG.reshape(n, 9, 9)
+        if not self._rule.conserves:
+            # The derivative of X by the vectors at the end, see `_strained`.
+            K = self._rule.alpha * K
         maps = self._maps
         D = 3 * maps.shape[2]
         K_vectors = K.reshape(n, 3, 3, 3, 3)
@@ -636,20 +610,36 @@ class _Points:
         change = dihedral_angle.angle(X) - self.θ
         return self.θ + np.remainder(change + np.pi, 2 * np.pi) - np.pi
 
+    def _strained(self, X: Array) -> Array:
+        """Vectors (n, 3, 3) of the folds whose angle gives the moment, dimensionless.
+
+        Those at the end of the step if the rule averages the moment over it; else those in the
+        configuration in which forces act.
+
+        Args:
+            X: vectors (n, 3, 3) at the end of the step.
+        """
+        if self._rule.conserves:
+            return X
+        α = self._rule.alpha
+        in_middle: Array = (1 - α) * self._X + α * X
+        return in_middle
+
     def _direction(self, X: Array, θ1: Array) -> Array:
         """G (n, 3, 3), dimensionless: discrete gradient of the angle θ by the vectors X of each
         point.
 
-        With α = 1 (backward Euler) it is the gradient at the end of the step.
+        With a stress rule that does not conserve it is the gradient in the configuration in which
+        forces act.
 
         Args:
-            X: vectors (n, 3, 3) along the fold and into both panels at the end of the step,
+            X: vectors (n, 3, 3) along the fold and into both panels, as `_strained` gives them,
                 dimensionless.
             θ1: fold angles (n,) [rad] there.
         """
-        if self._α == 1.0:
-            return np.asarray(dihedral_angle.gradient(X))
-        return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
+        if self._rule.conserves:
+            return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
+        return np.asarray(dihedral_angle.gradient(X))
 
     def _slipped(self, θ1: Array) -> Array:
         """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad].
@@ -663,10 +653,10 @@ class _Points:
         """Mean moment of a step for each of n points, and its derivative by the angle at the end.
 
         The moment is k (θ - θr) up to the yield angle and constant while the fold slips; the mean
-        is over the path of θ.  With α = 1 (backward Euler) it is the moment at the end of the step.
+        is over the path of θ.  With a stress rule that does not conserve it is the moment at θ1.
 
         Args:
-            θ1: fold angles (n,) [rad] at the end of the step.
+            θ1: fold angles (n,) [rad] of the vectors of `_strained`.
 
         Returns:
             Moments (n,) [N m] and derivatives (n,) [N m/rad].
@@ -674,7 +664,7 @@ class _Points:
         slipped = self._slipped(θ1)
         elastic_start = self.θ - self.rest
         elastic_end = θ1 - self.rest - slipped
-        if self._α == 1.0:
+        if not self._rule.conserves:
             return self._k * elastic_end, self._k * (slipped == 0)
         # While the fold slips, the moment is that at the end; before, it grows linearly.
         share = self._slipping_share(θ1)

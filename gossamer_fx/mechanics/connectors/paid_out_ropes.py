@@ -21,18 +21,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
     HistoryVariables,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    Tangents,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.point_energies import Stencil
 
 # [m²] Lower bound of e = ½ l², so that a rope whose ends coincide has no division by zero.
@@ -43,17 +39,7 @@ SMALLEST_MEASURE = 1e-300
 ROUND_OFF = 1e-9
 
 
-class PaidOutRopes(
-    StepObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Dissipation,
-    HistoryVariables,
-    CompiledTerms["PaidOutRope"],
-):
+class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
@@ -63,7 +49,16 @@ class PaidOutRopes(
         Args:
             terms: the ropes of the scene, in the same order on all ranks.
             system: the compiled scene, which has the numbering of the unknowns.
+
+        Raises:
+            InputError: the stress rule takes the strain in the middle of the step.
         """
+        # The length of a rope between the ends of a step is not known to its brake.
+        check(
+            not system.rule.takes_mid_strain,
+            f"'{terms[0].name}': a rope that is paid out has forces by its lengths at the ends of "
+            "a step; run its scene with Midpoint.",
+        )
         self._system = system
         self.terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
@@ -85,7 +80,7 @@ class PaidOutRopes(
         self.losses = [terms[i].name for i in self._braked]
         # L1 of a step with a history.
         self._next = self.length
-        self._stencil = Stencil(self._at, self, False, system.rule.alpha)
+        self._stencil = Stencil(self._at, self, False, system.rule)
         # Distances of the ends [m] at the start of the step; set by the first `commit`.
         self._l: Array = np.zeros(self._at.n)
         self._begun = False
@@ -102,8 +97,6 @@ class PaidOutRopes(
         system = self._system
         # The length is that of the end of the step, also where the forces are those of its middle.
         end = system.time + system.h
-        if system.rule.alpha == 1.0:
-            end = t
         lengths = np.full(len(self.terms), np.nan)
         for i, history in self._given:
             lengths[i] = history(end)
@@ -259,7 +252,7 @@ class PaidOutRopes(
         y1 = l1 - self._next
         y0 = self._l - self.length
         # Backward Euler takes the tension at the end of the step.
-        if self._system.rule.alpha == 1.0:
+        if self._system.rule.acts_at_end:
             y0 = y1
         end_of_slip = self._yield + self._room()
         slips = self._brakes & (y1 > self._yield) & (y1 < end_of_slip)

@@ -12,14 +12,17 @@ import numpy as np
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_positive
-from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.body import Array, Attached, Port, unit
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.ports import unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.between import Between
-from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
-from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
+from gossamer_fx.mechanics.terms.point_energies import (
+    PointDissipation,
+    PointStoredEnergy,
+    one_sided_average,
+    one_sided_energy,
+)
 
 STIFFNESS = Parameter("stiffness", "N/m", "k")
 LENGTH = Parameter("length", "m", "L")

@@ -14,16 +14,19 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
-from gossamer_fx.core.model.body import Array, Attached, Port
-from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.body import Array, Attached, Port, combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.spring import Quadratic
-from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
-from gossamer_fx.mechanics.terms.point_energies import PointDensity, PointStoredEnergy
-from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import (
+    AttachedKineticEnergy,
+    PointDensity,
+    PointStoredEnergy,
+    one_sided_average,
+    one_sided_energy,
+)
 
 # Length of an edge over that of the longest one below which its two nodes coincide: far above
 # round-off of coordinates, far below any cell.

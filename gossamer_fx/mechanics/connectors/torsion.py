@@ -23,9 +23,8 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_positive
-from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.ports import unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.between import Between, check_axis

@@ -12,8 +12,7 @@ from gossamer_fx.core.algebra.rotations import rotations
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.model.body import Array, Vector
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody

@@ -15,11 +15,10 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import EDGE_DEGREE
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
-from gossamer_fx.core.model.body import Array, Vector
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.plate import Plate

@@ -28,8 +28,7 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Port, Vector
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.body import Array, Attached, Port, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.between import Between, FrameJoint, check_axis

@@ -14,28 +14,10 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    Forces,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class MovingEnergies(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Supply,
-    CompiledTerms["MovingEnergy"],
-):
+class MovingEnergies(CompiledTerms["MovingEnergy"]):
     """All `MovingEnergy` terms of a scene.
 
     With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the
@@ -57,16 +39,16 @@ class MovingEnergies(
         """
         self._system = system
         self._compiled = []
-        # Statics have the matrix of the end only; a time step has the mean of both ends.
-        is_static = system.rule.alpha == 1.0
+        # Where forces act at the end, so does the matrix; else it is the mean of both ends.
+        at_end = system.rule.acts_at_end
         for term in terms:
             # The symbols of a step: coordinates q0 at its start, q1 at its end and mid = (1 - α) q0
             # + α q1, where the forces act; test function w and trial function dq.
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             before = fem.Function(term.space)
             after = fem.Function(term.space)
-            share = constant(term.body.space.mesh, 1.0 if is_static else 0.5)
-            ends = (after,) if is_static else (before, after)
+            share = constant(term.body.space.mesh, 1.0 if at_end else 0.5)
+            ends = (after,) if at_end else (before, after)
             residual = sum(share * term.form(at.mid, at.w, d) for d in ends)
             tangent = sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)
             # With the matrix K of a, a(d; q, q) = q·K q.  The sum of q·(K1 - K0) q at both ends of

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, Port, is_on_mesh
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term

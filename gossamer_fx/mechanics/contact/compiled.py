@@ -13,30 +13,9 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ActiveSet,
-    Dissipation,
-    Drawable,
-    ExchangesEnds,
-    Forces,
-    GradientLimits,
-    GradientNotes,
-    HistoryAdjoint,
-    MassDependence,
-    NodeFields,
-    PointParameters,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    StepCheck,
-    StepHistory,
-    StoredEnergies,
-    Supply,
-    Tangents,
-)
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
@@ -45,7 +24,14 @@ from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    ActiveSet,
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    Shown,
+)
 
 if TYPE_CHECKING:
     # A run without a gradient does not load it.
@@ -70,35 +56,15 @@ class ContactItem(Protocol):
     obstacles: list[Obstacle]
 
 
-class CompiledContacts(
-    ActiveSet,
-    StateObserver,
-    StepCheck,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Dissipation,
-    NodeFields,
-    Drawable,
-    PointParameters,
-    GradientLimits,
-    GradientNotes,
-    StartDerivatives,
-    HistoryAdjoint,
-    MassDependence,
-    StepHistory,
-    ExchangesEnds,
-    Reversible,
-    CompiledTerms["ContactEnergy"],
-):
-    """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact
-    sets.
+class CompiledContacts(ActiveSet, Differentiable, Shown, CompiledTerms["ContactEnergy"]):
+    """All `ContactEnergy` terms of a scene; each method is shared out to contact sets.
 
     Attributes:
         contact_sets: by the item of the scene.
         losses: names of the contacts with friction.
     """
+
+    reversible = False
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         """Make a contact set, which holds the pairs that may touch, for each contact; collective.
@@ -121,7 +87,7 @@ class CompiledContacts(
         }
         self.losses = list(self._with_friction)
         self.has_plateaus = bool(self._with_friction)
-        self._is_static = system.rule.alpha == 1
+        self._is_static = system.rule.is_static
 
     def update_active_set(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -416,8 +382,8 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
         has_friction=[coefficient > 0 for coefficient in of_obstacles],
     )
     friction = None
-    # An equilibrium (alpha = 1) has no sliding, and no friction.
-    if (term.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+    # An equilibrium has no sliding, and no friction.
+    if (term.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
         from gossamer_fx.mechanics.contact.friction.friction import Friction
 
         friction = Friction(

@@ -125,8 +125,7 @@ class ContactSet:
         self.activation_distance = activation_distance
         self.system = system
         self._comm = system.comm
-        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
-        self._alpha = system.rule.alpha
+        self._is_static = system.rule.is_static
         self.search = CandidateSearch(mesh, activation_distance)
         self.has_given_stiffness = stiffness is not None
         self.pair_stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
@@ -206,7 +205,7 @@ class ContactSet:
         self._accepted_pairs = self.pairs
         # In statics the residual of the accepted state is asked for, too: whether it is in
         # equilibrium.
-        if self._alpha < 1:
+        if not self._is_static:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
@@ -346,8 +345,8 @@ class ContactSet:
         system = self.system
         self.stored_energy()
         self._end_time = system.time + system.h
-        # An equilibrium, in which forces act at the end (weight 1), has no motion in time.
-        if self._alpha < 1:
+        # An equilibrium has no motion in time.
+        if not self._is_static:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
         self._v = self.points.rates(system.v0, system.time, system.h)
@@ -479,8 +478,7 @@ class ContactSet:
         Collective.
 
         Sets `pairs`. `x0` (m, 3) [m] are the points that this rank knows, `_v` (m, 3) [m/s] their
-        velocities, at the start of the step. `_alpha` is the weight of the end in the positions
-        where forces act; 1 means statics.
+        velocities, at the start of the step.
 
         Args:
             active: mask (n,) of the candidates.
@@ -500,7 +498,7 @@ class ContactSet:
             self.history.reference_speed,
         )
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
-        if self._alpha == 1:
+        if self._is_static:
             # In statics no energy has to be conserved, and the load may have grown.
             pairs.stiffness = np.maximum(stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
@@ -596,8 +594,8 @@ class ContactSet:
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         message = next(filter(None, self._comm.allgather(message)), "")
-        # In an equilibrium (weight 1 of the end) nothing turns on a way.
-        if message or self._alpha == 1:
+        # In an equilibrium nothing turns on a way.
+        if message or self._is_static:
             return message
         return self._turns.find(self._start, x1)
 

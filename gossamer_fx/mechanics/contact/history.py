@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 
 
 def _no_numbers() -> Array:
@@ -21,7 +22,7 @@ def _no_identifiers() -> Int64Array:
 
 
 @dataclass
-class ContactHistory:
+class ContactHistory(HistoryVariables):
     """History variables of one contact.
 
     Energy is conserved if a pair that has energy has a constant stiffness, and if the activation

@@ -7,9 +7,8 @@ from itertools import product
 import numpy as np
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.drawing.solids import Solid
-from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.model.body import Array, Indices, unit
 from gossamer_fx.mechanics.contact.obstacles import (
     AXIS_BITS,
     Box,

@@ -65,6 +65,7 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.kernels.structs import pair_list_fields
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
+from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
 
 # ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
 # so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
@@ -324,8 +325,9 @@ def evaluate(
     count = len(pairs)
     points = len(x0)
     start = pairs.start
-    if start is None or alpha == 1:
-        base = x1 if alpha == 1 else x0
+    is_state = acts_at_end(alpha)
+    if start is None or is_state:
+        base = x1 if is_state else x0
         # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
     # What is None is not computed: C gets a null pointer for it.
@@ -339,6 +341,7 @@ def evaluate(
             "x0": c.array("x0", x0, "float64", (points, 3)),
             "x1": c.array("x1", x1, "float64", (points, 3)),
             "alpha": alpha,
+            "is_state": is_state,
             "geometric_share": geometric_share,
             "push_back": push_back,
         },

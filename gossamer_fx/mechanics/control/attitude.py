@@ -10,9 +10,8 @@ import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Port, Vector
+from gossamer_fx.core.model.body import Array, Port, Vector, combine
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.ports import combine
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.between import bodies_of
@@ -25,8 +24,8 @@ from gossamer_fx.mechanics.control.rotation import (
     rotation,
     rotation_derivative,
 )
-from gossamer_fx.mechanics.terms.couple import Couple
-from gossamer_fx.mechanics.terms.point_loads import PointLoad
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
+from gossamer_fx.mechanics.terms.point_loads import Couple, PointLoad
 
 # Fraction of a period by which a sample may be early: the round-off of summed times.
 SAMPLE_ROUND_OFF = 1e-9
@@ -92,7 +91,7 @@ class _ControlTorque(Couple):
         return self
 
 
-class _SampledTorque(_ControlTorque):
+class _SampledTorque(_ControlTorque, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between.
 

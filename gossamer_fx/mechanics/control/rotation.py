@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.body import Array, unit
 
 # Eigenvalue of a moment matrix over the largest one below which the vectors lie in a plane.
 FLATNESS = 1e-9

@@ -49,11 +49,10 @@ import numpy as np
 from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import Balance, Passage
-from gossamer_fx.mechanics.gas.contract import Discharge, Holder, Volume, Wall
-from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.contract import ChamberState, Discharge, Holder, Volume, Wall
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.state import ChamberState
+from gossamer_fx.mechanics.gas.surface import Geometry
 
 # Name of the number by which the area of a valve, a function of time, is multiplied.
 AREA_FACTOR = "area_factor"
@@ -92,14 +91,8 @@ class _Boundary:
 
 
 class GasAdjoint:
-    """Derivatives of the gas of a scene, for gradients of runs.
-
-    Args:
-        network: the gas of a running scene.
-
-    Attributes:
-        sums: derivatives of the result by the parameters, so far.
-    """
+    """Derivatives of the gas of a running scene, for gradients of runs; `units` are those of the
+    parameters, by (id of the item, name), `sums` the derivatives of the result by them, so far."""
 
     def __init__(self, network: SolvedGas) -> None:
         self._network = network
@@ -124,13 +117,9 @@ class GasAdjoint:
         self.sums = dict.fromkeys(self.units, 0.0)
 
     def _find_parameters(self) -> dict[Key, str]:
-        """Return the unit of each number of the gas by which a result is derived.
-
-        Returns:
-            unit, empty for pure numbers, by (id of the item of the scene, name that the item has
-            for it): states of chambers at the start, areas and discharge coefficients of openings,
-            walls, reservoirs.
-        """
+        """Unit, empty for pure numbers, of each number of the gas by which a result is derived:
+        initial states, areas and discharge coefficients, walls, reservoirs; by (id of the item of
+        the scene, name that the item has for it)."""
         units: dict[Key, str] = {}
         for state in self._network.chambers:
             item = id(state.chamber)
@@ -156,15 +145,8 @@ class GasAdjoint:
         return units
 
     def value(self, item: Any, name: str) -> float:
-        """Return the present value of a parameter, in SI units; 1 for the factor of a valve's area.
-
-        Args:
-            item: chamber, opening, wall or reservoir of the scene.
-            name: what the item calls the parameter, see `names_of`.
-
-        Raises:
-            KeyError: the item has no parameter of this name.
-        """
+        """Return the present value of a parameter of an item, by its name (`names_of`), in SI
+        units; 1 for the factor of a valve's area."""
         if (id(item), name) not in self.units:
             raise KeyError(name)
         if name == AREA_FACTOR:
@@ -176,15 +158,14 @@ class GasAdjoint:
         return float(getattr(item, name))
 
     def names_of(self, item: object) -> list[str]:
+        """Names of the parameters of an item of the scene, sorted."""
         return sorted(name for owner, name in self.units if owner == id(item))
 
     # ---- a step ----------------------------------------------------------------------------------
 
     def linearise(self, h: float) -> None:
         """Take the derivatives of the mass and energy balance F at the solved step, in dual
-        numbers.
-
-        F is divided by the network's scales, as the residual of a step is."""
+        numbers; F is divided by the network's scales, as the residual of a step is."""
         network = self._network
         parts: list[tuple[str, Array]] = [
             ("p0", np.array([state.pressure for state in network.chambers])),
@@ -213,13 +194,9 @@ class GasAdjoint:
         self._h = h
 
     def _balance(self, x: dict[str, Array], h: float) -> Array:
-        """Return the residual F (2n,) of energy [J] and mass [kg] of a step, in dual numbers.
-
-        Args:
-            x: dual numbers of all quantities by which F is derived, by the names of `linearise`,
-                e.g. "p0" (n,) [Pa], "V" (n,) [m³].
-            h: length of the step [s].
-        """
+        """Residual F (2n,) of energy [J] and mass [kg] of a step of length h [s], in dual numbers x
+        of all quantities by which it is derived, by the names of `linearise`, e.g. "p0" (n,) [Pa],
+        "V" (n,) [m³]."""
         network = self._network
         holders: dict[int, _Boundary] = {}
         states = zip(self._holders, x["holder pressure"], x["holder temperature"], strict=True)
@@ -248,21 +225,13 @@ class GasAdjoint:
         return balance.residual(x["y"], x["V"], x["W"])
 
     def take(self, ν: Array, μ: Array) -> Array:
-        """Add a step to the sums of all parameters; return derivatives by its start.  Collective.
+        """Add a step to the sums of all parameters; return derivatives of the result by the n
+        pressures [Pa] and n masses [kg] at its start, (2n,).  Collective.
 
-        The sums are derivatives of a result of the run by numbers of chambers, openings and walls.
-
-        V0 [m³], p0 [Pa] and m0 [kg] are volumes, pressures and masses of the chambers at the start
-        of the step, V [m³] volumes at its end, W [m³] those swept; the derivatives by them have to
-        be computed by `linearise` before.
-
-        Args:
-            ν: adjoint of the scaled gas balance (2n,), for n chambers.
-            μ: this rank's part of the adjoint of the bodies.
-
-        Returns:
-            derivatives of the result by the n pressures [Pa] and n masses [kg] at the start of the
-            step, (2n,).
+        ν (2n,) is the adjoint of the scaled gas balance, μ this rank's part of that of the bodies.
+        V0, p0 and m0 are volumes [m³], pressures [Pa] and masses [kg] at the start of the step, V
+        and W [m³] volumes at its end and those swept; `linearise` has computed the derivatives by
+        them.
         """
         by_start = np.concatenate([-ν @ self._by["p0"], -ν @ self._by["m0"]])
         for k, state in enumerate(self._network.chambers):
@@ -285,14 +254,9 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Add derivatives of the result by areas [m²] and discharge coefficients of openings to
-        their sums.
-
-        The derivative by the area of a ring is kept, since `carry` takes it to the film later.
-
-        Args:
-            ν: adjoint of the scaled balance (2n,), for n chambers.
-        """
+        """Add derivatives by areas [m²] and discharge coefficients of openings to their sums, with
+        the adjoint ν (2n,) of the scaled balance.  That by the area of a ring is kept, since
+        `carry` takes it to the film later."""
         by_area = -ν @ self._by["area"]
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
@@ -311,13 +275,8 @@ class GasAdjoint:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Add derivatives of the result by numbers of walls, reservoirs and surroundings to their
-        sums.
-
-        The numbers are conductances [W/K], temperatures [K] and pressures [Pa].
-
-        Args:
-            ν: adjoint of the scaled balance (2n,), for n chambers.
+        """Add derivatives by conductances [W/K], temperatures [K] and pressures [Pa] of walls,
+        reservoirs and surroundings to their sums, with the adjoint ν (2n,) of the scaled balance.
         """
         by_conductance = -ν @ self._by["conductance"]
         by_temperature = -ν @ self._by["wall temperature"]
@@ -335,9 +294,8 @@ class GasAdjoint:
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
         """Add what volumes and rings at the start of the step give to derivatives of the result.
-
-        Collective.  It is called after `take`, when the ends of the step have changed places: the
-        start of the original step is then the end of the present one."""
+        Called after `take`, when the ends of the step have changed places, so that its start is the
+        end of the present one.  Collective."""
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
@@ -357,16 +315,12 @@ class GasAdjoint:
             self._add(state.chamber, _volume_name(state.chamber), share * per_volume)
 
     def finish(self, by_start: Array, by_position: Array) -> None:
-        """Add what the initial state gives to the derivatives of the result.  Collective.
+        """Add what the initial state gives: the initial mass p0 V0/(R T0) of a chamber is a
+        function of its pressure, temperature and volume.  Collective.
 
-        The initial mass of a chamber is p0 V0/(R T0), a function of its pressure, temperature and
-        volume.
-
-        Args:
-            by_start: derivatives of the result by the n pressures [Pa] and n masses [kg] at the
-                start of the run (2n,).
-            by_position: this rank's part of those by coordinates [m] at the start, to which that of
-                the volumes is added in place.
+        `by_start` (2n,) are derivatives by the n pressures [Pa] and n masses [kg] at the start of
+        the run; to this rank's part of those by coordinates [m] that of the volumes is added in
+        place.
         """
         network = self._network
         for k, state in enumerate(network.chambers):

@@ -101,14 +101,8 @@ ROUND_OFF_SHARE = 1e-3
 
 @dataclass
 class Passage:
-    """An opening in a network, with its ends as numbers of chambers or as boundaries.
-
-    Attributes:
-        opening: the item of the scene.
-        ends: its first and second end.
-        aperture: its effective area as a function of step length and time.
-        area: effective area C_d A of the current step [m²].
-    """
+    """An opening in a network, with its ends as numbers of chambers or as boundaries, its effective
+    area as a function of step length and time, and that of the current step, C_d A [m²]."""
 
     opening: Opening
     ends: tuple[End, End]
@@ -118,14 +112,8 @@ class Passage:
 
 @dataclass
 class Rates:
-    """Sums over all openings and walls, per second.
-
-    Attributes:
-        mass: mass flow into each chamber (n,) [kg/s].
-        energy: enthalpy flow and heat into each chamber (n,) [W].
-        mass_supplied: mass flow from all boundaries [kg/s].
-        energy_supplied: enthalpy flow from all boundaries and heat from all walls [W].
-    """
+    """Sums over all openings and walls: mass flow [kg/s] and enthalpy flow with heat [W] into each
+    chamber (n,), and from all boundaries and walls."""
 
     mass: Array
     energy: Array
@@ -134,30 +122,21 @@ class Rates:
 
 
 class Balance:
-    """Mass and energy balance (1), (2) of the chambers of a network in a step.
+    """Mass and energy balance (1), (2) of the n chambers of a network in a step.
 
-    Args:
-        gas: the gas of all chambers.
-        passages: the openings.
-        walls: the walls, each with the number of its chamber.
-        n: number of chambers.
-
-    Attributes:
-        h: length of the current step [s].
-        passages: the openings.
-        walls: the walls, each with the number of its chamber.
-        temperatures: of the chambers at its start (n,) [K].
+    In the methods y (2n,) are pressures [Pa], then masses [kg], and V (n,) [m³] volumes at the end
+    of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
+    of the sizes of the summands of each volume, of which round-off is a part.  `begin` stores the
+    state at the start (n,): `_p0` [Pa], `_m0` [kg], `_U0` [J] and `temperatures` [K]; `_cv` [J/(kg
+    K)] is the specific heat at constant volume, `h` [s] the length of the step.  Walls have the
+    number of their chamber.
     """
 
     # Whether the work p̄ W is in the equations.
     depends_on_swept_volume = True
 
     def __init__(
-        self,
-        gas: IdealGas,
-        passages: list[Passage],
-        walls: list[tuple[Wall, int]],
-        n: int,
+        self, gas: IdealGas, passages: list[Passage], walls: list[tuple[Wall, int]], n: int
     ) -> None:
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
@@ -173,26 +152,10 @@ class Balance:
         self._wall_weights: Array = np.full(len(walls), 0.5)
         self._amplification: Array = np.zeros(n)
 
-    def begin(
-        self,
-        h: float,
-        t: float,
-        p: Array,
-        m: Array,
-        U: Array,
-        V: Array,
-    ) -> None:
-        """Start a step: take its initial state and choose the weights θ of its flows.
-
-        θ says at which part of the step flows are taken: ½ is the middle, 1 the end.
-
-        The start values are kept, without a copy, as `_p0`, `_m0` and `_U0`; `_cv` is the specific
-        heat at constant volume [J/(kg K)]. It must be called before `residual` and the other
-        functions of a step.
-
-        Raises:
-            InputError: the area of a valve is negative or not a number.
-        """
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
+        """Start a step: store its initial state, without a copy, and choose the weights θ of its
+        flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a
+        number."""
         self.h = h
         self._p0 = p
         self._m0 = m
@@ -204,42 +167,28 @@ class Balance:
 
     # ---- equations -------------------------------------------------------------------------------
 
-    def residual(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-        known: Rates | None = None,
-    ) -> Array:
-        """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step.
-
-        A chamber gains mass by flows, and energy by flows, heat and the work of its enclosure: (1)
-        and (2) of the module.
-
-        `_p0` [Pa], `_m0` [kg] and `_U0` [J] are the start values (n,) that `begin` stored, p1 and
-        m1 pressure and mass at the end, and `h` [s] is the length of the step."""
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step,
+        (1) and (2) of the module: it gains mass by flows, and energy by flows, heat and the work of
+        its enclosure."""
         p1 = y[: self._n]
         m1 = y[self._n :]
         rates = known or self.rates(y, V)
         energy = (
-            p1 * V / (self._gas.gamma - 1)
-            - self._U0
-            - self.h * rates.energy
-            + (self._p0 + p1) / 2 * W
+            p1 * V / (self._gas.gamma - 1) - self._U0 - self.h * rates.energy + self.work(y, V, W)
         )
         mass = m1 - self._m0 - self.h * rates.mass
         return np.concatenate([energy, mass])
 
+    def work(self, y: Array, V: Array, W: Array) -> Array:
+        """Work p̄ W [J] of each chamber (n,) on what encloses it, see `residual`."""
+        work: Array = (self._p0 + y[: self._n]) / 2 * W
+        return work
+
     def rates(self, y: Array, V: Array) -> Rates:
-        """Return mass and energy flows into the chambers, and from boundaries and walls.
-
-        What one end of an opening loses the other gains in the same sum, so the network conserves
-        mass and energy to round-off.
-
-        Args:
-            y: pressures [Pa] and masses [kg] of the n chambers at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-        """
+        """Return mass and energy flows into the chambers, and from boundaries and walls.  What one
+        end of an opening loses the other gains in the same sum, so the network conserves mass and
+        energy to round-off."""
         n = self._n
         # Lists of numbers: for so few chambers NumPy takes three times as long.
         mass: list[Number] = [0.0] * n
@@ -264,25 +213,12 @@ class Balance:
             rates.energy_supplied += heat
         return rates
 
-    def scales(
-        self,
-        y: Array,
-        V: Array,
-        magnitude: Array,
-    ) -> Array:
+    def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
         """Energy [J] and mass [kg] of each chamber to which its residual is compared, (2n,).
 
         They include the round-off of two sums that the residual cannot fall below: that of the
         volume, and that of flows, which long steps through wide openings amplify.  Nothing is lost
         by this, since the accepted state is summed from the flows.
-
-        `_U0` [J] and `_m0` [kg] are energy and mass (n,) of the chambers at the start of the step.
-
-        Args:
-            y: pressures [Pa] and masses [kg] (2n,).
-            V: volumes (n,) [m³].
-            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
-                is a part.
         """
         flows = 1 + ROUND_OFF_SHARE * self._amplification
         volume = abs(V) * flows + ROUND_OFF_SHARE * magnitude
@@ -292,26 +228,10 @@ class Balance:
 
     # ---- derivatives -----------------------------------------------------------------------------
 
-    def derivatives(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-    ) -> tuple[Array, Array]:
-        """Return the derivatives of the residual with respect to y and to the volumes.
-
-        That with respect to W is the mean pressure on the diagonal of the energy rows; the caller
-        has it.
-
-        Args:
-            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-            W: volumes that the enclosures sweep in the step (n,) [m³].
-
-        Returns:
-            (2n, 2n) and (2n, n): rows of energies [J], then of masses [kg], by columns of pressures
-            [Pa] and masses [kg], and of volumes [m³].
-        """
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Return the derivatives (2n, 2n) and (2n, n) of the residual (energies [J], then masses
+        [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
+        diagonal of the energy rows; the caller has it."""
         n = self._n
         heat_factor = self._gas.gamma - 1
         # U1 = p1 V/(γ-1) and p̄ W in the energy rows, m1 in the mass rows.
@@ -323,23 +243,9 @@ class Balance:
         self._add_heat_derivatives(by_y, by_V, y, V)
         return by_y, by_V
 
-    def _add_flow_derivatives(
-        self,
-        by_y: Array,
-        by_V: Array,
-        y: Array,
-        V: Array,
-    ) -> None:
-        """Subtract step length times the derivatives of the flows from those of the balance.
-
-        p [Pa] and T [K] (n,) are the pressures and temperatures that determine the flows; `_m0`
-        [kg] are the masses at the start, `_cv` [J/(kg K)] the specific heat at constant volume.
-
-        Args:
-            by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
-            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-        """
+    def _add_flow_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
+        """Subtract step length times the derivatives of the flows from those of the residual, which
+        are changed in place.  p [Pa] and T [K] (n,) determine the flows."""
         n = self._n
         p, T = self._flow_state(y, V)
         states = _states(p, T)
@@ -370,24 +276,10 @@ class Balance:
                         by_y[row, n + k] += sign * T_slope * temperature[k] / total_mass[k]
                         by_V[row, k] -= sign * T_slope * end_pressure[k] * T_by_pV
 
-    def _add_heat_derivatives(
-        self,
-        by_y: Array,
-        by_V: Array,
-        y: Array,
-        V: Array,
-    ) -> None:
-        """Subtract step length times the derivatives of the heat of the walls from those of the
-        balance.
-
-        p1 [Pa] and m1 [kg] are pressure and mass of a chamber at the end, `_cv` [J/(kg K)] the
-        specific heat at constant volume; Q [W] is the heat flow and U1 [J] the energy at the end.
-
-        Args:
-            by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
-            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-        """
+    def _add_heat_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
+        """Subtract step length times the derivatives of the heat of the walls, like
+        `_add_flow_derivatives`.  Q [W] is the heat flow; p1 [Pa], m1 [kg] and U1 [J] are pressure,
+        mass and energy of a chamber at the end."""
         n = self._n
         heat_factor = self._gas.gamma - 1
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
@@ -400,22 +292,10 @@ class Balance:
             by_V[k, k] += cooling * p1 / heat_factor
 
     def _slope(
-        self,
-        passage: Passage,
-        at_ends: tuple[Pair, Pair],
-        side: int,
-        quantity: str,
+        self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, quantity: str
     ) -> Pair:
-        """Return derivatives of mass flow and energy flow with respect to a state at one end.
-
-        They are complex-step derivatives, exact to round-off.
-
-        Args:
-            at_ends: pressures [Pa] and temperatures [K] at its ends.
-
-        Returns:
-            of the mass flow [kg/s] and of the energy flow [W], per Pa or per K.
-        """
+        """Return derivatives of mass flow [kg/s] and energy flow [W] of a passage with respect to
+        the pressure [Pa] or temperature [K] at one end, by complex steps, exact to round-off."""
         pressures = list(at_ends[0])
         temperatures = list(at_ends[1])
         varied = pressures if quantity == "pressure" else temperatures
@@ -429,26 +309,9 @@ class Balance:
 
     # ---- solution --------------------------------------------------------------------------------
 
-    def settle(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-        magnitude: Array,
-    ) -> Array | None:
-        """Solve the mass and energy balance of the chambers at given volumes, by Newton's method.
-
-        Args:
-            y: initial guess (2n,), positive: pressures [Pa] and masses [kg] at the end of the step.
-            V: volumes at the end of the step (n,) [m³].
-            W: swept volumes (n,) [m³].
-            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
-                is a part.
-
-        Returns:
-            The solution (2n,), or None if the iteration does not converge or the matrix is
-            singular.
-        """
+    def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
+        """Solve the balance at given volumes by Newton's method, from a positive guess y; returns
+        None if the iteration does not converge or the matrix is singular."""
         rates = self.rates(y, V)
         flows = abs(np.concatenate([rates.energy, rates.mass]))
         scale = self.scales(y, V, magnitude) + self.h * flows
@@ -484,19 +347,10 @@ class Balance:
         p = self._p0 + self._weights * (p1 - self._p0)
         return p, total_energy / (total_mass * self._cv)
 
-    def _flows(
-        self,
-        passage: Passage,
-        p: Pair,
-        T: Pair,
-    ) -> Pair:
+    def _flows(self, passage: Passage, p: Pair, T: Pair) -> Pair:
         """Return mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
-        opening.
-
-        Args:
-            p: pressures [Pa] at both ends.
-            T: temperatures [K] at both ends; the gas has that of the end it comes from.
-        """
+        opening, at pressures p [Pa] and temperatures T [K] of both; the gas has the temperature of
+        the end it comes from."""
         mass_flow = passage.opening.flow(self._gas, passage.area, p, T)
         # The gas has the temperature of the end it comes from.
         upstream_temperature = T[0]
@@ -505,26 +359,9 @@ class Balance:
         # `_cp` is the specific heat of the gas at constant pressure [J/(kg K)].
         return mass_flow, self._cp * upstream_temperature * mass_flow
 
-    def _heat(
-        self,
-        wall: Wall,
-        k: int,
-        weight: Number,
-        y: Array,
-        V: Array,
-    ) -> Number:
-        """Return the heat flow [W] from a wall into a chamber, at a weighted mean of its
-        temperature.
-
-        `_U0` [J] and `_m0` [kg] are energy and mass of the chambers at the start, `_cv` [J/(kg K)]
-        the specific heat of the gas at constant volume.
-
-        Args:
-            wall: with its temperature [K] and conductance [W/K].
-            weight: of the end of the step in this mean [-], ½ to 1.
-            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
-            V: volumes at the end of the step (n,) [m³].
-        """
+    def _heat(self, wall: Wall, k: int, weight: Number, y: Array, V: Array) -> Number:
+        """Return the heat flow [W] from a wall into chamber k, at a mean of its temperature with a
+        weight of the end of the step, ½ to 1."""
         cv = self._cv
         end_energy = y[k] * V[k] / (self._gas.gamma - 1)
         start_temperature = self._U0[k] / (self._m0[k] * cv)
@@ -534,27 +371,13 @@ class Balance:
 
     # ---- weights ---------------------------------------------------------------------------------
 
-    def _choose_weights(
-        self,
-        p: Array,
-        T: Array,
-        V: Array,
-    ) -> None:
-        """Choose the weight θ of the end of the step [-] in the flows of every chamber, and of
-        every wall.
+    def _choose_weights(self, p: Array, T: Array, V: Array) -> None:
+        """Choose the weight θ of the end of the step in the flows of every chamber, `_weights`
+        (n,), and of every wall, `_wall_weights`: ½ for short steps and near 1 for steps in which
+        pressures equalise, (4) and (5) of the module.
 
-        The weights are ½ for short steps and near 1 for steps in which pressures equalise, (4) and
-        (5) of the module.  The conductances at rest are summed too: they amplify the round-off of
-        pressures, see `scales`.
-
-        `_m0` [kg] are the masses at the start, `_cv` [J/(kg K)] is the specific heat at constant
-        volume. Sets `_weights` (n,), `_wall_weights` (one for each wall) and `_amplification` (n,),
-        all dimensionless.
-
-        Args:
-            p: pressure at the start (n,) [Pa].
-            T: temperature at the start (n,) [K].
-            V: volume at the start (n,) [m³].
+        The conductances at rest are summed too, in `_amplification` (n,) [-]: they amplify the
+        round-off of pressures, see `scales`.  p [Pa], T [K] and V [m³] (n,) are of the start.
         """
         relaxation = np.zeros_like(p)  # ζ of (4)
         equalisation = np.zeros_like(p)  # z of (5)
@@ -599,20 +422,9 @@ class Balance:
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
         self._wall_weights = np.array(wall_weights)
 
-    def _conductance(
-        self,
-        passage: Passage,
-        pu: Number,
-        Tu: Number,
-        pd: Number,
-    ) -> Number:
-        """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening.
-
-        Args:
-            pu: upstream pressure [Pa].
-            Tu: temperature of the gas [K].
-            pd: downstream pressure [Pa], < pu.
-        """
+    def _conductance(self, passage: Passage, pu: Number, Tu: Number, pd: Number) -> Number:
+        """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening, from the
+        pressure pu [Pa] and temperature Tu [K] to a lower pressure pd."""
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
         return mass_flow.real / (pu - pd)
 
@@ -641,13 +453,11 @@ def _state_at(end: End, states: list[State]) -> State:
 
 
 def _fitted_weight(rate: Number) -> Number:
-    """Return the weight θ_e = 1/(1 - exp(-rate)) - 1/rate: ½ at 0, 1 at infinity.
+    """Return the weight θ_e = 1/(1 - exp(-rate)) - 1/rate, ½ at 0 and 1 at infinity, with which a
+    relaxation is exact, equation (4) of the module.
 
-    With it a relaxation is exact, equation (4) of the module.
-
-    Args:
-        rate: length of the step over the time constant of the relaxation [-], ≥ 0; a dual number
-            carries derivatives.
+    The rate is the length of the step over the time constant of the relaxation, ≥ 0; a dual number
+    carries derivatives.
     """
     # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
     if rate < 1e-3:

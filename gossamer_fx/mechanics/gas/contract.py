@@ -7,11 +7,12 @@ A new kind of valve is therefore a class with the members of `Opening`; nothing 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from gossamer_fx.mechanics.gas.enclosure import Enclosure
-from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, Enclosure
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.surface import Geometry
 
 # Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
 # middle.
@@ -21,10 +22,8 @@ Aperture = Callable[[float, float], float]
 # Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
 @runtime_checkable
 class Holder(Protocol):
-    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change.
-
-    Reservoirs and the surroundings are such boundaries.
-    """
+    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change, as
+    reservoirs and the surroundings."""
 
     @property
     def name(self) -> str:
@@ -113,11 +112,7 @@ class Opening(Protocol):
         ...
 
     def flow(
-        self,
-        gas: IdealGas,
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
+        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
@@ -136,9 +131,7 @@ class Opening(Protocol):
 @runtime_checkable
 class Discharge(Opening, Protocol):
     """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
-
-    Gradients know derivatives by these two; of another opening they know none by its numbers.
-    """
+    Gradients know derivatives by these two; of another opening they know none by its numbers."""
 
     @property
     def area(self) -> object:
@@ -174,3 +167,43 @@ class Wall(Protocol):
     def temperature(self) -> float:
         """Temperature of the wall [K]."""
         ...
+
+
+@dataclass(repr=False)
+class ChamberState:
+    """State of the gas in one chamber at the end of the last accepted step.
+
+    The gas is well mixed and ideal: pressure · volume = (γ - 1) · internal_energy.
+
+    Attributes:
+        chamber: the chamber or tank that holds the gas.
+        enclosure: what bounds it in the running scene; None for a rigid chamber.
+        pressure: [Pa], absolute.
+        mass: [kg].
+        internal_energy: U = m c_v T [J].
+        volume: [m³], rigid part included.
+
+    Example:
+        >>> run.chamber("tank").pressure
+        200000.0
+    """
+
+    chamber: Volume
+    enclosure: CompiledEnclosure | None
+    pressure: float = 0.0
+    mass: float = 0.0
+    internal_energy: float = 0.0
+    volume: float = 0.0
+
+    def __repr__(self) -> str:
+        """Name, pressure, temperature, volume and mass."""
+        state = f"{self.pressure:.6g} Pa"
+        # Before the first state is set there is no gas, and no temperature.
+        if self.mass > 0:
+            state += f", {self.temperature:.5g} K, {self.volume:.5g} m³, {self.mass:.5g} kg"
+        return f"<ChamberState of '{self.chamber.name}': {state}>"
+
+    @property
+    def temperature(self) -> float:
+        """Temperature of the gas [K], U/(m c_v)."""
+        return self.internal_energy / (self.mass * float(self.chamber.gas.cv))

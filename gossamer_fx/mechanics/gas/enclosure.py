@@ -7,27 +7,34 @@ pressure · G.
 The step goes from coordinates q0 to q1; forces act at q_mid = (1 - α) q0 + α q1, with α of the time
 stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to
 the last digit, so film and gas exchange energy without loss.
+
+Connected components of a closed surface must all have their normals on one side.  The triangles of
+one component agree with each other, since neighbours do.  Nothing relates the normals of one
+component to those of another: a component that is inside out counts its volume as negative, and the
+gas pulls it inwards.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
-from dolfinx import fem
+import numpy.typing as npt
+from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all
-from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.mesh.edges import EdgeTable
+from gossamer_fx.core.mesh.quality import area_vectors
+from gossamer_fx.core.model.body import Array, Port, unit
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.geometry import Geometry
-from gossamer_fx.mechanics.gas.parts import check_normals, label_parts
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.surface import FilmSurface, Side
+from gossamer_fx.mechanics.gas.surface import FilmSurface, Geometry, Side
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # A volume below this share of the sum of its terms' sizes is round-off: it has no sign.  Sums over
@@ -112,25 +119,13 @@ class FilmEnclosure:
     """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area
     vector.
 
-    The normals may all point inwards: the compiled enclosure finds that by the sign of V at the
-    start.  The volume of a flat film is round-off; then the normals of the mesh count as outward.
-
-    Args:
-        film: the film.
-        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
-        rings: rings over which strips close the chamber.
-        chamber: name of the chamber, for messages.
-
-    Raises:
-        InputError: a ring is on another film.
+    `surface` names the groups of triangles that bound the chamber, empty for the whole film.  The
+    normals may all point inwards: the compiled enclosure finds that by the sign of V at the start.
+    The volume of a flat film is round-off; then the normals of the mesh count as outward.
     """
 
     def __init__(
-        self,
-        film: Membrane,
-        surface: tuple[str, ...],
-        rings: tuple[Ring, ...],
-        chamber: str,
+        self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
     ) -> None:
         self.film = film
         self.surface = surface
@@ -139,8 +134,8 @@ class FilmEnclosure:
         for ring in rings:
             check(
                 ring.body is film,
-                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than "
-                f"'{film.name}'.",
+                f"Chamber '{chamber}': "
+                f"its ring '{ring.edges}' is on another film than '{film.name}'.",
             )
 
     @property
@@ -157,38 +152,22 @@ class FilmEnclosure:
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
-
-        Args:
-            system: the equations of the scene, with its initial state.
-            geometry: rings and surfaces that several enclosures share.
-
-        Raises:
-            InputError: the surface is open, its normals are not consistent, or one of several parts
-                is inside out.
-        """
+        """Raises `InputError` if the surface is open, its normals are not consistent, or one of
+        several components is inside out."""
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
-        # A part that a ring closes has no separate volume.
+        # A component that a ring closes has no separate volume.
         if not loops:
-            self._check_parts(cells, system)
+            self._check_components(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
-    def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
-        """Refuse a surface of several parts that are not connected, one of which is inside out.
-
-        Collective.
-
-        Args:
-            cells: local triangles (n,) of the surface, owned and ghost, in rising order.
-
-        Raises:
-            InputError: one part has its normals on the other side than the largest one.
-        """
-        labels = label_parts(self.film.mesh.edges, cells)
+    def _check_components(self, cells: np.ndarray, system: Assembly) -> None:
+        """Refuse a surface of several components that are not connected, one of which has its
+        normals on the other side than the largest one.  Collective."""
+        labels = label_components(self.film.mesh.edges, cells)
         lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
         has_several = bool((labels != lowest).any())
         if not self.film.comm.allreduce(has_several, op=MPI.LOR):
@@ -199,40 +178,24 @@ class FilmEnclosure:
 
     def cells(self, film: Membrane) -> np.ndarray:
         """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
-        order.
-
-        Args:
-            film: the film of this enclosure; it has no other.
-
-        Raises:
-            InputError: a name of `surface` is not that of a group of triangles.
-        """
+        order."""
         if not self.surface:
             return all_triangles(film)
         groups = [self.film.mesh.group(name) for name in self.surface]
         check(
             all(dim == 2 for dim, _ in groups),
-            f"Chamber '{self.chamber}': its surface {self.surface} must be named groups of "
-            "triangles.",
+            f"Chamber '{self.chamber}': "
+            f"its surface {self.surface} must be named groups of triangles.",
         )
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
-        """Check that triangles and strips over rings form a closed, consistently oriented surface.
+        """Check that triangles (n,), owned and ghost, and strips over rings form a closed surface,
+        in which every edge has two triangles that pass it in opposite directions; otherwise raise
+        `InputError`.
 
-        In such a surface every edge has two triangles, and they pass it in opposite directions.
-        Strips span the hole that a ring of edges leaves.  Collective.
-
-        Args:
-            cells: local triangles of the surface (n,), owned and ghost.
-            loops: the rings of the chamber, compiled, in the order of `rings`.
-
-        Returns:
-            For each ring the sign, +1 or -1, with which its strips close the surface.
-
-        Raises:
-            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
-                triangles have opposite normals.
+        Strips span the hole that a ring of edges leaves.  Returns for each of the loops, in the
+        order of `rings`, the sign, +1 or -1, with which its strips close the surface.  Collective.
         """
         comm = self.film.comm
         table = self.film.mesh.edges
@@ -249,8 +212,9 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its "
-                "surface; give the groups of triangles on one side of it.",
+                f"Chamber '{self.chamber}': "
+                f"its ring '{ring.edges}' is not a boundary of its surface; "
+                "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))
@@ -262,15 +226,15 @@ class FilmEnclosure:
         check_on_all(
             comm,
             bool(((count == 0) | (count == 2)).all()),
-            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name "
-            "the groups of triangles that bound the chamber, or span holes by rings.",
+            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, "
+            "name the groups of triangles that bound the chamber, or span holes by rings.",
         )
         check_on_all(
             comm,
             bool((sum_of_directions == 0).all()),
-            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite "
-            "normals; make or "
-            "read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
+            f"Chamber '{self.chamber}': "
+            f"neighbouring triangles of '{self.film.name}' have opposite normals; "
+            "make or read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
 
@@ -285,12 +249,7 @@ class _CompiledFilm:
     """One chamber of a `FilmSurface`, with the sign of its normals."""
 
     def __init__(self, surface: FilmSurface, side: Side) -> None:
-        """Add the chamber to the surface, which computes volumes and forces of all its chambers.
-
-        Args:
-            surface: of the film.
-            side: triangles of the chamber, and their directions.
-        """
+        """Add the chamber to the surface, which computes volumes and forces of all its chambers."""
         self._surface = surface
         self._side = side
         self._index = surface.add(side)
@@ -357,11 +316,10 @@ class Piston:
     def __init__(
         self,
         port: Port,
-        area: float,
+        area: Annotated[float, positive("m²")],
         *,
         direction: tuple[float, float, float],
     ) -> None:
-        check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
         )
@@ -397,13 +355,8 @@ class _CompiledPiston:
     """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
 
     def __init__(self, piston: Piston, system: Assembly) -> None:
-        """Compute the gradient of a piston's volume, area times direction [m²], in this rank's
-        unknowns.
-
-        Args:
-            piston: area [m²], direction and the point that moves.
-            system: the equations of the scene.
-        """
+        """Compute the gradient of the volume, area times direction [m²], in this rank's
+        unknowns."""
         self._system = system
         port = piston.port
         # A port is a weighted sum of nodes; the position is the first three numbers of a node.
@@ -449,3 +402,130 @@ class _CompiledPiston:
     def accept(self) -> None:
         # `follow` reads q0 from the system: there is nothing to store.
         pass
+
+
+# ---- connected components ------------------------------------------------------------------------
+
+Cells = npt.NDArray[np.int32]
+
+# A volume below this share of the sum of its terms' sizes is round-off: a flat component has no
+# inside.
+FLAT = 1e-9
+
+
+@dataclass(frozen=True)
+class _Component:
+    """Signed volume [m³] of the cones from the origin to the triangles of one component of a
+    surface, or of what one rank has of it; the sum of their absolute volumes [m³], the scale of
+    round-off; and the corners (3,) [m] of the bounding box."""
+
+    volume: float
+    size: float
+    low: Array
+    high: Array
+
+    def merged(self, other: _Component) -> _Component:
+        """The component that consists of both."""
+        return _Component(
+            volume=other.volume + self.volume,
+            size=other.size + self.size,
+            low=np.minimum(other.low, self.low),
+            high=np.maximum(other.high, self.high),
+        )
+
+    def is_within(self, other: _Component) -> bool:
+        """Whether the bounding box is strictly inside that of another component."""
+        is_above = bool((self.low > other.low).all())
+        is_below = bool((self.high < other.high).all())
+        return is_above and is_below
+
+
+def label_components(table: EdgeTable, cells: Cells) -> Array:
+    """Number the connected components of a surface of local triangles (n,), owned and ghost, in
+    rising order: the number (n,) of each triangle's component, the same on all ranks.  Collective.
+
+    Each rank gives each component of its triangles, ghosts included, the lowest number of a
+    triangle in it.  Ranks exchange these numbers until none changes.
+    """
+    # Imported here, as a scene without chambers of films does not need it.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    index_map = table.domain.topology.index_map(2)
+    comm = table.domain.comm
+    local_count = index_map.size_local + index_map.num_ghosts
+    is_of_surface = np.zeros(local_count, dtype=bool)
+    is_of_surface[cells] = True
+
+    # Triangles of the surface are neighbours where they share an edge.
+    has_both = (table.cells >= 0).all(axis=1)
+    pairs = table.cells[has_both]
+    pairs = pairs[is_of_surface[pairs].all(axis=1)]
+    ones = np.ones(len(pairs), dtype=np.int8)
+    entries = (ones, (pairs[:, 0], pairs[:, 1]))
+    neighbours = coo_array(entries, shape=(local_count, local_count))
+    count, component = connected_components(neighbours, directed=False)
+
+    local_cells = np.arange(local_count, dtype=np.int32)
+    labels = la.vector(index_map)
+    labels.array[:] = index_map.local_to_global(local_cells)
+    # A number passes one rank in each round, so there are at most as many rounds as ranks along a
+    # component.
+    while True:
+        lowest = np.full(count, np.inf)
+        np.minimum.at(lowest, component, labels.array)
+        has_changed = bool((labels.array != lowest[component]).any())
+        labels.array[:] = lowest[component]
+        labels.scatter_forward()
+        if not comm.allreduce(has_changed, op=MPI.LOR):
+            return labels.array[cells].copy()
+
+
+def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: Array) -> None:
+    """Raise `InputError` unless the components of a closed surface have their normals on the same
+    side.  Collective.
+
+    A component inside another one may be a hollow, whose normals then point into it; only
+    components that are not inside another one are compared.  Flat components have no volume and are
+    not examined.  `labels` (n,) are those of `label_components`, x (m, 3) [m] initial positions of
+    the film's local nodes.
+    """
+    owned = film.mesh.domain.topology.index_map(2).size_local
+    is_owned = cells < owned
+    corners = x[cell_nodes(film.space)[cells[is_owned], :3]]
+    terms = np.einsum("ij,ij->i", corners.mean(axis=1), area_vectors(corners)) / 3
+    owned_labels = labels[is_owned]
+    mine = {}
+    for label in np.unique(owned_labels):
+        is_of_component = owned_labels == label
+        points = corners[is_of_component].reshape(-1, 3)
+        mine[label] = _Component(
+            volume=terms[is_of_component].sum(),
+            size=abs(terms[is_of_component]).sum(),
+            low=points.min(axis=0),
+            high=points.max(axis=0),
+        )
+
+    # Ranks exchange one entry for each component, not one for each triangle.
+    components: dict[float, _Component] = {}
+    for share in film.comm.allgather(mine):
+        for label, component in share.items():
+            if label in components:
+                components[label] = components[label].merged(component)
+            else:
+                components[label] = component
+
+    solid = [one for one in components.values() if abs(one.volume) > FLAT * one.size]
+    outer = [one for one in solid if not any(one.is_within(other) for other in solid)]
+    # The largest component is taken to be right.
+    outer.sort(key=lambda one: -abs(one.volume))
+    for one in outer[1:]:
+        if one.volume * outer[0].volume < 0:
+            middle = ", ".join(f"{value:.4g}" for value in (one.low + one.high) / 2)
+            raise InputError(
+                f"Chamber '{chamber}': "
+                f"one of the {len(components)} components of '{film.name}' is inside out, "
+                f"the one about ({middle}) m, "
+                f"whose volume of {abs(one.volume):.4g} m³ would be subtracted from the others; "
+                "turn its normals (gmsh: model.mesh.reverse)."
+            )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 
 
 @check_arguments
@@ -26,25 +26,9 @@ class IdealGas:
         1004.5
     """
 
-    gamma: float
-    R: float
-
-    def __post_init__(self) -> None:
-        """Check the ratio of specific heats γ [-] and the specific gas constant R [J/(kg K)].
-
-        Raises:
-            InputError: γ is not above 1, or R is not positive.
-        """
-        # γ = 1 would mean an infinite c_v: the internal energy U = p V/(γ - 1) has no value then.
-        check(
-            self.gamma > 1,
-            f"IdealGas: gamma is {self.gamma!r}; the ratio of specific heats exceeds 1.",
-        )
-        check(
-            self.R > 0,
-            f"IdealGas: R is {self.R!r}; give the specific gas constant in J/(kg K), e.g. 287 for "
-            "air.",
-        )
+    # γ = 1 would mean an infinite c_v: the internal energy U = p V/(γ - 1) has no value then.
+    gamma: Annotated[float, Range(1.0, above=True)]
+    R: Annotated[float, positive("J/(kg K)")]
 
     @property
     def cv(self) -> float:

@@ -28,7 +28,7 @@ W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `c
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -37,12 +37,14 @@ from petsc4py import PETSc
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
-from gossamer_fx.mechanics.gas.contract import Holder, Opening, Volume, Wall
+from gossamer_fx.mechanics.gas.contract import ChamberState, Holder, Opening, Volume, Wall
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
-from gossamer_fx.mechanics.gas.geometry import Geometry
-from gossamer_fx.mechanics.gas.state import ChamberState
+from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnknowns
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -54,16 +56,11 @@ PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
 MIN_REMAINING_SHARE = 0.1
 
 
-class GasNetwork:
-    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
-
-    Args:
-        items: chambers, reservoirs, surroundings, openings and walls of a scene.
-        system: the compiled scene.
+class GasNetwork(ScalarUnknowns):
+    """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
 
     Attributes:
         size: number of unknowns, 2n for n chambers.
-        gas: the gas of all chambers.
         chambers: states of the chambers after the last accepted step.
         balance: their equations in a step.
         geometry: volumes and rings of the running scene.
@@ -123,24 +120,28 @@ class GasNetwork:
         )
 
     def set_static_process(self, process: str) -> None:
-        """Choose what stays constant in the chambers while an equilibrium is looked for.
-
-        Raises:
-            KeyError: another process.
-        """
+        """Choose by its name what stays constant in the chambers while an equilibrium is looked
+        for."""
         # Imported here, as runs do not need it.
         from gossamer_fx.mechanics.gas.static_processes import (
+            AdiabaticBalance,
             HeldPressureBalance,
             IsothermalBalance,
         )
 
         kinds = {
-            ADIABATIC: Balance,
+            ADIABATIC: AdiabaticBalance,
             ISOTHERMAL: IsothermalBalance,
             HELD_PRESSURE: HeldPressureBalance,
         }
         self._process = process
         self.balance = self._make_balance(kinds[process])
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the scene has no openings, so that at rest the gas is a function of its
+        volumes."""
+        return not self._passages
 
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
@@ -156,15 +157,9 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Return the stiffness of the gas in each film or piston against volume changes, p
-        V^exponent = const.
-
-        Collective.
-
-        Returns:
-            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
-            p/V [Pa/m³]; empty for the exponent 0.
-        """
+        """Stiffness of the gas in each film or piston against volume changes, p V^exponent =
+        const.: this rank's part of the gradient of its volume [m²], and κ = exponent p/V [Pa/m³];
+        empty for the exponent 0.  Collective."""
         found = []
         for state in self.chambers:
             if state.enclosure is not None and exponent:
@@ -176,11 +171,7 @@ class GasNetwork:
 
     def start(self) -> None:
         """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
-        Collective.
-
-        Raises:
-            InputError: a chamber encloses no volume, or a negative one.
-        """
+        Collective.  `InputError`: a chamber encloses no volume, or a negative one."""
         self.geometry.follow()
         self.geometry.accept()
         for state in self.chambers:
@@ -189,9 +180,8 @@ class GasNetwork:
             state.volume = _volume(state)
             check(
                 state.volume > 0,
-                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open "
-                "it by an initial "
-                "displacement or give it a dead_volume.",
+                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; "
+                "open it by an initial displacement or give it a dead_volume.",
             )
             state.pressure = state.chamber.initial_pressure
             state.internal_energy = state.pressure * state.volume / (self.gas.gamma - 1)
@@ -201,11 +191,7 @@ class GasNetwork:
 
     def begin_step(self, h: float, t: float) -> Array:
         """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
-        moves.
-
-        Raises:
-            InputError: the area of a valve is negative or not a number.
-        """
+        moves."""
         pressures = np.array([state.pressure for state in self.chambers])
         masses = np.array([state.mass for state in self.chambers])
         energies = np.array([state.internal_energy for state in self.chambers])
@@ -222,10 +208,8 @@ class GasNetwork:
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
-
-        It solves the balance at the volumes of the iterate, and sets the pressures on films and
-        pistons that enclose the chambers."""
+        """Return the scaled residual (2n,) of the gas balance at the iterate, after the balance was
+        solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
         self.volumes = np.array([_volume(state) for state in self.chambers])
         self.swept = np.array([_swept(state) for state in self.chambers])
@@ -242,13 +226,9 @@ class GasNetwork:
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
-        """Return the solution y of the gas balance at the volumes of the iterate.
-
-        Args:
-            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
-                they are returned if they or the volumes are not finite, a volume is not positive,
-                or no solution is found.
-        """
+        """Return the solution y of the gas balance at the volumes of the iterate, or the proposed y
+        itself if it or the volumes are not finite, a volume is not positive, or no solution is
+        found."""
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
             return y
@@ -274,10 +254,9 @@ class GasNetwork:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
-
-        G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
-        derivatives of the scaled gas balance by coordinates, C those by y.  Collective."""
+        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
+        the forces [N] of a unit of the unknowns y, H the derivatives of the scaled gas balance by
+        coordinates, C those by y.  Collective."""
         n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
@@ -312,21 +291,21 @@ class GasNetwork:
         return G, H, C
 
     def commit(self) -> None:
-        """Accept the step: state, supplied energy and supplied mass are summed up.  Collective.
-
-        Mass and energy are summed from the flows, not taken from y: so they are conserved to
-        round-off whatever the tolerance to which pressures and masses y are solved.
-        """
+        """Accept the step.  Mass and energy, also those supplied, are summed from the flows, not
+        taken from y: so they are conserved to round-off whatever the tolerance to which y is
+        solved.  Collective."""
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
+        volumes = np.array([_volume(state) for state in self.chambers])
+        swept = np.array([_swept(state) for state in self.chambers])
+        works = self.balance.work(self.y, volumes, swept)
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
-            state.volume = _volume(state)
+            state.volume = float(volumes[k])
             state.mass += h * float(rates.mass[k])
-            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
-            state.internal_energy += h * float(rates.energy[k]) - work
+            state.internal_energy += h * float(rates.energy[k]) - float(works[k])
             if self._process != ADIABATIC:
                 self._supply_at_rest(state, float(self.balance.temperatures[k]))
             state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
@@ -336,14 +315,8 @@ class GasNetwork:
         self._mass_supplied += h * rates.mass_supplied
 
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
-        """Add the gas that holds the pressure of a chamber, and the heat that holds its
-        temperature.
-
-        Both count as supplied.
-
-        Args:
-            temperature: that is held [K].
-        """
+        """Count the gas that holds the pressure of a chamber, and the heat that holds its
+        temperature [K], as supplied."""
         if self._process == HELD_PRESSURE:
             mass = state.pressure * state.volume / (self.gas.R * temperature)
             self._mass_supplied += mass - state.mass
@@ -354,7 +327,7 @@ class GasNetwork:
 
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
-    def adjoint(self) -> ScalarsAdjoint:
+    def adjoint(self) -> GasAdjoint:
         # Imported here: runs without gradients do not load it.
         from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
@@ -369,29 +342,20 @@ class GasNetwork:
     # ---- scalar unknowns: checks -----------------------------------------------------------------
 
     def inadmissible(self) -> str:
-        """Report in one clause which chamber has a volume or pressure that is not positive.
-
-        Empty if none has; the same on every rank.
-
-        It needs the volumes [m³] and pressures [Pa] of the last iterate; NaN does not count as not
-        positive.
-        """
+        """Report in one clause which chamber has a volume or pressure that is not positive at the
+        last iterate; empty if none has, or they are NaN."""
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
-                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
-                    f"of {pressure:.3g} Pa"
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ "
+                    f"and a pressure of {pressure:.3g} Pa"
                 )
         return ""
 
     def unsolved(self) -> str:
-        """Report in one clause which chamber's mass and energy balance has the largest residual.
-
-        Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
-
-        It needs the residual of the last iterate, and gives volume [m³] and pressure [Pa] of the
-        chamber there. The text is the same on all ranks.
-        """
+        """Report in one clause which chamber's balance has the largest residual, with its volume
+        [m³] and pressure [Pa] at the last iterate; empty if all are at most `ACCEPTABLE_RESIDUAL`.
+        NaN counts as infinite."""
         largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
         # argmax would pass over a NaN in favour of a number
         largest[~np.isfinite(largest)] = np.inf
@@ -399,9 +363,8 @@ class GasNetwork:
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
-            f"{self.volumes[k]:.3g} m³, "
-            f"pressure {self.y[k]:.3g} Pa)"
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance "
+            f"(volume {self.volumes[k]:.3g} m³, pressure {self.y[k]:.3g} Pa)"
         )
 
     # ---- scalar unknowns: energies and state -----------------------------------------------------
@@ -430,11 +393,6 @@ class GasNetwork:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the bodies have been restored.  Collective.
-
-        Raises:
-            KeyError, ValueError: the state is of another number of chambers, or lacks an entry.
-        """
         self.geometry.follow()
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):
@@ -462,11 +420,8 @@ class GasNetwork:
 
 
 def _check_chambers(chambers: list[Volume]) -> None:
-    """Check that there are chambers, of one gas, and that no two enclose the same whole film.
-
-    Raises:
-        InputError: there is none, two have different gases, or two enclose the whole of a film.
-    """
+    """Raise `InputError` unless there are chambers, of one gas, and no two enclose the same whole
+    film."""
     check(
         bool(chambers),
         "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
@@ -475,8 +430,8 @@ def _check_chambers(chambers: list[Volume]) -> None:
     for chamber in chambers:
         check(
             chamber.gas == first.gas,
-            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has "
-            "one.",
+            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; "
+            "a scene has one.",
         )
     whole_films: list[object] = []
     for chamber in chambers:
@@ -485,32 +440,22 @@ def _check_chambers(chambers: list[Volume]) -> None:
         for film in chamber.enclosure.whole_films:
             check(
                 film not in whole_films,
-                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave "
-                "one out.",
+                f"Two chambers enclose the whole of '{film.name}'; "
+                "give each its surface, or leave one out.",
             )
             whole_films.append(film)
 
 
 def _compile_enclosure(
-    chamber: Volume,
-    system: Assembly,
-    geometry: Geometry,
+    chamber: Volume, system: Assembly, geometry: Geometry
 ) -> CompiledEnclosure | None:
-    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies.
-
-    Raises:
-        InputError: the film is not closed, or its normals are not consistent.
-    """
+    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
     if chamber.enclosure is None:
         return None
     return chamber.enclosure.compile(system, geometry)
 
 
-def _passages(
-    items: list[Any],
-    numbers: dict[int, int],
-    geometry: Geometry,
-) -> list[Passage]:
+def _passages(items: list[Any], numbers: dict[int, int], geometry: Geometry) -> list[Passage]:
     """Return the openings of a scene, with their ends as numbers of chambers or as boundaries."""
 
     def end(item: Holder | Volume) -> End:

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import basix
@@ -41,13 +42,15 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.core.forms.c_source import CStruct, c_library, check_indices
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.kernels.library import library
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
+
+# The C functions of rings.
+HEADER = Path(__file__).parent / "ring.h"
 
 # Coordinates that differ by less than this share of the ring's extent count as equal when the first
 # vertex of a walk is chosen: far above round-off, far below the length of an edge.
@@ -58,14 +61,8 @@ QUADRATURE_DEGREE_ACROSS = 2
 
 
 class Edge(NamedTuple):
-    """An edge of a film in global numbers.
-
-    Attributes:
-        first_vertex, last_vertex: vertices of the mesh.
-        first_node, last_node: nodes of the film.
-        middle_node: node between them; -1 for films of order 1.
-        start, end: coordinates (3,) [m] of its ends on the mesh.
-    """
+    """An edge of a film in global numbers of its vertices and nodes; `middle_node` is -1 for films
+    of order 1.  `start` and `end` (3,) [m] are its ends on the mesh."""
 
     first_vertex: int
     last_vertex: int
@@ -114,24 +111,20 @@ class Ring:
 
     def loop(self) -> Indices:
         """Return the edges of a closed line in the order of a walk around it, the same on every
-        rank.  Collective.
+        rank: (n, 5), two end vertices, two end nodes and the node between them (or -1), in global
+        numbers.  Collective.
 
-        Returns:
-            An array (n, 5): for each edge its two end vertices, its two end nodes and the node
-            between them (or -1), in global numbers.  The walk starts at the vertex with the lowest
-            x on the mesh, of those the lowest y, then z: at the same vertex for any number of
-            ranks, and at the seam of a tube that is pressed flat, so that opposite edges lie on
-            each other.
-
-        Raises:
-            InputError: the edges do not form one closed line.
+        The walk starts at the vertex with the lowest x on the mesh, of those the lowest y, then z:
+        at the same vertex for any number of ranks, and at the seam of a tube that is pressed flat,
+        so that opposite edges lie on each other.  Edges that form no closed line raise
+        `InputError`.
         """
         edges = sorted(
             edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
         )
         message = (
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a "
-            "group that does."
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; "
+            "name a group that does."
         )
         edges_at: dict[int, list[int]] = {}
         for i, edge in enumerate(edges):
@@ -153,20 +146,15 @@ class Ring:
         # A shorter walk means that the edges form several closed lines.
         check(
             len(walk) == len(edges),
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; make "
-            "a group of each line, and give a Ring for each.",
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; "
+            "make a group of each line, and give a Ring for each.",
         )
         numbers = np.array([edge[:5] for edge in walk])
         starts = np.array([edge.start for edge in walk])
         return np.roll(numbers, -_lowest(starts), axis=0)
 
     def _own_edges(self) -> list[Edge]:
-        """Return the edges of a ring, a closed line of film edges, that this rank owns, in global
-        numbers.
-
-        Raises:
-            InputError: the mesh has no group of this name, or it is not one of curves.
-        """
+        """Return the edges of the ring that this rank owns, in global numbers."""
         film = self.body
         table = film.mesh.edges
         edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
@@ -197,29 +185,18 @@ class Ring:
 class Loop:
     """A ring in a running scene: its area vector, volume and gradient, see the module's (1) to (3).
 
-    Args:
-        ring: the ring.
-        system: the compiled scene.
+    Sizes: n edges, k nodes of a strip, g quadrature points of a strip.  `_X0` and `_X1` (nodes, 3)
+    [m] are the positions at the start and at the end of a step, the same on every rank, zero until
+    the first evaluation.
 
     Attributes:
         vertices: global end vertices of the edges in the order of the walk (n, 2).
         indices: global indices of the coordinates of its nodes in system vectors (nodes, 3).
         gradients: G at q̄ and at q1, (nodes, 3) [m²] each; the same on every rank.
-
-    Sizes below: n edges, k nodes of a strip, g quadrature points of a strip.
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
-        """Walk once around a ring of film edges, and tabulate the strips that close it; collective.
-
-        `_X0` and `_X1` are the positions [m] (nodes, 3) at the start and at the end of a step, the
-        same on every rank, zero until the first evaluation; `_c` is the compiled C library of the
-        kernels.
-
-        Raises:
-            InputError: the edges of the ring do not form one closed line, or no C compiler was
-                found.
-        """
+        """Walk once around the ring, and tabulate the strips that close it.  Collective."""
         walk = ring.loop()
         order = ring.body.order
         self._system = system
@@ -231,7 +208,7 @@ class Loop:
             nodes = np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(len(walk), order)
         self._tabulate(order)
-        self._c = library(system.comm)
+        self._c = c_library(HEADER, system.comm)
         self._c_strips = self._strips_for_kernel(len(nodes))
 
         self.indices = system.block(ring.body).to_global(nodes)
@@ -252,14 +229,13 @@ class Loop:
         self.gradients: tuple[Array, Array] = (self._X0, self._X0)
 
     def _tabulate(self, order: int) -> None:
-        """Tabulate the shape functions of a strip across a ring at its quadrature points.
-
-        They are values, times the weight of the point, and derivatives along and across the strip,
-        (points, nodes of a strip) each, all dimensionless.
+        """Tabulate the shape functions of a strip at its quadrature points, (points, nodes of a
+        strip) each: `_test`, values times the weight of the point, and `_ds` and `_dr`, derivatives
+        along and across the strip.
 
         In the code s and r are the points along and across the strip, from 0 to 1, N and dN values
-        and derivatives of the shape functions along it. Sets `_ds` and `_dr`, the derivatives by s
-        and by r, `_test`, the weighted values, and `_weights`."""
+        and derivatives of the shape functions along it.
+        """
         interval = basix.CellType.interval
         # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
         degree_along = 3 * order - 1
@@ -284,14 +260,7 @@ class Loop:
         self._test = at_points(N, across) * weights.reshape(-1, 1)
 
     def _strips_for_kernel(self, nodes: int) -> CStruct:
-        """Return the strips that close a ring of film edges as the C structure `ring_strips`.
-
-        `_c` is the C library of the kernels; `_ds` and `_dr` are the derivatives of the shape
-        functions along and across a strip, `_test` their weighted values.
-
-        Raises:
-            ValueError: a strip has a node that does not exist.
-        """
+        """Return the strips as the C structure `ring_strips`."""
         check_indices("The nodes of strips", self._strips, nodes)
         strips, nodes_of_strip = self._strips.shape
         points = len(self._weights)
@@ -317,15 +286,8 @@ class Loop:
         )
 
     def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
-        """Return the rows of a ring's tangent that this rank adds as the C structure `ring_rows`.
-
-        A row belongs to one node of one strip, and stands for its three coordinates; `_c` is the C
-        library of the kernels.
-
-        Args:
-            strip: number of the strip of each row (n,).
-            node: which node of that strip the row belongs to (n,).
-        """
+        """Return the rows of the ring's tangent that this rank adds as the C structure `ring_rows`;
+        a row belongs to one node (n,) of one strip (n,), and stands for its three coordinates."""
         count = len(strip)
         return self._c.struct(
             "ring_rows",
@@ -337,31 +299,21 @@ class Loop:
         )
 
     def aperture(self, h: float) -> float:
-        """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s].  Collective.
-
-        That is the middle of the coming step to second order.  The middle of the iterate is not
-        taken: then the flow would depend on the film, and the tangent on the flow.
-        """
+        """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s]: the middle of the coming step
+        to second order.  The middle of the iterate is not taken: then the flow would depend on the
+        film, and the tangent on the flow.  Collective."""
         xs, xr = self._strip_tangents(self._predicted(h))
         return float(np.linalg.norm(self._area_vector(xs, xr)))
 
     def aperture_gradient(self, h: float) -> Array:
-        """Return the derivative ∂|a|/∂q0 of the opened area |a| [m²] by positions at the start of a
-        step.  Collective.
+        """Return the derivative ∂|a|/∂q0 (nodes, 3) [m] of the opened area |a| [m²] by positions at
+        the start of a step of length h [s], the same on every rank; zero for a ring without area.
+        That by v0 is ½ h times as large.  Collective.
 
         With e = a/|a| the change of |a| is e·δa, and with the tangents x,s and x,r of the ring's
-        strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
-
-        In the code xs and xr are these tangents [m] at the quadrature points of all strips, `_ds`
-        and `_dr` the derivatives of the shape functions by s and r. X are the positions (nodes, 3)
-        [m] predicted from the start of the step, at which the area is taken.
-
-        Args:
-            h: length of the step [s].
-
-        Returns:
-            (nodes, 3) [m], the same on every rank; zero for a ring without area.  The derivative by
-            v0 is ½ h times as large.
+        strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.  In the code xs and xr are these
+        tangents [m] at the quadrature points of all strips, X (nodes, 3) [m] the positions
+        predicted from the start of the step, at which the area is taken.
         """
         X = self._predicted(h)
         xs, xr = self._strip_tangents(X)
@@ -383,13 +335,11 @@ class Loop:
         """Positions q0 + ½ h v0 (nodes, 3) [m] of the nodes.  Collective."""
         positions = self._gather(self._system.q0)[0]
         velocities = self._gather(self._system.v0)[0]
-        predicted: Array = positions + h / 2 * velocities
-        return predicted
+        return positions + h / 2 * velocities
 
     def _area_vector(self, xs: Array, xr: Array) -> Array:
         """a (3,) [m²] of (1) for the tangents of the strips."""
-        area_vector: Array = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
-        return area_vector
+        return np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
 
     def follow(self) -> None:
         """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
@@ -404,15 +354,9 @@ class Loop:
         self._X0 = self._X1
 
     def products(self) -> Array:
-        """Return the share of a ring, whose strips close a chamber, in three volumes, (3,) [m³].
-
-        They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
-        sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
-        the step.
-
-        `_X0` and `_X1` are the positions (nodes, 3) [m] at the start and at the end of the step.
-        The result, the same on every rank, is stored for the next call.
-        """
+        """Return the share of the ring's strips in three volumes, (3,) [m³]: G(q1)·q1, three times
+        the volume, G its gradient; the sum of the sizes of the terms of that, for round-off; and
+        G(q̄)·(q1 - q0), the volume that is swept in the step.  It is stored for the next call."""
         if self._products is None:
             at_middle, at_end = self.gradients
             terms = at_end * self._X1
@@ -421,16 +365,9 @@ class Loop:
         return self._products
 
     def direction(self, vertices: Indices) -> Indices:
-        """Return in which direction the walk round a ring, a closed line of film edges, passes some
-        edges.
-
-        Args:
-            vertices: global numbers (m, 2) of the ends of each edge.
-
-        Returns:
-            For each edge +1 if the walk passes it from the first to the second vertex, -1 for the
-            opposite direction, 0 if it is not an edge of the ring; (m,).
-        """
+        """For each edge, by the global numbers (m, 2) of its ends, +1 if the walk passes it from
+        the first to the second vertex, -1 for the opposite direction, 0 if it is not an edge of the
+        ring; (m,)."""
         # a and b are the first and second vertex of an edge.
         passed = {(int(a), int(b)) for a, b in self.vertices}
         signs = np.zeros(len(vertices), dtype=np.int64)
@@ -443,34 +380,19 @@ class Loop:
                 signs[i] = -1
         return signs
 
-    def add_own(
-        self,
-        values: Array,
-        start: int,
-        G: Array,
-    ) -> None:
-        """Add a gradient at the nodes of a ring of film edges to the unknowns that this rank owns.
-
-        Args:
-            values: the owned unknowns of the film, flattened; changed in place.
-            start: where they begin in this rank's part of a system vector.
-            G: a gradient at all nodes of the ring (nodes, 3) [m²].
-        """
+    def add_own(self, values: Array, start: int, G: Array) -> None:
+        """Add a gradient G (nodes, 3) [m²] at all nodes of the ring to the owned unknowns of the
+        film, flattened, which begin at `start` in this rank's part of a system vector; changed in
+        place."""
         values[self._own - start] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
-        adds its rows.
+        """Add the derivative of a pressure's force by the end q1 of the step to the tangent of the
+        system [N/m]; each rank adds its rows.
 
-        The force is scale · G(q̄), with the gradient G [m²] of the ring's volume and positions q̄ =
-        (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
-
-        X are the positions q̄ (nodes, 3) [m], a_ij a vector [m] for each pair of nodes i and j,
-        `_c` the C library of the kernels.
-
-        Args:
-            A: tangent of the system [N/m], changed in place.
-            scale: pressure on the strips [Pa], with its sign.
+        The force is scale · G(q̄), with a pressure `scale` [Pa], the gradient G [m²] of the ring's
+        volume and q̄ = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.  X are the positions
+        q̄ (nodes, 3) [m], a_ij a vector [m] for each pair of nodes i and j.
         """
         # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
         shape = (self._row_count, 3, self._column_indices.shape[1])
@@ -487,8 +409,7 @@ class Loop:
 
     def _middle(self) -> Array:
         """Positions (nodes, 3) [m] of the nodes at q̄."""
-        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
-        return X
+        return (1 - self._alpha) * self._X0 + self._alpha * self._X1
 
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""
@@ -496,17 +417,8 @@ class Loop:
         return self._ds @ corners, self._dr @ corners
 
     def _gradient(self, X: Array) -> Array:
-        """Return the gradient of the volume that the ring's strips close, by the positions of its
-        nodes.
-
-        G is the gradient, `_c` the C library of the kernels. All ranks compute the whole ring.
-
-        Args:
-            X: positions (nodes, 3) [m] of the nodes.
-
-        Returns:
-            (nodes, 3) [m²].
-        """
+        """Return the gradient (nodes, 3) [m²] of the volume that the ring's strips close, by the
+        positions X (nodes, 3) [m] of its nodes.  All ranks compute the whole ring."""
         G = np.zeros_like(X)
         self._c.lib.add_ring_gradient(
             self._c_strips.pointer,
@@ -523,13 +435,8 @@ def _quadrature(degree: int) -> tuple[Array, Array]:
 
 
 def _lowest(points: Array) -> int:
-    """Return the number of the point that has the lowest x, of those the lowest y, then z.
-
-    Coordinates that differ by round-off count as equal; of equal points it is the first.
-
-    Args:
-        points: (n, 3) [m], n > 0.
-    """
+    """Return the number of the point (n, 3) [m] that has the lowest x, of those the lowest y, then
+    z.  Coordinates that differ by round-off count as equal; of equal points it is the first."""
     low = points.min(axis=0)
     high = points.max(axis=0)
     extent = float(np.linalg.norm(high - low))
@@ -542,14 +449,9 @@ def _lowest(points: Array) -> int:
 
 
 def _strips(n: int, order: int) -> Indices:
-    """Return the nodes of the strips that close a ring of n edges.
-
-    On either side they are the start, the end and, of order 2, the node between.  Vertex i of the
-    walk is node i, the node on the edge behind it is node n + i.
-
-    Returns:
-        (strips, 2 (order + 1)), strips = n/2 rounded up.
-    """
+    """Return the nodes (strips, 2 (order + 1)) of the n/2 strips, rounded up, that close a ring of
+    n edges: on either side the start, the end and, of order 2, the node between.  Vertex i of the
+    walk is node i, the node on the edge behind it is node n + i."""
     pairs = np.arange(n // 2)
     # start, end and middle node of the edges on the way there, and on the way back
     there = [pairs, pairs + 1, n + pairs]
@@ -570,11 +472,8 @@ def _strips(n: int, order: int) -> Indices:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a × b over the last axis; np.cross takes three times as long for so few vectors.
-
-    Args:
-        a, b: arrays (..., 3) of one shape.
-    """
+    """Return a × b over the last axis of two arrays of one shape; np.cross takes three times as
+    long for so few vectors."""
     # Components x, y, z of a and of b, each of shape (...).
     ax, ay, az = np.moveaxis(a, -1, 0)
     bx, by, bz = np.moveaxis(b, -1, 0)

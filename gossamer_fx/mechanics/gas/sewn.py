@@ -41,8 +41,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, shape_functions
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.enclosure import ROUND_OFF, CompiledEnclosure, all_triangles
-from gossamer_fx.mechanics.gas.geometry import Geometry
-from gossamer_fx.mechanics.gas.surface import FilmSurface, Side
+from gossamer_fx.mechanics.gas.surface import FilmSurface, Geometry, Side
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Parts of an edge that are shorter than this fraction of the seam are left out: the strip has no
@@ -54,30 +53,25 @@ QUADRATURE_DEGREE_ACROSS = 2
 
 
 class SeamStrip:
-    """The strip between the two edges of a seam in a running scene; see the module.
+    """The strip between the two aligned edges of a seam in a running scene; see the module.
 
-    Args:
-        line_a, line_b: both edges, aligned.
-        system: the compiled scene.
+    Sizes: n segments, k nodes of a segment, g quadrature points.  `_X0` and `_X1` (n, k, 3) [m] are
+    the positions of the nodes of the segments at the start and at the end of a step, zero until
+    they are set.
 
     Attributes:
         volume: ⅓ ∫ x·n over the strip at q1 [m³], n = x,σ × x,r; the same on every rank.
         magnitude: sum of the sizes of the terms that add up to three volumes [m³].
         swept: the volume that the strip sweeps in the step [m³].
-
-    Sizes below: n segments, k nodes of a segment, g quadrature points.
     """
 
     def __init__(self, line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> None:
         """Divide the strip between two edges at the nodes of both, and tabulate its shape
-        functions.
-
-        `_X0` and `_X1` (n, k, 3) are the positions [m] of the nodes of the segments at the start
-        and at the end of a step, zero until they are set; volumes and gradients are those of
-        `follow`. Collective."""
+        functions.  Collective."""
         self._system = system
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
+        self._acts_at_end = system.rule.acts_at_end
         self.volume = 0.0
         self.magnitude = 0.0
         self.swept = 0.0
@@ -110,14 +104,9 @@ class SeamStrip:
     def _edges_of(
         self, line: EdgeLine, begins: Array, ends: Array
     ) -> tuple[np.ndarray, Array, Array]:
-        """Return the edge of a line on which each of n segments lies, and which part of it.
-
-        Args:
-            begins, ends: fractions of arc length (n,) [-] of the segments, none across a node.
-
-        Returns:
-            number of the edge (n,), and the local coordinates of begin and end on it (n,), 0 to 1.
-        """
+        """Return the number of the edge of a line on which each of n segments lies (n,), and the
+        local coordinates, 0 to 1, of its begin and end on it (n,); `begins` and `ends` (n,) are
+        fractions of arc length, none across a node."""
         middle = (begins + ends) / 2
         edges = np.searchsorted(line.fractions, middle, side="right") - 1
         start = line.fractions[edges]
@@ -125,17 +114,13 @@ class SeamStrip:
         return edges, (begins - start) / width, (ends - start) / width
 
     def _tabulate(self, line_a: EdgeLine, line_b: EdgeLine, cuts: Array) -> None:
-        """Tabulate the shape functions of a strip along a seam: n segments, g points, k nodes, (n,
-        g, k).
+        """Tabulate the shape functions (n, g, k) of a strip along a seam: `_test`, the weighted
+        values, and `_ds` and `_dr`, the derivatives along and across.
 
-        s and r are the points along and across a segment, from 0 to 1; ξ0 and ξ1 are the local
-        coordinates of its ends on an edge, ξ those of its points. N and dN are shape functions and
-        their derivatives. Sets `_test`, the weighted values, `_ds` and `_dr`, the derivatives along
-        and across, and the ends of the segments.
-
-        Args:
-            cuts: fractions of arc length [-], ascending from 0 to 1, at which segments begin and
-                end.
+        `cuts` are fractions of arc length, ascending from 0 to 1, at which segments begin and end.
+        In the code s and r are the points along and across a segment, from 0 to 1; ξ0 and ξ1 are
+        the local coordinates of its ends on an edge, ξ those of its points; N and dN are shape
+        functions and their derivatives.
         """
         is_long = np.diff(cuts) > SHORTEST_SEGMENT
         self._begins = cuts[:-1][is_long]
@@ -164,22 +149,17 @@ class SeamStrip:
     # ---- a step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volume [m³], swept volume [m³] and gradients [m²] of the strip for the iterate's
-        end q1. Collective.
-
-        `_X0` and `_X1` (n, k, 3) are the positions [m] of the nodes at the start and at the end of
-        the step. The attributes are the same on every rank.
-        """
+        """Evaluate volume [m³], swept volume [m³] and gradients [m²] for the iterate's end q1; the
+        same on every rank.  Collective."""
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
-        # With the weight α = 1 of the end, forces act at q1; else in the middle of the step.
-        if self._alpha != 1.0:
+        if not self._acts_at_end:
             self._at_mid = self._gradient(self._middle())
         terms = self._at_end * self._X1
         self.volume = float(terms.sum()) / 3
         self.magnitude = float(np.abs(terms).sum())
-        if self._alpha == 1.0:
+        if self._acts_at_end:
             self.swept = self.volume - self._initial_volume
         else:
             self.swept = float((self._at_mid * (self._X1 - self._X0)).sum())
@@ -191,17 +171,10 @@ class SeamStrip:
         self._initial_volume = self.volume
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """Return the gradients [m²] of volume and swept volume, this rank's parts of system
-        vectors.
-
-        Returns:
-            G = ∂V/∂q in the positions where forces act, which times the pressure is the force;
-            ∂V/∂q1 and ∂W/∂q1, by coordinates at the end of the step, of the volume V and the swept
-            volume W.
-        """
+        """Return this rank's parts of three gradients [m²]: G = ∂V/∂q in the positions where forces
+        act, which times the pressure is the force; and ∂V/∂q1 and ∂W/∂q1, W the swept volume."""
         of_swept = self._at_end
-        # Forces act in the middle of the step unless the weight α of its end is 1.
-        if self._alpha != 1.0:
+        if not self._acts_at_end:
             change = self._at_end - self._initial_gradient
             of_swept = self._at_mid + self._alpha * change
         return (
@@ -211,18 +184,12 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
-        adds its rows.
+        """Add the derivative of a pressure's force by the end q1 of the step to the tangent of the
+        system [N/m]; each rank adds its rows.
 
-        The force is scale · G(q_mid), with the gradient G [m²] of the strip's volume and positions
-        q_mid = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
-
-        xs and xr are the tangents [m] along and across the strip at its points, `_ds` and `_dr` the
-        derivatives of the shape functions in these directions.
-
-        Args:
-            A: tangent of the system [N/m], changed in place.
-            scale: pressure on the strip [Pa], with its sign.
+        The force is scale · G(q_mid), with a pressure `scale` [Pa], the gradient G [m²] of the
+        strip's volume and q_mid = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.  xs and
+        xr are the tangents [m] along and across the strip at its points.
         """
         xs, xr = self._tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, as in `gas.ring`
@@ -235,8 +202,7 @@ class SeamStrip:
         add_blocks(A, self._row_indices, self._column_indices, values)
 
     def _middle(self) -> Array:
-        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
-        return X
+        return (1 - self._alpha) * self._X0 + self._alpha * self._X1
 
     def _tangents(self, X: Array) -> tuple[Array, Array]:
         """x,σ and x,r (n, g, 3) for the positions X (n, k, 3)."""
@@ -245,8 +211,7 @@ class SeamStrip:
     def _gradient(self, X: Array) -> Array:
         """G (n, k, 3) [m²] at the nodes of each segment."""
         xs, xr = self._tangents(X)
-        G: Array = self._test.transpose(0, 2, 1) @ np.cross(xs, xr)
-        return G
+        return self._test.transpose(0, 2, 1) @ np.cross(xs, xr)
 
     def _in_system(self, G: Array) -> Array:
         """This rank's part of a system vector with a gradient (n, k, 3)."""
@@ -256,22 +221,14 @@ class SeamStrip:
 
 
 class SewnEnclosure:
-    """The volume inside films that are sewn together along their open edges.
-
-    Args:
-        films: one or more, each as a whole.
-        seams: all of their open edges, each once.
-        chamber: name of the chamber, for messages.
-
-    Raises:
-        InputError: there are no films or no seams.
-    """
+    """The volume inside films, each as a whole, that are sewn together along all of their open
+    edges."""
 
     def __init__(self, films: Sequence[Membrane], seams: Sequence[SewnEdges], chamber: str) -> None:
         check(
             bool(films) and bool(seams),
-            f"Chamber '{chamber}': several films are given without seams; give the seams that "
-            "close them.",
+            f"Chamber '{chamber}': several films are given without seams; "
+            "give the seams that close them.",
         )
         self.films = tuple(films)
         self.seams = tuple(seams)
@@ -291,16 +248,8 @@ class SewnEnclosure:
         yield from self.seams
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
-
-        Args:
-            system: the equations of the scene, with its initial state.
-            geometry: surfaces of films that several enclosures share; the strips are added to it.
-
-        Raises:
-            InputError: the surface is open, an edge is sewn twice, a seam is on another film, or
-                normals of neighbouring triangles are opposite.
-        """
+        """Raises `InputError` if the surface is open, an edge is sewn twice, a seam is on another
+        film, or normals of neighbouring triangles are opposite."""
         lines = [seam.lines(system.initial) for seam in self.seams]
         signs, strip_signs = self._orient(lines)
         surfaces = []
@@ -320,16 +269,9 @@ class SewnEnclosure:
     def _orient(
         self, lines: Sequence[tuple[EdgeLine, EdgeLine]]
     ) -> tuple[list[float], list[float]]:
-        """Return the signs of sewn films, and of strips along seams, with which all normals agree.
-        Collective.
-
-        Returns:
-            for each film, and for the strip of each seam, 1 or -1.
-
-        Raises:
-            InputError: no seam joins a film to the others, normals change sides across a seam, or
-                the surface is open.
-        """
+        """Return the signs, 1 or -1, of sewn films, and of strips along seams, with which all
+        normals agree.  Collective.  `InputError`: no seam joins a film to the others, normals
+        change sides across a seam, or the surface is open."""
         passed = self._directions(lines)
         # a and b number the films on both sides of a seam.
         numbers = {id(film): k for k, film in enumerate(self.films)}
@@ -347,8 +289,8 @@ class SewnEnclosure:
         for film, sign in zip(self.films, signs, strict=True):
             check(
                 sign != 0,
-                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; sew it "
-                "to them, or leave it out.",
+                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; "
+                "sew it to them, or leave it out.",
             )
         strip_signs = []
         for seam, (line_a, line_b), (d_a, d_b) in zip(self.seams, lines, passed, strict=True):
@@ -356,27 +298,18 @@ class SewnEnclosure:
             of_b = signs[numbers[id(line_b.body)]] * d_b
             check(
                 of_a == -of_b,
-                f"Chamber '{self.chamber}': normals of the films change sides across "
-                f"'{seam.name}'; orient the panels "
-                "consistently (gmsh: model.mesh.reverse).",
+                f"Chamber '{self.chamber}': "
+                f"normals of the films change sides across '{seam.name}'; "
+                "orient the panels consistently (gmsh: model.mesh.reverse).",
             )
             # The strip passes the edges of a against the film, as a neighbour triangle would.
             strip_signs.append(-of_a)
         return signs, strip_signs
 
     def _directions(self, lines: Sequence[tuple[EdgeLine, EdgeLine]]) -> list[tuple[float, float]]:
-        """Return in which direction triangles pass both edges of each seam; refuse open surfaces.
-
-        Collective.
-
-        Returns:
-            for both edges of each seam 1 if the triangles pass it in the direction in which its
-            nodes are listed, else -1.
-
-        Raises:
-            InputError: an edge of a film is open or sewn twice, a seam is on another film, or
-                neighbouring triangles have opposite normals.
-        """
+        """Return for both edges of each seam 1 if triangles pass it in the direction in which its
+        nodes are listed, else -1.  Collective.  `InputError`: an edge of a film is open or sewn
+        twice, a seam is on another film, or neighbouring triangles have opposite normals."""
         sums = np.zeros((len(lines), 2))
         is_open = 0
         is_twisted = 0
@@ -407,23 +340,20 @@ class SewnEnclosure:
                 check(
                     any(line.body is film for film in self.films),
                     f"Chamber '{self.chamber}': the seam '{seam.name}' is on '{line.body.name}', "
-                    "which does not "
-                    "bound it; add the film to the enclosure.",
+                    "which does not bound it; add the film to the enclosure.",
                 )
         names = ", ".join(f"'{film.name}'" for film in self.films)
         check(
             is_open == 0,
-            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; give "
-            "each open edge of "
-            "the panels one seam.",
+            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; "
+            "give each open edge of the panels one seam.",
         )
         sums = comm.allreduce(sums)
         lengths = np.array([[len(line.nodes) for line in both] for both in lines])
         check(
             is_twisted == 0 and bool((np.abs(sums) == lengths).all()),
             f"Chamber '{self.chamber}': neighbouring triangles of {names} have opposite normals; "
-            "orient each film "
-            "consistently (gmsh: model.mesh.reverse).",
+            "orient each film consistently (gmsh: model.mesh.reverse).",
         )
         return [(float(a), float(b)) for a, b in np.sign(sums)]
 
@@ -439,12 +369,7 @@ class _SignedSurface:
 
 
 class _CompiledSewn:
-    """Films and strips that enclose one chamber.
-
-    Args:
-        surfaces: of the films.
-        strips: with the signs of their normals.
-    """
+    """Films and strips, with the signs of their normals, that enclose one chamber."""
 
     def __init__(
         self, surfaces: Sequence[_SignedSurface], strips: Sequence[tuple[SeamStrip, float]]

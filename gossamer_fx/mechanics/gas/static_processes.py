@@ -1,13 +1,22 @@
 """Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
 
+A closed chamber at rest is a function of its volume V, whatever the way to it.  The work p̄ W of a
+time step is not: its sum over pseudo-steps depends on their number.  With the pressure p0, volume
+V0 and energy U0 at the start of a pseudo-step, the energy balance of `balance` is replaced by one
+of
+
+    adiabatic        U1 = U0 (V0/V)^(γ - 1) + flows,    so that p V^γ = const if closed         (1)
+    isothermal       p1 V = m1 R T0                                                             (2)
+    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                                (3)
+
+with the temperature T0 of the start.  Steps of (1) compose exactly.  Heat of (2) and gas of (3)
+count as supplied.
+
 An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
 at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
-pressure is held by a blower.  Here the energy balance of `balance` is replaced by one of
+pressure is held by a blower: (2) and (3).
 
-    isothermal       p1 V = m1 R T0                                                           (1)
-    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                              (2)
-
-with pressure p0 and temperature T0 of the start.  Heat of (1) and gas of (2) count as supplied.
+Limit.  Where gas flows through an opening during the search, (1) depends on the pseudo-steps.
 """
 
 from __future__ import annotations
@@ -17,9 +26,50 @@ import numpy as np
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import Balance, Rates
 
+# Share of the volume at the start below which (1) is continued as a constant: Newton's iterates may
+# have volumes that are zero or negative.
+SMALLEST_VOLUME = 1e-6
+
+
+class AdiabaticBalance(Balance):
+    """The mass balance of `Balance` with (1) in place of the energy balance."""
+
+    depends_on_swept_volume = False
+
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
+        super().begin(h, t, p, m, U, V)
+        self._V0 = V
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): p V/(γ - 1) - U0 (V0/V)^(γ - 1) - flows [J] of each chamber, then the
+        mass balance [kg]."""
+        residual = super().residual(y, V, np.zeros(self._n), known)
+        residual[: self._n] += self.work(y, V, W)
+        return residual
+
+    def work(self, y: Array, V: Array, W: Array) -> Array:
+        """Work [J] of each chamber (n,) if it expands from V0 to V without heat and flow."""
+        work: Array = self._U0 * (1 - self._ratio(V) ** (self._gas.gamma - 1))
+        return work
+
+    def _ratio(self, V: Array) -> Array:
+        """V0/V of each chamber, (n,)."""
+        ratio: Array = self._V0 / np.maximum(V, SMALLEST_VOLUME * self._V0)
+        return ratio
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg], by pressures and masses, and by
+        volumes (n,) [m³]."""
+        n = self._n
+        by_y, by_V = super().derivatives(y, V, np.zeros(n))
+        # The work's derivative by V is the pressure p0 (V0/V)^γ at which it ends.
+        pressures = self._p0 * self._ratio(V) ** self._gas.gamma
+        by_V[np.arange(n), np.arange(n)] += pressures
+        return by_y, by_V
+
 
 class IsothermalBalance(Balance):
-    """The mass balance of `Balance` with (1) in place of the energy balance."""
+    """The mass balance of `Balance` with (2) in place of the energy balance."""
 
     depends_on_swept_volume = False
 
@@ -29,7 +79,7 @@ class IsothermalBalance(Balance):
         n = self._n
         pressures = y[:n]
         masses = y[n:]
-        # (1) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
+        # (2) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
         pressure_energy = pressures * V / (self._gas.gamma - 1)
         thermal_energy = masses * self._gas.cv * self.temperatures
         both_balances = super().residual(y, V, W, known)
@@ -59,7 +109,7 @@ class IsothermalBalance(Balance):
 
 
 class HeldPressureBalance(Balance):
-    """The equations (2) in place of both balances."""
+    """The equations (3) in place of both balances."""
 
     depends_on_swept_volume = False
 

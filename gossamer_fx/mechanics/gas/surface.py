@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -32,32 +32,22 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
-from gossamer_fx.core.forms.spaces import cell_nodes
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.ring import Loop
+from gossamer_fx.mechanics.gas.ring import Loop, Ring
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Cells = npt.NDArray[np.int32]
 
-# Weight α of the rules in which forces act at the middle, or at the end, of a step.
-MIDPOINT = 0.5
-END_OF_STEP = 1.0
-
 
 @dataclass
 class Side:
-    """What bounds one chamber.
-
-    Attributes:
-        cells: triangles of the film that this rank owns.
-        loops: the rings (closed lines of film edges) whose strips of triangles close the chamber.
-        signs: for each loop +1 or -1, by which the volume and gradient of its strip are multiplied
-            so that the normals of the strip agree with those of the film.
-        initial_gradient: owned part of G at q0, flattened [m²].
-    """
+    """What bounds one chamber: owned triangles of the film, and loops with strips of triangles that
+    close it; `signs`, +1 or -1, make the normals of the strips agree with those of the film.
+    `initial_gradient` is the owned part of G at q0, flattened [m²]."""
 
     cells: Cells
     loops: list[Loop]
@@ -67,10 +57,6 @@ class Side:
 
 class FilmSurface:
     """Volumes of all chambers that a film bounds, with gradients, forces and tangent.
-
-    Args:
-        film: the film.
-        system: the compiled scene.
 
     Attributes:
         pressures: pressure [Pa] of each chamber on its triangles, along their normals (chambers,).
@@ -84,12 +70,13 @@ class FilmSurface:
         self.pressures: Array = np.zeros(0)
         self._comm = film.comm
         self._sides: list[Side] = []
-        self._fields = system.fields[film]
+        self._coordinates = system.coordinates[film]
         # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
         self._local_size = system.numbering.size_local
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
+        self._acts_at_end = system.rule.acts_at_end
         self._form: fem.Form | None = None
         # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
         # chamber
@@ -97,21 +84,15 @@ class FilmSurface:
         self._totals_at_end: dict[int, Array] = {}
 
     def add(self, side: Side) -> int:
-        """Register a chamber; returns its index in the results.
-
-        It must be called before the first `follow`, which compiles the forms for all chambers.
-        """
+        """Register a chamber before the first `follow`, which compiles the forms; returns its index
+        in the results."""
         self._sides.append(side)
         self.pressures = np.zeros(len(self._sides))
         return len(self._sides) - 1
 
     def _compile(self) -> None:
         """Compile the forms of area vectors and of the pressure's tangent, and allocate the arrays.
-        Collective.
-
-        Raises:
-            InputError: no C compiler was found.
-        """
+        Collective."""
         film = self.film
         domain = film.mesh.domain
         # Area vector: 2 (order - 1); test function or position: order.
@@ -132,8 +113,8 @@ class FilmSurface:
             return ufl.dot(area_vector(film.deformation(x)), w)
 
         self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
-        load = -self._pressure * flux(self._fields.mid, self._fields.w) * dx
-        tangent = ufl.derivative(load, self._fields.q1, self._fields.dq)
+        load = -self._pressure * flux(self._coordinates.mid, self._coordinates.w) * dx
+        tangent = ufl.derivative(load, self._coordinates.q1, self._coordinates.dq)
         self._tangent = compile_form(tangent)
         index_map = broken.dofmap.index_map
         self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
@@ -144,12 +125,8 @@ class FilmSurface:
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
-        """Return arguments of a UFL measure on the triangles that bound the chambers of a film.
-        Collective.
-
-        Returns:
-            `subdomain_data` and `subdomain_id`; empty if the chambers use the whole film.
-        """
+        """`subdomain_data` and `subdomain_id` of a UFL measure on the triangles that bound the
+        chambers of a film; empty if they use the whole film.  Collective."""
         of_sides = [side.cells for side in self._sides]
         cells = np.unique(np.concatenate(of_sides))
         owned = self.film.mesh.domain.topology.index_map(2).size_local
@@ -188,26 +165,23 @@ class FilmSurface:
 
     def follow(self) -> None:
         """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
-        iterated. Collective.
-
-        The rings of the chambers have to be evaluated before.  The first call compiles the forms.
+        iterated; the rings of the chambers have to be evaluated before.  Collective.
 
         q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
-        the index of a chamber. Sets `volume`, `magnitude` and `swept` (chambers,) [m³], summed over
-        all ranks, and clears the stored totals of gradients.
-
-        Raises:
-            InputError: in the first call, if no C compiler was found.
+        the index of a chamber.  `volume`, `magnitude` and `swept` are summed over all ranks, and
+        the stored totals of gradients cleared.
         """
         if self._form is None:
             self._compile()
-        q0 = self._at_nodes(self._fields.q0)
-        q1 = self._at_nodes(self._fields.q1)
-        self._at_end = self._gradient(1.0)
-        if self._alpha == END_OF_STEP:
-            self._at_mid = self._at_end
-        else:
-            self._at_mid = self._gradient(self._alpha)
+        q0 = self._at_nodes(self._coordinates.q0)
+        q1 = self._at_nodes(self._coordinates.q1)
+        # The end itself, without the round-off and the cost of a weighted sum.
+        self._at_end = self._gradient(self._coordinates.q1.x.array)
+        self._at_mid = self._at_end
+        if not self._acts_at_end:
+            start = self._coordinates.q0.x.array
+            end = self._coordinates.q1.x.array
+            self._at_mid = self._gradient((1 - self._alpha) * start + self._alpha * end)
         self._totals_at_mid.clear()
         self._totals_at_end.clear()
         volume_terms = self._at_end * q1
@@ -226,10 +200,10 @@ class FilmSurface:
         self.volume: Array = sums[:, 0] / 3
         self.magnitude: Array = sums[:, 1]
         self.swept: Array
-        if self._alpha == MIDPOINT:
-            self.swept = sums[:, 2]
-        else:
+        if self._acts_at_end:
             self.swept = self.volume - self._initial_volume
+        else:
+            self.swept = sums[:, 2]
 
     def accept(self) -> None:
         """Make the end of this step the start of the next.  Collective."""
@@ -246,30 +220,14 @@ class FilmSurface:
         """The rows of chamber c in arrays over the nodes of all chambers."""
         return slice(self._starts[c], self._starts[c + 1])
 
-    def _gradient(self, share: float) -> Array:
-        """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
-        chamber.
-
-        The vector of parts is one of this rank, ghost values included; `_sum` is the sparse matrix
-        that adds the parts of the cells at each node.
-
-        Args:
-            share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
-
-        Returns:
-            (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
-        """
-        q0 = self._fields.q0.x.array
-        q1 = self._fields.q1.x.array
-        if share == END_OF_STEP:
-            # without the round-off and the cost of the sum below
-            self._x.x.array[:] = q1
-        else:
-            self._x.x.array[:] = (1 - share) * q0 + share * q1
+    def _gradient(self, x: Array) -> Array:
+        """Return the gradient (rows, 3) [m²] of enclosed volumes from this rank's triangles, one
+        row for each node of each chamber, at the positions x [m] of this rank's nodes, ghosts
+        included and flattened; sums over ranks are not taken."""
+        self._x.x.array[:] = x
         self._parts[:] = 0
         fem.assemble_vector(self._parts, self._form)
-        G: Array = self._sum @ self._parts.reshape(-1, 3)
-        return G
+        return self._sum @ self._parts.reshape(-1, 3)
 
     # ---- one chamber -----------------------------------------------------------------------------
 
@@ -279,20 +237,13 @@ class FilmSurface:
         values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """Return gradients [m²] of volume and swept volume of one chamber.  Collective.
-
-        Args:
-            c: index of the chamber, as `add` returned it.
-
-        Returns:
-            G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
-            force; ∂V_c/∂q1 and ∂W_c/∂q1, by coordinates at the end of the step, of the volume V_c
-            and the swept volume W_c; this rank's parts of system vectors.
-        """
+        """Return this rank's parts of the gradients [m²] of chamber c: G_c = ∂V_c/∂q in the
+        positions q̄ where forces act, which times the pressure is the force; and ∂V_c/∂q1 and
+        ∂W_c/∂q1.  Collective."""
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
         of_swept = at_end
-        if self._alpha == MIDPOINT:
+        if not self._acts_at_end:
             change = at_end - self._sides[c].initial_gradient
             of_swept = at_mid + self._alpha * change
         return (
@@ -322,24 +273,14 @@ class FilmSurface:
             self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
         return self._totals_at_end[c]
 
-    def _total(
-        self,
-        c: int,
-        G: Array,
-        of_loops: list[Array],
-    ) -> Array:
-        """Return the owned part of the gradient of a chamber's volume.  Collective.
+    def _total(self, c: int, G: Array, of_loops: list[Array]) -> Array:
+        """Return the gradient [m²] of a chamber's volume at the film's owned unknowns, flattened:
+        the sum over the triangles of all ranks, with G (rows, 3) [m²] from this rank's, and over
+        the strips of the chamber's loops.  Collective.
 
-        It is the sum over the triangles of all ranks, and over the strips of the chamber's rings.
-
-        Args:
-            G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
-            of_loops: for each loop of the chamber the gradient (nodes, 3) [m²] of its strip at all
-                nodes of the loop, complete and the same on every rank; each rank adds the rows of
-                the nodes that it owns, times the sign of the loop.
-
-        Returns:
-            values [m²] at the film's unknowns that this rank owns, flattened.
+        For each loop `of_loops` has the gradient (nodes, 3) [m²] of its strip, complete and the
+        same on every rank; each rank adds the rows of the nodes that it owns, times the sign of the
+        loop.
         """
         rows = self._rows(c)
         values = self._vector.array
@@ -355,11 +296,8 @@ class FilmSurface:
 
     def tangents(self) -> Iterable[fem.Form]:
         """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of
-        the step.
-
-        Forces on strips over rings are not in it.  It takes the current `pressures` [Pa], which add
-        up on triangles that two chambers share.
-        """
+        the step, but for forces on strips over rings.  The current `pressures` [Pa] add up on
+        triangles that two chambers share."""
         pressure = self._pressure.x.array
         pressure[:] = 0
         # one value in each triangle
@@ -367,3 +305,67 @@ class FilmSurface:
         for side, acting in zip(self._sides, self.pressures, strict=True):
             pressure[dofs[side.cells]] += acting
         yield self._tangent
+
+
+# ---- geometry that enclosures and openings share -------------------------------------------------
+
+
+class Moving(Protocol):
+    """A geometry that is evaluated once in an iteration."""
+
+    def follow(self) -> None:
+        """Evaluate it at the end of the step, `system.q1`."""
+        ...
+
+    def accept(self) -> None:
+        """Make the end of this step the start of the next."""
+        ...
+
+
+class Geometry:
+    """Loops, surfaces and pistons of a running scene, each of them once: two chambers may share a
+    film, and a chamber and an orifice a ring."""
+
+    def __init__(self, system: Assembly) -> None:
+        self.comm = system.comm
+        self._system = system
+        self._loops: dict[Ring, Loop] = {}
+        self._surfaces: dict[Membrane, FilmSurface] = {}
+        self._others: list[Moving] = []
+
+    def loop(self, ring: Ring) -> Loop:
+        """The loop of a ring, created on the first call.  Collective."""
+        if ring not in self._loops:
+            self._loops[ring] = Loop(ring, self._system)
+        return self._loops[ring]
+
+    def surface(self, film: Membrane) -> FilmSurface:
+        """The surface of a film, created on the first call."""
+        if film not in self._surfaces:
+            self._surfaces[film] = FilmSurface(film, self._system)
+        return self._surfaces[film]
+
+    def add(self, moving: Moving) -> None:
+        """Register another geometry, e.g. a piston, that `follow` and `accept` shall call."""
+        self._others.append(moving)
+
+    def follow(self) -> None:
+        """Evaluate all geometries at the end of the step.  Collective."""
+        for moving in self._all():
+            moving.follow()
+
+    def accept(self) -> None:
+        """Make the end of this step the start of the next."""
+        for moving in self._all():
+            moving.accept()
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Bilinear forms of the derivative of all pressure forces on a film; those on the strips of
+        loops are missing, see `Loop.add_tangent`."""
+        for film, surface in self._surfaces.items():
+            if film is body:
+                yield from surface.tangents()
+
+    def _all(self) -> list[Moving]:
+        # Loops come first: surfaces add the volumes of their strips.
+        return [*self._loops.values(), *self._surfaces.values(), *self._others]

@@ -3,19 +3,22 @@ constant."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive, require_positive
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
+
+# Absolute.  Zero is refused because an empty chamber has no mass, and so no temperature.
+Pressure = Annotated[float, positive("Pa")]
+Temperature = Annotated[float, positive("K")]
 
 
 @check_arguments
@@ -38,14 +41,11 @@ class Reservoir:
         >>> inlet = gx.Orifice(bottle, tank, area=1e-6)
     """
 
-    pressure: float
-    temperature: float
+    pressure: Pressure
+    temperature: Temperature
     _: KW_ONLY
     name: str = "reservoir"
     scalar_unknowns = GasNetwork
-
-    def __post_init__(self) -> None:
-        _check_state(f"Reservoir '{self.name}'", self.pressure, self.temperature)
 
 
 @check_arguments
@@ -65,20 +65,11 @@ class Ambient:
         >>> vent = gx.Orifice(tank, gx.gas.Ambient(), area=1e-6)
     """
 
-    pressure: float = 0.0
-    temperature: float = 300.0
+    pressure: Annotated[float, not_negative("Pa")] = 0.0
+    temperature: Temperature = 300.0
     _: KW_ONLY
     name: str = "ambient"
     scalar_unknowns = GasNetwork
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check(
-            math.isfinite(self.pressure) and self.pressure >= 0,
-            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a "
-            "positive number.",
-        )
-        check_positive(self, "temperature", "K")
 
 
 @check_arguments
@@ -127,10 +118,11 @@ class Chamber:
         enclosure: Membrane | Sequence[Membrane] | Enclosure | None = None,
         *,
         gas: IdealGas,
-        pressure: float,
-        temperature: float,
-        dead_volume: float = 0.0,
-        volume: float | None = None,
+        pressure: Pressure,
+        temperature: Temperature,
+        # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
+        dead_volume: Annotated[float, not_negative("m³")] = 0.0,
+        volume: Annotated[float, positive("m³")] | None = None,
         surface: tuple[str, ...] = (),
         rings: tuple[Ring, ...] = (),
         seams: Sequence[SewnEdges] = (),
@@ -142,17 +134,16 @@ class Chamber:
         self.outside = outside
         self.initial_pressure = pressure
         self.initial_temperature = temperature
-        _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
         check(
             (volume is not None) == (enclosure is None),
-            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of "
-            "a rigid chamber.",
+            f"Chamber '{name}': "
+            "give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
         )
-        self.fixed_volume = _rigid_part(name, dead_volume, volume)
+        self.fixed_volume = dead_volume if volume is None else volume
         check(
             isinstance(enclosure, Membrane) or not (surface or rings),
-            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or "
-            "leave them out.",
+            f"Chamber '{name}': surface and rings belong to a film; "
+            "give one as enclosure, or leave them out.",
         )
         self.seams = tuple(seams)
         self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
@@ -184,11 +175,11 @@ class Tank(Chamber):
 
     def __init__(
         self,
-        volume: float,
+        volume: Annotated[float, positive("m³")],
         *,
         gas: IdealGas,
-        pressure: float,
-        temperature: float,
+        pressure: Pressure,
+        temperature: Temperature,
         name: str = "tank",
     ) -> None:
         super().__init__(
@@ -207,15 +198,9 @@ def _enclosure(
     seams: tuple[SewnEdges, ...],
     chamber: str,
 ) -> Enclosure | None:
-    """Make the enclosure of a chamber, None if its walls are rigid.
-
-    Args:
-        enclosure: a film, several films that are sewn, another enclosure as a piston, or None.
-
-    Raises:
-        InputError: seams are given with surface, rings, or without films; several films without
-            seams; a ring is on another film.
-    """
+    """Make the enclosure of a chamber from a film, several films that are sewn, or another
+    enclosure such as a piston; None if its walls are rigid.  `InputError`: seams are given with
+    surface, rings, or without films; several films without seams; a ring is on another film."""
     if isinstance(enclosure, Membrane) and not seams:
         return FilmEnclosure(enclosure, surface, rings, chamber)
     if isinstance(enclosure, Membrane | Sequence):
@@ -224,44 +209,14 @@ def _enclosure(
 
         check(
             not (surface or rings),
-            f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the "
-            "film, or leave them out.",
+            f"Chamber '{chamber}': seams are given together with surface or rings; "
+            "sew all of the film, or leave them out.",
         )
         films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
         return SewnEnclosure(films, seams, chamber)
     check(
         not seams,
-        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams "
-        "out.",
+        f"Chamber '{chamber}': seams belong to films; "
+        "give them as enclosure, or leave the seams out.",
     )
     return enclosure
-
-
-def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
-    """Check and return the part of a chamber's volume [m³] that does not depend on a film.
-
-    Args:
-        dead_volume: volume in addition to that of the enclosure [m³], zero or more.
-        volume: of a rigid chamber [m³], above zero; None if it has an enclosure.
-
-    Raises:
-        InputError: one of them is negative or not finite, or `volume` is zero.
-    """
-    if volume is not None:
-        check(
-            math.isfinite(volume) and volume > 0,
-            f"Chamber '{name}': its volume is {volume!r} m³; give a positive number.",
-        )
-        return volume
-    # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
-    check(
-        math.isfinite(dead_volume) and dead_volume >= 0,
-        f"Chamber '{name}': its dead volume is {dead_volume!r} m³; give zero or a positive number.",
-    )
-    return dead_volume
-
-
-def _check_state(where: str, pressure: float, temperature: float) -> None:
-    # Zero pressure is refused because an empty chamber has no mass, and so no temperature.
-    require_positive(f"{where}: pressure", pressure, "Pa", " (an almost empty chamber: 1e-3)")
-    require_positive(f"{where}: temperature", temperature, "K")

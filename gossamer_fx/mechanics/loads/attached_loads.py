@@ -12,37 +12,22 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.numbering import GlobalIndices
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
 from gossamer_fx.core.model.body import Array, Body, Port
-from gossamer_fx.core.model.roles import (
-    ExternalLoads,
-    Forces,
-    GradientLimits,
-    IndependentOfShape,
-    OnMeshes,
-    Reversible,
-    StepObserver,
-    Supply,
-    Tangents,
-    WithoutParameters,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
-from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 
-class AttachedLoads(
-    OnMeshes,
-    ExternalLoads,
-    StepObserver,
-    Forces,
-    Tangents,
-    Supply,
-    WithoutParameters,
-    GradientLimits,
-    Reversible,
-    IndependentOfShape,
-    CompiledTerms["AttachedLoad"],
-):
+class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of
     masses M."""
+
+    is_external_load = True
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to

@@ -14,12 +14,11 @@ from dolfinx import fem
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.core.model.roles import Dissipation
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
 from gossamer_fx.mechanics.terms.loads import Loads, at_rate, rate_of
 
 
-class Drags(Loads, Dissipation):
+class Drags(Loads):
     """All `FilmDrag` terms of a scene.
 
     With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0
@@ -36,7 +35,7 @@ class Drags(Loads, Dissipation):
         Raises:
             InputError: no C compiler was found.
         """
-        coordinates = [system.fields[term.body] for term in terms]
+        coordinates = [system.coordinates[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):
             loads.append(at_rate(term, at))

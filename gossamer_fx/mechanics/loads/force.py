@@ -17,8 +17,7 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.between import bodies_of
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
-from gossamer_fx.mechanics.terms.couple import Couple
-from gossamer_fx.mechanics.terms.point_loads import PointForce, PointLoad
+from gossamer_fx.mechanics.terms.point_loads import Couple, PointForce, PointLoad
 
 History = Callable[[float], Sequence[float]]
 

@@ -18,34 +18,22 @@ from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.core.model.roles import (
-    ExchangesEnds,
-    OnMeshes,
-    ResidualForms,
-    Reversible,
-    StartDerivatives,
-    StateObserver,
-    TabulatedCoefficients,
-    WithoutParameters,
-    playing,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
 
 STRAINS = 3  # E11, E22, 2 E12
 
 
-class PresentStiffnesses(
-    OnMeshes,
-    StateObserver,
-    TabulatedCoefficients,
-    ExchangesEnds,
-    StartDerivatives,
-    Reversible,
-    WithoutParameters,
-    CompiledTerms["PresentStiffness"],
-):
+class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
+
+    reversible = False
+    forces_are_forms = True
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
@@ -64,7 +52,7 @@ class PresentStiffnesses(
         self._terms = terms
         self._made = []
         for term in terms:
-            entries = self._entries(term, system.fields[term.body].q0)
+            entries = self._entries(term, system.coordinates[term.body].q0)
             points = interpolation_points(term.values.function_space)
             cells = term.body.space.mesh.topology.index_map(2)
             every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
@@ -91,7 +79,7 @@ class PresentStiffnesses(
     def expressions(self) -> dict[fem.Function, Expr]:
         found = {}
         for term in self._terms:
-            found[term.values] = self._entries(term, self._system.fields[term.body].q0)
+            found[term.values] = self._entries(term, self._system.coordinates[term.body].q0)
         return found
 
     def exchange_ends(self) -> None:
@@ -112,7 +100,7 @@ class PresentStiffnesses(
         for product in self._products:
             body = product.term.body
             owned = system.block(body).owned
-            at = system.fields[body]
+            at = system.coordinates[body]
             at.take(product.μ, μ.array_r[owned])
             forces = product.assemble(at.q0)
             with by_position as values:
@@ -146,8 +134,7 @@ class _StartProduct:
         self._forms = []
         test = ufl.TestFunction(term.body.space)
         # All kinds are compiled when a gradient asks.
-        compiled = cast(Any, system).compiled
-        for kind in playing(ResidualForms, compiled):
+        for kind in cast(Any, system).differentiable:
             for form in kind.residual_forms(term.body, self.μ):
                 if any(function is term.values for function in form.coefficients()):
                     with_entries = ufl.replace(form, {term.values: entries})

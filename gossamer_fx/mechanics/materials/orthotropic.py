@@ -51,6 +51,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -69,6 +70,9 @@ from gossamer_fx.mechanics.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLE
 
 Vector = Sequence[float]  # (3,)
 Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
+
+# The C functions of these laws.
+HEADER = Path(__file__).parent / "kernels" / "orthotropic.h"
 
 # In UFL: directions of the grid on which the largest maximum is looked for, and bracketed steps of
 # Newton from there.  The peaks of e_tt²/F_tt are wider than 5 degrees for stiffnesses of condition
@@ -385,9 +389,9 @@ class Orthotropic(LinearOrthotropic):
         Raises:
             InputError: no C compiler was found.
         """
-        from gossamer_fx.mechanics.materials.kernels.library import library
+        from gossamer_fx.core.forms.c_source import c_library
 
-        compiled = library(comm)
+        compiled = c_library(HEADER, comm)
         C11, C12, C22, C66 = _stiffnesses(c)
         address = compiled.lib.orthotropic_function
         return CLaw(

@@ -2,8 +2,6 @@ from . import optics as optics
 from .drag import Drag as Drag
 from .drag import ExponentialAtmosphere as ExponentialAtmosphere
 from .elements import Elements as Elements
-from .free_molecular import Accommodation as Accommodation
-from .free_molecular import Air as Air
 from .magnetic_dipole import MagneticDipole as MagneticDipole
 from .optics import Optics as Optics
 from .orbit import Orbit as Orbit
@@ -11,5 +9,7 @@ from .solar_heating import HeatBalance as HeatBalance
 from .solar_heating import SolarHeating as SolarHeating
 from .solar_heating import ThermalProperties as ThermalProperties
 from .solar_pressure import SolarPressure as SolarPressure
-from .sunlight import Sunlight as Sunlight
+from .solar_pressure import Sunlight as Sunlight
+from .surface_forces import Accommodation as Accommodation
+from .surface_forces import Air as Air
 from .surface_forces import Surface as Surface

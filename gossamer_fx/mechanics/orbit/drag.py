@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -23,6 +23,7 @@ from gossamer_fx.extend import (
     check,
     check_arguments,
     constant,
+    positive,
 )
 from gossamer_fx.mechanics.bodies import Membrane, RigidBody
 from gossamer_fx.mechanics.orbit.environment import ROTATION
@@ -33,10 +34,16 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
     FlyingPointLoad,
     axes_of,
 )
-from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.solar_pressure import check_surfaces, geometry, surface_measure
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
+from gossamer_fx.mechanics.orbit.surface_forces import (
+    Accommodation,
+    Air,
+    Rows,
+    Surface,
+    Symbolic,
+    flow_force,
+)
 
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 
@@ -58,16 +65,11 @@ class ExponentialAtmosphere:
         3e-12
     """
 
-    density: float
+    density: Annotated[float, positive("kg/m³")]
     altitude: float
     _: KW_ONLY
-    scale_height: float
-    temperature: float = 1000.0
-
-    def __post_init__(self) -> None:
-        for what in ("density", "scale_height", "temperature"):
-            value = getattr(self, what)
-            check(value > 0, f"ExponentialAtmosphere: {what} is {value!r}; give a positive number.")
+    scale_height: Annotated[float, positive("m")]
+    temperature: Annotated[float, positive("K")] = 1000.0
 
     def __call__(self, altitude: float) -> Air:
         """The air at an altitude [m]."""
@@ -126,19 +128,11 @@ class Drag:
         self.surfaces = tuple(surfaces)
         self.closed = closed
         self.name = name or f"drag on {body.name}"
-        check(
-            callable(atmosphere),
-            f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.",
-        )
-        check(
-            math.isfinite(rotation),
-            f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.",
-        )
         check_surfaces(self.name, body, self.surfaces)
         check(
             not closed or not isinstance(body, RigidBody),
-            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by "
-            "itself.",
+            f"'{self.name}': closed is for films; "
+            "a Surface of a rigid body is one-sided by itself.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -146,21 +140,9 @@ class Drag:
         yield self.orbit
 
     def flow(self, flight: Flight) -> tuple[Air, Array]:
-        """The air at the origin of the frame of the scene, and its velocity relative to this
-        origin.
-
-        Args:
-            flight: position `R` and velocity `V` (3,) [m, m/s] of the origin from the Earth's
-                centre.
-
-        Returns:
-            the state of the air at the altitude of the origin, and the velocity Ω×R - V (3,) [m/s]
-            of air that turns with the Earth.
-
-        Raises:
-            InputError: the user's atmosphere fails or does not return `Air`, on all ranks.
-                Collective: all ranks call it.
-        """
+        """The air at the altitude of the origin of the frame, and its velocity Ω×R - V (3,) [m/s]
+        relative to this origin, since it turns with the Earth.  Collective.  `InputError` on all
+        ranks: the user's atmosphere fails or does not return `Air`."""
         # One altitude for the whole scene, which is small compared with a scale height.
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
 
@@ -184,14 +166,9 @@ class Drag:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
-        """Load of the flow on the deformed triangles of a film; air and wind are constants of its
-        form.
-
-        Returns:
-            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
-            which sets the constants (density [kg/m³], velocity and thermal speed [m/s],
-            √(T_wall/T_air)) before each step. `prepare` raises the errors of `flow`.
-        """
+        """Load of the flow on the deformed triangles of a film.  Before each step `prepare` sets
+        the constants of its form: density [kg/m³], velocity and thermal speed [m/s],
+        √(T_wall/T_air)."""
         mesh = film.space.mesh
         how = self.accommodation
         # Constants, whose values `prepare` sets before each step: literals in a form would compile
@@ -237,25 +214,12 @@ class _FlowOnFaces(FacesForce):
     def prepare(self, flight: Flight) -> None:
         self._air, self._wind = self._drag.flow(flight)
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces of the air on n flat faces of a rigid body.
-
-        `prepare` must have set the air and the wind of the step. A face without area or without
-        relative flow gives NaN.
-
-        Args:
-            areas: area vectors (..., n, 3) [m²] of the faces, pointing away from their fronts.
-            positions: of their centres (..., n, 3) [m]; not used, since the air is uniform.
-            rates: velocities of the centres (..., n, 3) [m/s].
-
-        Returns:
-            forces (..., n, 3) [N]; complex where the input is, for derivatives by complex steps.
-        """
+    def on_faces(self, areas: Array, rates: Array) -> Array:
+        """A face without area or without relative flow gives NaN."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         # Velocity of the air relative to each face (..., n, 3) [m/s].
         U = self._wind - rates
-        f: Array = air.density * flow_force(
+        return air.density * flow_force(
             areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows
         )
-        return f

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.extend import Array, check, check_arguments
-from gossamer_fx.mechanics.orbit.gravity_field import MU
+from gossamer_fx.extend import Array, Range, check, check_arguments
+from gossamer_fx.mechanics.orbit.harmonics import MU
 
 # Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
 # is round-off.
@@ -47,33 +48,22 @@ class Elements:
     a: float
     e: float = 0.0
     _: KW_ONLY
-    i: float = 0.0
+    i: Annotated[float, Range(0.0, math.pi, "rad")] = 0.0
     node: float = 0.0
     perigee: float = 0.0
     anomaly: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse elements that are neither those of an ellipse nor of a hyperbola.
-
-        Raises:
-            InputError: a [m] and e are neither an ellipse (a > 0, e < 1) nor a hyperbola (a < 0, e
-                > 1), the inclination i is not in 0 to π, or the true anomaly [rad] is beyond the
-                asymptote of the hyperbola.
-        """
         check(
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
-            f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a "
-            "hyperbola (a < 0, e > 1).",
-        )
-        check(
-            0 <= self.i <= math.pi,
-            f"Elements: i is {self.i!r} rad; an inclination is between 0 and pi.",
+            f"Elements: a is {self.a!r} m and e is {self.e!r}; "
+            "give an ellipse (a > 0, e < 1) or a hyperbola (a < 0, e > 1).",
         )
         check(
             1 + self.e * math.cos(self.anomaly) > 0,
-            f"Elements: the hyperbola of e = {self.e!r} has no point at the anomaly "
-            f"{self.anomaly!r} rad; give one "
-            "closer to perigee.",
+            "Elements: "
+            f"the hyperbola of e = {self.e!r} has no point at the anomaly {self.anomaly!r} rad; "
+            "give one closer to perigee.",
         )
 
     def motion(self, mu: float = MU) -> float:
@@ -86,13 +76,7 @@ class Elements:
 
     def state(self, mu: float = MU) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
-        body.
-
-        The default of `mu` is the value of the Earth. Elements were checked at construction.
-
-        Args:
-            mu: gravitational parameter of the central body [m³/s²].
-        """
+        body with the gravitational parameter `mu` [m³/s²], by default the Earth."""
         # p: semi-latus rectum [m]; r, v: position [m] and velocity [m/s] in the axes of the orbit;
         # R: rotation to the axes of the scene.
         p = self.a * (1 - self.e**2)
@@ -110,11 +94,8 @@ class Elements:
         return replace(self, anomaly=_true_anomaly(M, self.e))
 
     def _mean_anomaly(self) -> float:
-        """Mean anomaly [rad], by the eccentric anomaly E of an ellipse or H of a hyperbola.
-
-        Kepler's equation: M = E - e sin E, or M = e sinh H - H.  It follows from the true anomaly
-        and the eccentricity e of these elements.
-        """
+        """Mean anomaly [rad] by Kepler's equation, M = E - e sin E with the eccentric anomaly E of
+        an ellipse, or M = e sinh H - H with H of a hyperbola."""
         e = self.e
         half = self.anomaly / 2
         if e < 1:
@@ -128,17 +109,11 @@ class Elements:
 
 
 def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
-    """Osculating elements of a position and a velocity.
+    """Osculating elements of a position r (3,) [m] from the centre and a velocity v (3,) [m/s], for
+    a gravitational parameter `mu` [m³/s²].
 
-    The perigee of a circle is set to its node; the node of an equatorial orbit to the x axis.
-
-    Args:
-        r: position (3,) from the centre [m].
-        v: velocity (3,) [m/s].
-        mu: gravitational parameter of the central body [m³/s²].
-
-    Raises:
-        InputError: the motion is a straight line or a parabola, which have no such elements.
+    The perigee of a circle is set to its node; the node of an equatorial orbit to the x axis.  A
+    motion on a straight line or a parabola raises `InputError`.
 
     >>> import numpy as np
     >>> circle = elements_of(np.array([7e6, 0.0, 0.0]), np.array([0.0, np.sqrt(MU / 7e6), 0.0]))
@@ -196,11 +171,7 @@ def _angle(a: Array, b: Array, axis: Array) -> float:
 
 
 def _about(axis: int, angle: float) -> Array:
-    """Rotation matrix (3, 3) about a coordinate axis.
-
-    Args:
-        angle: right-handed angle [rad] by which vectors are turned.
-    """
+    """Rotation matrix (3, 3) about a coordinate axis, by a right-handed angle [rad]."""
     cosine = math.cos(angle)
     sine = math.sin(angle)
     i = (axis + 1) % 3
@@ -215,15 +186,8 @@ def _about(axis: int, angle: float) -> Array:
 
 
 def _true_anomaly(M: float, e: float) -> float:
-    """True anomaly [rad] of a mean anomaly, by Newton's method on Kepler's equation.
-
-    Args:
-        M: mean anomaly [rad].
-
-    Returns:
-        the true anomaly, in -π to π.  The iteration ends at a change below round-off or after 60
-        iterations, without an error.
-    """
+    """True anomaly, in -π to π, of a mean anomaly M [rad], by Newton's method on Kepler's equation.
+    The iteration ends at a change below round-off or after 60 iterations, without an error."""
     if e < 1:
         # E: eccentric anomaly [rad] of an ellipse; H below: that of a hyperbola.
         M = math.remainder(M, 2 * math.pi)

@@ -5,21 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from gossamer_fx.extend import Array, Vector, check, is_vector
-from gossamer_fx.mechanics.orbit.eclipse import AU, shadow_depth, sunlit_in_cone, sunlit_in_cylinder
+from gossamer_fx.extend import Array, Vector, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
-from gossamer_fx.mechanics.orbit.gravity_field import EGM_MU, MU, RADIUS, egm2008, oblateness
-from gossamer_fx.mechanics.orbit.harmonics import SolidHarmonics
+from gossamer_fx.mechanics.orbit.harmonics import (
+    EGM_MU,
+    MU,
+    RADIUS,
+    SolidHarmonics,
+    egm2008,
+    oblateness,
+)
 from gossamer_fx.mechanics.orbit.optics import PRESSURE
 from gossamer_fx.mechanics.orbit.sky import (
+    AU,
     MU_MOON,
     MU_SUN,
     Sky,
     point_gradient,
+    shadow_depth,
+    sunlit_in_cone,
+    sunlit_in_cylinder,
     third_body,
     third_body_gradient,
 )
@@ -39,38 +48,19 @@ class Environment:
         gravity: str | int = "point",
         epoch: str | None = None,
         sun: Vector | SunHistory | None = None,
-        third_bodies: Sequence[str] = (),
+        third_bodies: Sequence[Literal["sun", "moon"]] = (),
         shadow: Shadow = "cylinder",
-        mu: float | None = None,
-        radius: float = RADIUS,
-        pressure: float = PRESSURE,
+        mu: Annotated[float, positive("m³/s²")] | None = None,
+        radius: Annotated[float, positive("m")] = RADIUS,
+        pressure: Annotated[float, positive("N/m²")] = PRESSURE,
         ut1_utc: float = 0.0,
-        following: float = 1000.0,
+        following: Annotated[float, positive("s")] = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments of an orbit; build gravity field, sky and initial state.
-
-        Args:
-            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
-                centre.
-            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
-            epoch: date of the time 0 in UTC.
-            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
-                returns it; None: that of the epoch.
-            third_bodies: of "sun" and "moon", whose tides act.
-            shadow: of the centre: "cylinder", "cone" or "none".
-            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
-            radius: of the centre [m].
-            pressure: of sunlight at 1 au [N/m²].
-            ut1_utc: UT1 - UTC [s].
-            following: time [s] in which the origin returns to the centre of mass.
-            name: for messages and results.
-
-        Raises:
-            InputError: an argument is out of its range or not one of the named choices, `epoch` is
-                missing where the gravity field or a third body depends on the date, or the library
-                ERFA for dates is not installed.
-        """
+        """Check the arguments of an `Orbit`; build gravity field, sky and initial state.
+        `InputError`: an argument is out of its range or not one of the named choices, `epoch` is
+        missing where the gravity field or a third body depends on the date, or the library ERFA for
+        dates is not installed."""
         self.name = name
         self.radius = radius
         self.pressure = pressure
@@ -80,19 +70,9 @@ class Environment:
         self._gravity = gravity
         self._epoch = epoch
         self._ut1_utc = ut1_utc
-        for what in ("radius", "pressure", "following"):
-            value = getattr(self, what)
-            check(
-                math.isfinite(value) and value > 0,
-                f"Orbit '{name}': {what} is {value!r}; give a positive number.",
-            )
         check(
             gravity in ("point", "J2") or isinstance(gravity, int),
             f"Orbit '{name}': gravity is {gravity!r}; give 'point', 'J2' or a degree of EGM2008.",
-        )
-        check(
-            shadow in ("none", "cylinder", "cone"),
-            f"Orbit '{name}': shadow is {shadow!r}; give 'none', 'cylinder' or 'cone'.",
         )
         self.shadow: Shadow = shadow
         self._harmonics: SolidHarmonics | None = None
@@ -105,49 +85,34 @@ class Environment:
         self._turns = isinstance(gravity, int)
         # The coefficients of EGM2008 belong to its value of μ.
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
-        check(
-            math.isfinite(self.mu) and self.mu > 0,
-            f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.",
-        )
         self._third_bodies = tuple(third_bodies)
         check(
-            set(self._third_bodies) <= {"sun", "moon"},
-            f"Orbit '{name}': third_bodies are {self._third_bodies!r}; known are 'sun' and 'moon'.",
-        )
-        check(
             epoch is not None or not (self._turns or self._third_bodies),
-            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an "
-            "epoch.",
+            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; "
+            "give an epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
             sun is None
             or callable(sun)
             or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
-            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a "
-            "function of time; only "
-            "an orbit with the Sun's mu has it at its centre.",
+            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, "
+            "or a function of time; only an orbit with the Sun's mu has it at its centre.",
         )
         self._sun = sun
         self.state = self._state_of(start)
 
     def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s], (3,) each, at the start of the orbit.
-
-        Args:
-            start: orbital elements, or the position [m] and the velocity [m/s] themselves.
-
-        Raises:
-            InputError: `start` is neither, or the position is the centre.
-        """
+        """Position [m] and velocity [m/s], (3,) each, of orbital elements or as they are given;
+        `InputError` for anything else, or a position at the centre."""
         if isinstance(start, Elements):
             return start.state(self.mu)
         check(
             isinstance(start, tuple | list)
             and len(start) == 2
             and all(is_vector(s) for s in start),
-            f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a "
-            "velocity [m/s].",
+            f"Orbit '{self.name}': start is {start!r}; "
+            "give Elements, or a position [m] and a velocity [m/s].",
         )
         # Position [m] and velocity [m/s] from the attracting centre.
         r, v = (np.asarray(s, dtype=float) for s in start)
@@ -165,15 +130,9 @@ class Environment:
         return self._harmonics is not None or bool(self._third_bodies)
 
     def field(self, r: Array, t: float) -> Array:
-        """Perturbing acceleration (3,) [m/s²]: all attraction except the 1/r gravity of the centre.
-
-        It is the sum over oblateness or harmonics and the tides of Sun and Moon; zero if there are
-        none.
-
-        Args:
-            r: position (3,) from the attracting centre [m], in axes that do not turn.
-            t: time since the epoch [s].
-        """
+        """Perturbing acceleration (3,) [m/s²] at r (3,) [m] from the attracting centre, in axes
+        that do not turn, t [s] after the epoch: oblateness or harmonics and the tides of Sun and
+        Moon, zero if there are none."""
         a: Array = np.zeros(3)
         if self._harmonics is not None:
             E = self.earth(t)
@@ -217,15 +176,9 @@ class Environment:
     # ---- what lights -----------------------------------------------------------------------------
 
     def sun(self, t: float) -> Array:
-        """Position (3,) [m] of the Sun from the attracting centre; zero if the Sun is the centre.
-
-        Args:
-            t: time since the start of the run [s].
-
-        Raises:
-            InputError: neither `sun` nor an epoch was given to the orbit, or the user's function
-                `sun` does not return three finite numbers.
-        """
+        """Position (3,) [m] of the Sun from the attracting centre, t [s] after the start of the
+        run; zero if the Sun is the centre.  `InputError`: neither `sun` nor an epoch was given to
+        the orbit, or the user's function `sun` does not return three finite numbers."""
         if self._sun is None:
             check(
                 self.sky is not None,
@@ -236,22 +189,15 @@ class Environment:
         value = self._sun(t) if callable(self._sun) else self._sun
         check(
             is_vector(value),
-            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three "
-            "numbers.",
+            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; "
+            "give three numbers.",
         )
         return AU * np.asarray(value, dtype=float)
 
     def light(self, r: Array, t: float) -> tuple[Array, float]:
-        """Direction (3,) in which sunlight goes at r, and its pressure on a black surface
-        [N/m²].
-
-        The direction is a unit vector away from the Sun; `r` (3,) [m] is from the attracting centre
-        and t [s] from the start of the run. The pressure is reduced by the shadow, to zero in the
-        umbra.
-
-        Raises:
-            InputError: the position of the Sun is not known or not three finite numbers, see `sun`.
-        """
+        """Unit vector (3,) away from the Sun at r (3,) [m] from the attracting centre, t [s] after
+        the start of the run, and the pressure [N/m²] of sunlight on a black surface, reduced by the
+        shadow, to zero in the umbra."""
         sun = self.sun(t)
         way = r - sun
         distance = float(np.linalg.norm(way))
@@ -259,7 +205,7 @@ class Environment:
         return way / distance, self.pressure * (AU / distance) ** 2 * self.sunlit(r, sun)
 
     def sunlit(self, r: Array, sun: Array) -> float:
-        """Part of the Sun that is seen from r."""
+        """Fraction of the Sun that is seen from r."""
         # A Sun in the centre casts no shadow: nothing lies between it and the scene.
         if self.shadow == "none" or not np.any(sun):
             return 1.0

@@ -33,24 +33,15 @@ class FlyingLoads(Loads):
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         """Compile the terms as loads that depend on the mean velocity of the step."""
         self._flying = terms
-        super().__init__([at_rate(term, system.fields[term.body]) for term in terms], system)
+        super().__init__([at_rate(term, system.coordinates[term.body]) for term in terms], system)
 
     def begin_step(self, t: float) -> None:
-        """Set the constants of all loads for the step that is evaluated at time t [s].  Collective.
-
-        Each load is given the position, velocity and light of its orbit in the middle of the step,
-        and the length `h` [s] of the step.
-
-        Raises:
-            InputError: the orbit of a load is not in the scene, or the step is too long for the
-                orbit.
-        """
         system = self._system
         for term in self._flying:
             flight = term.orbit.flight(system)
             flight.prepare(system)
             # The forms take velocities as differences over the step.
-            system.fields[term.body].h.value = system.h
+            system.coordinates[term.body].h.value = system.h
             term.prepare(flight, system)
         super().begin_step(t)
 
@@ -58,10 +49,7 @@ class FlyingLoads(Loads):
 @dataclass(frozen=True, eq=False)
 class FlyingLoad:
     """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of
-    the step.
-
-    prepare: sets its constants from the flight, before each step.
-    """
+    the step.  `prepare` sets its constants from the flight, before each step."""
 
     name: str
     body: MeshBody
@@ -93,16 +81,9 @@ class _ByComplexSteps:
         self._lag = 1.0
         self._X0: Array = np.zeros(0)
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
-        """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
-
-        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag."""
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Start a step from the vectors X of the ports, stored as `_X0`; mean rates are (X -
+        X0)/lag."""
         self._lag = lag
         self._X0 = X
 
@@ -111,27 +92,18 @@ class _ByComplexSteps:
         return self._law.forces(X.reshape(shape), ((X - self._X0) / self._lag).reshape(shape))
 
     def force(self, X: Array) -> Array:
-        f: Array = self._forces(X).ravel()
-        return f
+        return self._forces(X).ravel()
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports.
-
-        Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
-        zero.
-
-        K_ij is the derivative of component i of the forces by component j of X.  `begin` stored
-        `_X0`, the vectors at the start of the step; the law of the force is evaluated for 3k
-        complex steps at once.
-        """
+        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports, [N/m]
+        for points, [N] for directors, by 3k complex steps at once; zero before the first step."""
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))
         # A complex step subtracts nothing, so that it can be this small; its error is of the
         # order of its square.
         tiny = 1e-30
         stepped = self._forces(X + 1j * tiny * np.eye(X.size))
-        K: Array = stepped.reshape(X.size, X.size).imag.T / tiny
-        return K
+        return stepped.reshape(X.size, X.size).imag.T / tiny
 
 
 class FlyingPointLoads(PointLoads):
@@ -169,11 +141,8 @@ def axes_of(body: Any) -> tuple[Port, ...]:
 
 
 class FacesForce:
-    """A force on flat faces of a rigid body at its position and directors (..., 4, 3).
-
-    Args:
-        areas: area vectors (n, 3), centres (n, 3) in body axes.
-    """
+    """A force on flat faces of a rigid body at its position and directors (..., 4, 3); area vectors
+    (n, 3) [m²] and centres (n, 3) [m] are in body axes."""
 
     def __init__(self, areas: Array, centres: Array) -> None:
         self._areas = areas
@@ -184,11 +153,10 @@ class FacesForce:
         """Forces (..., 4, 3) on position and directors X (..., 4, 3) that move with the rates."""
         # Area vectors turn with the directors; the position does not move them.
         faces = self._areas @ X[..., 1:, :]
-        f = self.on_faces(faces, self._arms @ X, self._arms @ rate)
-        total: Array = np.swapaxes(f, -1, -2) @ self._arms
-        return np.swapaxes(total, -1, -2)
+        f = self.on_faces(faces, self._arms @ rate)
+        return np.swapaxes(np.swapaxes(f, -1, -2) @ self._arms, -1, -2)
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all
-        (..., n, 3)."""
+    def on_faces(self, areas: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] on faces with area vectors [m²], which point away from their
+        fronts, and velocities of their centres [m/s], all (..., n, 3)."""
         raise NotImplementedError

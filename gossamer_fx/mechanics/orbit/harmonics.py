@@ -1,4 +1,5 @@
-"""Potentials in solid spherical harmonics, for gravity and the magnetic field.
+"""Potentials in solid spherical harmonics: gravity (J2, or EGM2008 to degree 20) and magnetic field
+(IGRF-14) of the Earth.
 
 With the reference radius a, latitude φ and longitude λ, the solid harmonics and a potential are
 
@@ -15,24 +16,24 @@ Source: L. E. Cunningham, Celest. Mech. 2 (1970) 207, doi:10.1007/BF01229495.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.resources import files
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.extend import Array
+from gossamer_fx.extend import Array, check
 
 # c_nm at [n, m] for m ≤ n, and zero for m > n.
 Coefficients = npt.NDArray[np.complex128]
 
 
 class SolidHarmonics:
-    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside a sphere.
+    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside a sphere of the reference
+    radius a [m].
 
-    Args:
-        coefficients: c_nm = C_nm - i S_nm, not normalised, complex (N + 1, N + 1).
-        radius: reference radius a [m].
-        scale: s, for example μ/a [m²/s²] for gravity.
+    `coefficients` c_nm = C_nm - i S_nm are complex (N + 1, N + 1), not normalised; `scale` is for
+    example μ/a [m²/s²] for gravity.
 
     >>> import numpy as np
     >>> point = SolidHarmonics(np.array([[1.0 + 0j]]), radius=1.0, scale=2.0)  # 2/r
@@ -73,12 +74,8 @@ class SolidHarmonics:
         return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
-        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre.
-
-        It is symmetric, and its trace is zero.  At the origin the result is not finite.
-
-        Y are the solid harmonics at the positions, G [-] the result before scaling.
-        """
+        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre:
+        symmetric, with the trace zero, not finite at the origin."""
         Y = solid_harmonics(
             len(self._second[0][0]) - 1,
             r,
@@ -108,26 +105,19 @@ class SolidHarmonics:
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
     """Re Σ c_nm Y_nm (...); the degree of c is at most that of Y (N, N, ...)."""
     N = len(c)
-    result: Array = np.einsum(
+    return np.einsum(
         "nm,nm...->...",
         c,
         Y[:N, :N],
     ).real
-    return result
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
-    """Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ) at positions r, complex and dimensionless.
+    """Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ) at positions r (..., 3) [m] for the reference
+    radius a [m]: complex (degree + 1, degree + 1, ...), Y_nm at [n, m], zeros where m > n; not
+    finite at the origin.
 
     φ is the latitude, λ the longitude and P_nm the associated Legendre function, not normalised.
-
-    Args:
-        degree: highest degree n.
-        r: positions (..., 3) [m]; for the origin the result is not finite.
-        radius: reference radius a [m].
-
-    Returns:
-        array (degree + 1, degree + 1, ...), with Y_nm at [n, m] and zeros where m > n.
     """
     # r2: |r|² [m²]; x, y, z: a/r² times the coordinates [-]; ρ: (a/r)² [-]; xy: x + i y.
     r2 = np.sum(np.asarray(r, dtype=float) ** 2, axis=-1)
@@ -149,19 +139,15 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
 
 def differentiate(c: Coefficients, axis: int) -> Coefficients:
-    """Return the coefficients (N + 1, N + 1) of the derivative of a potential Φ along an axis.
+    """Return the coefficients (N + 1, N + 1) of radius · ∂Φ/∂x_axis from those of Φ, c (N, N),
+    complex and not normalised, c_nm at [n, m].
 
-    The derivative is multiplied by the reference radius: the coefficients are those of
-    radius · ∂Φ/∂x_axis.  Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics; with the radius
-    written as a, their derivatives are
+    Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics; with the reference radius a, their
+    derivatives are
 
         a ∂z Y_nm = -(n-m+1) Y_{n+1,m}
         a (∂x + i ∂y) Y_nm = -Y_{n+1,m+1}
         a (∂x - i ∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
-
-    Args:
-        c: coefficients (N, N) of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
-        axis: 0, 1 or 2 for x, y or z.
     """
     # d: the result; n and m: degrees and orders as a column and a row; up, down: factors of the
     # terms Y_{n+1,m+1} and Y_{n+1,m-1}.
@@ -188,14 +174,11 @@ def differentiate(c: Coefficients, axis: int) -> Coefficients:
 
 
 def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
-    """Coefficients (N, N) without normalisation, from normalised ones; zero where m > n.
+    """Coefficients (N, N) without normalisation, from normalised ones c of degree n and order m at
+    [n, m], in any unit; zero where m > n.
 
-    The factor is √((2-δ_0m) (n-m)!/(n+m)!), in geodesy times √(2n+1).
-
-    Args:
-        c: normalised coefficients (N, N), of degree n and order m at [n, m], in any unit.
-        geodetic: True for the full normalisation of geodesy, False for Schmidt's semi-normalisation
-            of geomagnetism.
+    The factor is √((2-δ_0m) (n-m)!/(n+m)!), Schmidt's semi-normalisation of geomagnetism; in the
+    full normalisation of geodesy times √(2n+1).
     """
     N = len(c)
     factor = np.zeros((N, N))
@@ -209,3 +192,128 @@ def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
             product *= (n + m) * (n - m + 1)
             factor[n, m] = np.sqrt(2 / product) * factor[n, 0]
     return c * factor
+
+
+# ---- gravity of the Earth ------------------------------------------------------------------------
+
+# Gravitational parameter [m³/s²] and equatorial radius [m] of the Earth in WGS 84, and J2 of EGM96.
+MU = 3.986004418e14
+RADIUS = 6378137.0
+J2 = 1.08262668e-3
+
+# Gravitational parameter [m³/s²] and reference radius [m] to which the coefficients of EGM2008
+# refer, and the highest degree in the file.
+EGM_MU = 3.986004415e14
+EGM_RADIUS = 6378136.3
+EGM_DEGREE = 20
+
+
+def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
+    """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis, with the
+    gravitational parameter μ [m³/s²] and the equatorial radius a [m].
+
+    φ is the latitude and r the distance from the centre.  The sign is that of geodesy: the
+    acceleration is the gradient.  The potential μ/r of the point mass is not included.
+    """
+    c = np.zeros((3, 3), dtype=complex)
+    c[2, 0] = -J2
+    return SolidHarmonics(c, radius, mu / radius)
+
+
+def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonics:
+    """Gravity potential EGM2008 [m²/s²] of the Earth, in Earth-fixed axes, to a degree and order of
+    2 to 20; the term μ/r is included if `central`.
+
+    Source: N. K. Pavlis et al., J. Geophys. Res. 117 (2012) B04406, doi:10.1029/2011JB008916.
+
+    >>> import numpy as np
+    >>> g = egm2008(2, central=True).gradient(np.array([EGM_RADIUS, 0.0, 0.0]))
+    >>> round(float(g[0]), 2)
+    -9.81
+    """
+    check(
+        degree in range(2, EGM_DEGREE + 1),
+        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; "
+        f"degree is {degree!r}.",
+    )
+    c = np.zeros((degree + 1, degree + 1), dtype=complex)
+    c += _egm2008()[: degree + 1, : degree + 1]
+    if central:
+        c[0, 0] = 1.0
+    return SolidHarmonics(c, EGM_RADIUS, EGM_MU / EGM_RADIUS)
+
+
+@cache
+def _egm2008() -> Coefficients:
+    """Coefficients c_nm of EGM2008 without normalisation, read once."""
+    c = np.zeros((EGM_DEGREE + 1, EGM_DEGREE + 1), dtype=complex)
+    for line in (files("gossamer_fx.mechanics.orbit") / "egm2008.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            n, m, C, S = line.split()
+            c[int(n), int(m)] = float(C) - 1j * float(S)
+    return unnormalise(c, geodetic=True)
+
+
+# ---- magnetic field of the Earth -----------------------------------------------------------------
+
+# Reference radius [m] of the coefficients of IGRF.
+REFERENCE_RADIUS = 6371.2e3
+
+
+class Igrf:
+    """Main magnetic field of the Earth at one year with fraction, from 1900 to 2030.
+
+        B = -∇V [T],    V = a Σ (a/r)^(n+1) P_n^m(sin φ) (g cos mλ + h sin mλ),    n ≤ 13
+
+    Coefficients are linear between epochs; those of the last five years are a forecast.
+
+    Source: IAGA, International Geomagnetic Reference Field, 14th generation,
+    doi:10.5281/zenodo.14012302; its file `igrf14.shc` is in this package.
+
+    >>> import numpy as np
+    >>> B = Igrf(2025.0).field(np.array([0.0, 0.0, REFERENCE_RADIUS]))  # at the north pole
+    >>> bool(5.5e-5 < np.linalg.norm(B) < 6.0e-5)
+    True
+    """
+
+    def __init__(self, year: float) -> None:
+        # c: coefficients [T] of each epoch; s, below: share of the interval that has passed at the
+        # year, 0 to 1.
+        epochs, c = _igrf14()
+        check(
+            bool(epochs[0] <= year <= epochs[-1]),
+            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, "
+            f"not in {year!r}; give a year between them.",
+        )
+        # The interval of epochs; the last year belongs to the last interval.
+        following = np.searchsorted(epochs, year, side="right")
+        k = int(np.clip(following - 1, 0, len(epochs) - 2))
+        s = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
+        self.harmonics = SolidHarmonics(
+            coefficients=(1 - s) * c[k] + s * c[k + 1],
+            radius=REFERENCE_RADIUS,
+            scale=REFERENCE_RADIUS,
+        )
+
+    def field(self, r: Array) -> Array:
+        """B (..., 3) [T] at Earth-fixed positions r (..., 3) [m]."""
+        return -self.harmonics.gradient(r)
+
+
+@cache
+def _igrf14() -> tuple[Array, list[Coefficients]]:
+    """Epochs (k,) [years], and for each of them coefficients c_nm (14, 14) [T] without
+    normalisation, read once from the file `igrf14.shc` of the package."""
+    text = (files("gossamer_fx.mechanics.orbit") / "igrf14.shc").read_text()
+    lines = [line.split() for line in text.splitlines() if not line.startswith("#")]
+    degree = int(lines[0][1])
+    epochs = np.array([float(year) for year in lines[1]])
+    c = np.zeros((len(epochs), degree + 1, degree + 1), dtype=complex)
+    for n, m, *values in lines[2:]:
+        nanotesla = np.array([float(value) for value in values])
+        # Lines with negative m have the sine coefficients h, the others the cosine coefficients g.
+        if int(m) >= 0:
+            c[:, int(n), int(m)] += 1e-9 * nanotesla
+        else:
+            c[:, int(n), -int(m)] += 1e-9 * (-1j * nanotesla)
+    return epochs, [unnormalise(each, geodetic=False) for each in c]

@@ -11,7 +11,7 @@ from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_ar
 from gossamer_fx.mechanics.bodies import Frame
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
-from gossamer_fx.mechanics.orbit.magnetic_field import Igrf
+from gossamer_fx.mechanics.orbit.harmonics import Igrf
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 
 MomentHistory = Callable[[float], Sequence[float]]
@@ -44,12 +44,7 @@ class MagneticDipole:
     """
 
     def __init__(
-        self,
-        frame: Frame,
-        orbit: Orbit,
-        *,
-        moment: Vector | MomentHistory,
-        name: str = "magnet",
+        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
     ) -> None:
         self.frame = frame
         self.orbit = orbit
@@ -79,8 +74,7 @@ class MagneticDipole:
         assert self._field is not None
         # IGRF is a field in Earth-fixed axes.
         turn = self.orbit.earth(flight.time)
-        B: Array = turn.T @ self._field.field(turn @ flight.R)
-        return B
+        return turn.T @ self._field.field(turn @ flight.R)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield FlyingPointLoad(self.name, self.frame.directors, self.orbit, _DipoleTorque(self))
@@ -95,39 +89,21 @@ class _DipoleTorque:
         self._m: Array = np.zeros(3)
 
     def prepare(self, flight: Flight) -> None:
-        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step.
-
-        Args:
-            flight: time and position of the scene in the middle of the step.
-
-        Raises:
-            InputError: the user's function for the moment does not return three finite numbers.
-        """
+        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step."""
         moment = self._dipole.moment
         # Loads of the midpoint rule act in the middle of the step.
         value = moment(flight.time) if callable(moment) else moment
         check(
             is_vector(value),
-            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return "
-            "three finite numbers.",
+            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; "
+            "return three finite numbers.",
         )
         self._B = self._dipole.field(flight)
         self._m = np.asarray(value, dtype=float)
 
     def forces(self, X: Array, rate: Array) -> Array:
-        """Forces on the directors X of a body whose torque is m × B.
-
-        Args:
-            X: three directors (..., 3, 3) [-], one a row; complex for derivatives by complex steps.
-            rate: their rates [1/s]; not used.
-
-        Returns:
-            forces (..., 3, 3) [N m], conjugate to the dimensionless directors.
-
-        Raises:
-            numpy.linalg.LinAlgError: the directors are parallel, which no body in a solved step
-                has.
-        """
+        """Forces (..., 3, 3) [N m], conjugate to the directors X (..., 3, 3) [-], whose torque is m
+        × B."""
         torque = np.cross(self._m @ X, self._B)
         # In the middle of a step directors are not exactly orthonormal; with their own S the
         # torque is still m × B.
@@ -135,5 +111,4 @@ class _DipoleTorque:
         S = np.swapaxes(X, -1, -2) @ X
         resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
         F = np.linalg.solve(resistance, torque[..., None])[..., 0]
-        f: Array = np.cross(F[..., None, :], X)
-        return f
+        return np.cross(F[..., None, :], X)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
-from gossamer_fx.extend import check, check_arguments
+from gossamer_fx.extend import Range, check, check_arguments
 
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
+
+Share = Annotated[float, Range(0.0, 1.0)]
 
 
 @check_arguments
@@ -38,30 +41,19 @@ class Optics:
         0.88
     """
 
-    reflectivity: float = 1.0
-    specular: float = 1.0
+    reflectivity: Share = 1.0
+    specular: Share = 1.0
     _: KW_ONLY
-    emissivity: float = 0.05
-    lambertian: float = 2 / 3
+    emissivity: Share = 0.05
+    lambertian: Share = 2 / 3
     other_side: Optics | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values outside 0 to 1, a side of a side, and absorption without radiation.
-
-        Raises:
-            InputError: a property is outside 0 to 1, `other_side` has an `other_side` itself, or a
-                surface with reflectivity < 1 has zero emissivity on both sides.
-        """
-        for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
-            value = getattr(self, quantity)
-            check(
-                0 <= value <= 1, f"Optics: {quantity} is {value!r}; give a number between 0 and 1."
-            )
         back = self.other_side
         check(
             back is None or back.other_side is None,
-            "Optics: the other side has another side; give the optics of the two sides of one "
-            "film.",
+            "Optics: the other side has another side; "
+            "give the optics of the two sides of one film.",
         )
         check(
             self.emissivity + (back or self).emissivity > 0 or self.reflectivity == 1,
@@ -74,21 +66,12 @@ class Optics:
         return self, self.other_side or self
 
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
-        """Coefficients of the force of light on a surface whose front, or back, is lit;
-        dimensionless.
+        """Coefficients (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) of the force of light on
+        a surface whose front, or back, is lit:
 
             f/P = cos α {[c_0 cos α + c_1] n + c_2 u}
 
-        is the force per area over the pressure of light along u, at an angle α to the normal n of
-        the side away from it.
-
-        Args:
-            back: True if light falls on the back.
-
-        Returns:
-            (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs), with the reflectivity r, the
-            specular share s, the emissivity ε and the Lambertian coefficient B of the lit side; ε',
-            B' are those of the dark side.
+        with ε', B' of the dark side, see the class.
         """
         lit, dark = self.sides[::-1] if back else self.sides
         r = lit.reflectivity

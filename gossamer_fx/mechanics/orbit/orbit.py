@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
-from gossamer_fx.extend import Assembly, State, Term, Vector, check, check_arguments
-from gossamer_fx.mechanics.orbit.elements import Elements
-from gossamer_fx.mechanics.orbit.environment import Environment, Shadow, SunHistory
+from gossamer_fx.extend import Assembly, State, Term, check, check_arguments
+from gossamer_fx.mechanics.orbit.environment import Environment
 from gossamer_fx.mechanics.orbit.flight import Flight
-from gossamer_fx.mechanics.orbit.gravity_field import RADIUS
-from gossamer_fx.mechanics.orbit.optics import PRESSURE
 from gossamer_fx.mechanics.orbit.relative_gravity import RelativeGravity
 
 
@@ -26,7 +24,7 @@ class Orbit(Environment):
 
     a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity,
     energy and angular momentum of orbit and deformation together are conserved to the tolerance of
-    the solver, for every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and
+    the solver, for every step; `orbit.flight` describes how.  Rigid bodies have mass, centre and
     inertia, so that the forces on them lack terms of order (size/|X|)³.  Initial positions and
     velocities are relative to the origin.
 
@@ -55,48 +53,16 @@ class Orbit(Environment):
         6378137.0
     """
 
-    def __init__(
-        self,
-        start: Elements | tuple[Vector, Vector],
-        *,
-        gravity: str | int = "point",
-        epoch: str | None = None,
-        sun: Vector | SunHistory | None = None,
-        third_bodies: Sequence[str] = (),
-        shadow: Shadow = "cylinder",
-        mu: float | None = None,
-        radius: float = RADIUS,
-        pressure: float = PRESSURE,
-        ut1_utc: float = 0.0,
-        following: float = 1000.0,
-        name: str = "orbit",
-    ) -> None:
-        super().__init__(
-            start,
-            gravity=gravity,
-            epoch=epoch,
-            sun=sun,
-            third_bodies=third_bodies,
-            shadow=shadow,
-            mu=mu,
-            radius=radius,
-            pressure=pressure,
-            ut1_utc=ut1_utc,
-            following=following,
-            name=name,
-        )
+    @cached_property
+    def _flights(self) -> WeakKeyDictionary[Assembly, Flight]:
         # Weak keys: an orbit does not keep the compiled scenes of earlier runs in memory.
-        self._flights: WeakKeyDictionary[Assembly, Flight] = WeakKeyDictionary()
+        return WeakKeyDictionary()
 
     def terms(self, start: State) -> Iterable[Term]:
         # Each compiled scene has a separate flight, so that runs may share an orbit.
         yield RelativeGravity(self.name, Flight(self), self._flights)
 
     def flight(self, system: Assembly) -> Flight:
-        """The orbit at work on a system.
-
-        Raises:
-            InputError: it is not in that scene.
-        """
+        """The orbit at work on a system; `InputError` if it is not in that scene."""
         check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
         return self._flights[system]

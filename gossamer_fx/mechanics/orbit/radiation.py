@@ -62,28 +62,19 @@ def substeps(T: Array, h: float, C: Array | float, A: Array, B: Array) -> int:
 def equilibrium_temperature(A: Array, B: Array) -> Array:
     """(A/B)^¼ [K], at which as much heat is absorbed as emitted; zero where nothing is emitted."""
     radiating = np.where(B > 0, B, 1.0)
-    T: Array = np.where(B > 0, (A / radiating) ** 0.25, 0.0)
-    return T
+    return np.where(B > 0, (A / radiating) ** 0.25, 0.0)
 
 
 def advance(
     T: Array, h: float, C: Array | float, A: Array, B: Array, *, count: int
 ) -> tuple[Array, Array]:
-    """Temperatures of n triangles of a film a time later, and the heat that they have emitted.
+    """Temperatures (n,) [K] of triangles of a film a time h [s] later, and the heat (n,) [J/m²]
+    that they have emitted.
 
-    They follow C dT/dt = A - B T⁴, integrated by an implicit method of order 2 with two stages (R.
-    Alexander, SIAM J. Numer. Anal. 14 (1977) 1006).
-
-    Args:
-        T: temperatures (n,) [K].
-        h: time [s].
-        C: heat capacity per area [J/(m² K)], a number or (n,).
-        A: absorbed flux (n,) [W/m²].
-        B: radiated flux over T⁴ (n,) [W/(m² K⁴)].
-        count: number of sub-steps; above `MAX_SUBSTEPS` one implicit Euler step is made.
-
-    Returns:
-        temperatures (n,) [K], and emitted heat (n,) [J/m²].
+    They follow C dT/dt = A - B T⁴, with the heat capacity per area C [J/(m² K)], the absorbed flux
+    A (n,) [W/m²] and B (n,) [W/(m² K⁴)], integrated in `count` sub-steps of an implicit method of
+    order 2 with two stages (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006); for more than
+    `MAX_SUBSTEPS` one implicit Euler step is made.
 
     >>> import numpy as np
     >>> black = np.array([2 * STEFAN_BOLTZMANN])
@@ -95,30 +86,23 @@ def advance(
     if count > MAX_SUBSTEPS:
         T = _stage(T, h, C, A, B)
         return T, h * B * T**4
-    part = h / count
+    substep = h / count
     emitted = np.zeros(len(T))
     for _ in range(count):
-        first = _stage(T, GAMMA * part, C, A, B)
+        first = _stage(T, GAMMA * substep, C, A, B)
         # h (1 - γ) f(T_1), from the change in the first stage
         explicit = (1 - GAMMA) / GAMMA * (first - T)
-        T = _stage(T + explicit, GAMMA * part, C, A, B)
-        emitted += part * B * ((1 - GAMMA) * first**4 + GAMMA * T**4)
+        T = _stage(T + explicit, GAMMA * substep, C, A, B)
+        emitted += substep * B * ((1 - GAMMA) * first**4 + GAMMA * T**4)
     return T, emitted
 
 
 def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> Array:
-    """Solve one implicit stage: the root T (n,) [K] of T + time B T⁴/C = start + time A/C.
+    """Solve one implicit stage of a length `time` [s]: the root T (n,) [K] of T + time B T⁴/C =
+    start + time A/C, with A, B and C of `advance`.
 
-    Args:
-        start: temperatures (n,) before the stage [K].
-        time: length of the stage [s].
-        C: heat capacity per area [J/(m² K)], a number or (n,).
-        A: absorbed flux (n,) [W/m²].
-        B: emission over T⁴ (n,) [W/(m² K⁴)].
-
-    Returns:
-        T (n,) [K].  Newton's method ends after 60 iterations without an error; it falls to the root
-        from above, so that it converges for all physical input.
+    Newton's method ends after 60 iterations without an error; it falls to the root from above, so
+    that it converges for all physical input.
     """
     right_side = start + time * A / C
     b = time * B / C
@@ -135,17 +119,12 @@ def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> A
 
 
 def view_factor(cosine: Array, height: float) -> Array:
-    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere, 0 to 1.
+    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere: (1/π) ∫
+    cos θ dΩ over the visible part of the sphere that is above the plane of the face.
 
-    It is (1/π) ∫ cos θ dΩ over the visible part of the sphere that is above the plane of the face.
-
-    Args:
-        cosine: of the angle between the outward normal of the face and the direction to the centre
-            (n,).
-        height: distance of the face from the centre over the radius of the sphere, dimensionless,
-            at least 1.
-
-    The closed form is compared with a quadrature in `tests/orbit/test_heating.py`.
+    `cosine` (n,) is of the angle between the outward normal of the face and the direction to the
+    centre, `height` the distance from the centre over the radius of the sphere, at least 1.  The
+    closed form is compared with a quadrature in `tests/orbit/test_heating.py`.
 
     >>> import numpy as np
     >>> view_factor(np.array([1.0, -1.0]), 2.0).tolist()
@@ -165,5 +144,4 @@ def view_factor(cosine: Array, height: float) -> Array:
         - np.arcsin(edge) / math.pi
         + (cosine * np.arccos(slant) - horizon * chord) / (math.pi * height**2)
     )
-    share: Array = np.where(is_cut, np.maximum(cut, 0.0), whole)
-    return share
+    return np.where(is_cut, np.maximum(cut, 0.0), whole)

@@ -4,7 +4,7 @@ Problem.  Positions x in the frame are metres, those of its origin R are 7e6 m: 
 both attractions would lose seven digits.
 
 Method.  A mass m at X = R + x has over a step from X0 to X1 the exact average of 1/r gravity, with
-σ of `orbit.origin`, and the frame the same at R.  The difference is the force in the
+σ of `orbit.flight`, and the frame the same at R.  The difference is the force in the
 frame,
 
     f/m = -σ(X0, X1) X_mid + σ(R0, R1) R_mid = -σ(R0, R1) [x_mid - γ/(1+γ) X_mid]                (1)
@@ -33,51 +33,164 @@ from petsc4py import PETSc
 from gossamer_fx.extend import (
     Array,
     Assembly,
+    Attached,
     AttachedKineticEnergy,
     Body,
     CompiledTerms,
     Compiler,
     Expr,
-    Forces,
-    FrameMomenta,
+    Gather,
     Ground,
     KineticEnergy,
     NodeKineticEnergy,
     PointMeasure,
-    Resultants,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
+    Port,
     Support,
-    TangentForms,
-    Tangents,
     Term,
+    add_blocks,
+    attach_all,
     check,
     compile_form,
     constant,
+    evaluated_here,
+    translation_weight,
 )
 from gossamer_fx.mechanics.orbit.flight import Flight, Moments
-from gossamer_fx.mechanics.orbit.mass_points import MassPoints
+
+Kinetic = NodeKineticEnergy | AttachedKineticEnergy
 
 
-def growth(
-    R: Any,
-    x: Any,
-    dot: Any,
-    root: Any,
-) -> tuple[Any, Any]:
+class MassPoints:
+    """Mass points whose total kinetic energy equals that of given terms, of bodies without mesh and
+    of masses that are attached to bodies.
+
+    Point p of mass m_p has the position X_p = B_p q + o_p, with the unknowns q of the system.
+
+    Attributes:
+        indices: global indices (n, D) of the unknowns that move each of this rank's n points.
+        B: matrices (n, 3, D) of these unknowns.
+        o: offsets (n, 3) [m].
+        mass: masses (n,) [kg].
+    """
+
+    def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
+        """Replace each mass of this rank's ports by points, and find the unknowns that move them.
+        Collective."""
+        indices: list[Array] = []
+        matrices: list[Array] = []
+        offsets: list[Array] = []
+        point_masses: list[float] = []
+        for term in terms:
+            ports, masses = _ports_and_masses(term)
+            own = evaluated_here(ports)
+            if not own:
+                continue
+            # k: number of vectors (position, directors) of a body; P (3k, D), offset (3k,): the
+            # vectors of a port are P times its D unknowns plus the offset.
+            k = masses.shape[1]
+            own_ports = [ports[j] for j in own]
+            unknowns, P, offset = attach_all(system.numbering, system.bodies, own_ports, 3 * k)
+            for row, j in enumerate(own):
+                is_position = np.array([translation_weight(port) for port in ports[j]])
+                points, weights = equivalent_points(masses[j, :, :], is_position)
+                # From the k vectors to the points, component by component.
+                spread = np.kron(points, np.eye(3)).reshape(len(points), 3, 3 * k)
+                indices += [unknowns[row]] * len(points)
+                matrices += list(spread @ P[row])
+                offsets += list(spread @ offset[row])
+                point_masses += list(weights)
+
+        # Points have different numbers of unknowns.  Shorter rows are filled up with an index of
+        # their own and the coefficient zero.
+        width = max((len(row) for row in indices), default=0)
+        n = len(point_masses)
+        padded = []
+        for of_point in indices:
+            missing = width - len(of_point)
+            padded.append(np.pad(of_point, (0, missing), constant_values=of_point[0]))
+        padded_matrices = []
+        for matrix in matrices:
+            padded_matrices.append(np.pad(matrix, ((0, 0), (0, width - matrix.shape[1]))))
+        self.indices = np.array(padded, dtype=PETSc.IntType).reshape(n, width)
+        self.B = np.array(padded_matrices).reshape(n, 3, width)
+        self.o = np.array(offsets).reshape(n, 3)
+        self.mass = np.array(point_masses)
+        # One exchange brings the unknowns of all points, also those that other ranks own.
+        self._gather = Gather(system.numbering, [self.indices])
+
+    def __call__(self, q: PETSc.Vec) -> Array:
+        """Positions (n, 3) [m] of the points at the unknowns q.  Collective."""
+        unknowns = self._gather(q)[0]
+        return np.einsum("nax,nx->na", self.B, unknowns) + self.o
+
+    def add(self, forces: Array, r: PETSc.Vec) -> None:
+        """Add forces (n, 3) [N] on the points to a vector of the system.  Collective."""
+        values = np.einsum("nax,na->nx", self.B, forces)
+        r.setValues(self.indices.ravel(), values.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_matrices(self, K: Array, A: PETSc.Mat) -> None:
+        """Add stiffness matrices (n, 3, 3) [N/m] of the points to a matrix of the system."""
+        blocks = np.einsum("nax,nab,nby->nxy", self.B, K, self.B, optimize=True)
+        add_blocks(A, self.indices, self.indices, blocks)
+
+
+def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Array]:
+    """Mass points that have the same mass matrix as a body that is moved by k vectors: points c (p,
+    k), each an affine combination of the vectors, and masses m (p,) [kg], such that Σ m c cᵀ is the
+    mass matrix (k, k): masses [kg] of positions, first [kg m] and second moments [kg m²] of
+    directors.
+
+    If the whole mass moves with the centre, there is one point.  Otherwise there is a pair of
+    points on each principal axis, at equal distances to both sides of the centre.  Mass, centre and
+    second moments are exact; third moments are zero.  `translation_weight` (k,) is 1 for positions
+    and 0 for directors.
+
+    >>> import numpy as np
+    >>> points, masses = equivalent_points(np.diag([2.0, 8.0]), np.array([1.0, 0.0]))
+    >>> (masses[:, None] * points).T @ points
+    array([[2., 0.],
+           [0., 8.]])
+    """
+    towards = mass @ translation_weight
+    total = float(translation_weight @ towards)
+    centre = towards / total
+    about_centre = mass - total * np.outer(centre, centre)
+    # Pairs of points on the principal axes have the second moments and no products of inertia.
+    moments, axes = np.linalg.eigh(about_centre)
+    # Moments below this are round-off.
+    kept = moments > 1e-13 * max(total, float(np.abs(mass).max()))
+    pairs = int(kept.sum())
+    if not pairs:
+        return centre[None], np.array([total])
+    each = total / (2 * pairs)
+    arms = (np.sqrt(moments[kept] / (2 * each)) * axes[:, kept]).T
+    points = np.concatenate([centre + arms, centre - arms])
+    return points, np.full(2 * pairs, each)
+
+
+def _ports_and_masses(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
+    """The k ports, positions [m] or directors [-], of each of n masses of a kinetic energy, and the
+    mass matrices (n, k, k): masses [kg] for two positions, first moments [kg m] and second moments
+    [kg m²] with directors; of the nodes of this rank."""
+    if isinstance(term, AttachedKineticEnergy):
+        return term.ports, term.mass
+    body = term.body
+    start = body.block.index_map.local_range[0]
+    k = body.block.size // 3
+    ports = []
+    for i in range(len(term.mass)):
+        vectors = [Port(body, (start + i,), weights=(1.0,), vectors=(j,)) for j in range(k)]
+        ports.append(tuple(vectors))
+    return ports, term.mass.reshape(-1, k, k)
+
+
+def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
     """|R| and |R + x| - |R| [m], by (2R + x)·x/(|R + x| + |R|), in which nothing cancels.
 
-    R and x are arrays or UFL vectors; both results are scalars, or (n,) for rows (n, 3).
-
-    For arrays the results are NaN where both R and R + x are zero.
-
-    Args:
-        R: origin of the frame, from the attracting centre [m].
-        x: position in the frame [m].
-        dot: dot product of two such vectors.
-        root: square root.
+    R [m] is the origin of the frame from the attracting centre, x [m] a position in the frame;
+    arrays or UFL vectors, for which `dot` and `root` are the functions.  Both results are scalars,
+    or (n,) for rows (n, 3), and NaN where both R and R + x are zero.
 
     >>> import numpy as np
     >>> r, longer = growth(np.array([7e6, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0]), np.dot, np.sqrt)
@@ -89,23 +202,11 @@ def growth(
     return r, longer / (r + root(r**2 + longer))
 
 
-def excess(
-    r0: Any,
-    r1: Any,
-    d0: Any,
-    d1: Any,
-) -> Any:
-    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, dimensionless.
+def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, see the module.
 
-    σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, with the
-    gravitational parameter μ; R is the origin of the frame and X a mass point, from the attracting
-    centre.  Numbers, arrays or UFL scalars.
-
-    Args:
-        r0: |R0|, distance of the origin from the centre at the start of the step [m].
-        r1: the same at the end of the step [m].
-        d0: |X0| - |R0| [m], as `growth` returns it.
-        d1: |X1| - |R1| [m].
+    r0 and r1 are |R0| and |R1| [m], d0 and d1 |X0| - |R0| and |X1| - |R1| [m] as `growth` returns
+    them; numbers, arrays or UFL scalars.
     """
     p = d0 / r0
     q = d1 / r1
@@ -116,9 +217,7 @@ def excess(
 
 def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
     """Yield the names of terms that fix a body to a point of the frame, which flies and cannot
-    hold.
-
-    These are supports (`Support`), and measures between points of which one is on the ground."""
+    hold: supports, and measures between points of which one is on the ground."""
     for term in terms:
         if isinstance(term, Support):
             yield term.name
@@ -130,21 +229,11 @@ def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
 
 
 class MeshGravity:
-    """Gravity on one body on a mesh, as compiled forms.
-
-    The mass is that of the body's kinetic energy, at the same quadrature points.
-
-    Args:
-        term: kinetic energy of the body.
-        at: its fields in the system: q0, q1 and mid of a step, test function w, trial function dq.
-    """
+    """Gravity on one body on a mesh, as compiled forms; its mass is that of the body's kinetic
+    energy, at the same quadrature points."""
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
-        """Compile relative gravity on one body on a mesh; each step sets only constants of the
-        forms.
-
-        The force per mass is the difference of gravity at a point and at the origin R of the frame,
-        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ."""
+        """Compile the forms, of which each step sets only constants."""
         self.body = term.body
         self._at = at
         mesh = at.q0.function_space.mesh
@@ -190,16 +279,13 @@ class MeshGravity:
         self._weights = compile_form(term.mass(unit, at.w))
 
     def vector(self, form: fem.Form) -> Array:
-        """Assemble a linear form, and return the values that this rank owns.
-
-        Ghost contributions of other ranks are added. Collective.
-        """
+        """Assemble a linear form, ghost contributions included, and return the values that this
+        rank owns.  Collective."""
         dofmap = self._at.q0.function_space.dofmap
         b = la.vector(dofmap.index_map, dofmap.index_map_bs)
         fem.assemble_vector(b.array, form)
         b.scatter_reverse(la.InsertMode.add)
-        owned: Array = b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
-        return owned
+        return b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
 
     def weights(self) -> Array:
         """Weights of the owned coordinates w, such that Σ m w = Σ_i weights_i w_i for each
@@ -209,42 +295,19 @@ class MeshGravity:
         return np.repeat(along_x, 3, axis=1).ravel()
 
 
-class CompiledOrbit(
-    StepObserver,
-    StateObserver,
-    Forces,
-    TangentForms,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Resultants,
-    FrameMomenta,
-    CompiledTerms["RelativeGravity"],
-):
+class CompiledOrbit(CompiledTerms["RelativeGravity"]):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
-
-    Raises:
-        InputError: the scene has several orbits, another stepper than the midpoint rule, or an item
-            that fixes a body in the frame.
-    """
+    `InputError`: the scene has several orbits, another stepper than the midpoint rule, or an item
+    that fixes a body in its reference frame."""
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
-        """Check that the scene can fly, and compile gravity on its bodies.  Collective.
-
-        Args:
-            terms: the orbits of the scene; there must be one.
-            system: the compiled scene.
-
-        Raises:
-            InputError: the scene has several orbits, the time-stepping rule is not the midpoint
-                rule, or a term fixes a body to a point of the frame.
-        """
+        """Check that the scene can fly, and compile gravity on its bodies.  Collective."""
         # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
-            system.rule.alpha == 0.5,
-            f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint, and "
-            "give an equilibrium its light by gx.orbit.Sunlight.",
+            system.rule.conserves,
+            f"'{terms[0].name}' flies by the midpoint rule only; "
+            "run its scene with Midpoint, and give an equilibrium its light by gx.orbit.Sunlight.",
         )
         self._system = system
         self.name = terms[0].name
@@ -255,15 +318,15 @@ class CompiledOrbit(
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
-            f"'{held}' fixes a body in space, but the frame of '{terms[0].name}' falls round the "
-            "Earth: there is "
-            "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
+            f"'{held}' fixes a body in space, "
+            f"but the frame of '{terms[0].name}' falls round the Earth: "
+            "there is nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
         points = [
             t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)
         ]
-        self._meshes = [MeshGravity(t, system.fields[t.body]) for t in kinetic]
+        self._meshes = [MeshGravity(t, system.coordinates[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
@@ -274,14 +337,9 @@ class CompiledOrbit(
         self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
-        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w.
-
-        w is a vector of the system: positions, velocities or displacements.
-
-        Returns:
-            a vector of the system, of all bodies: the same weight for the three components of a
-            node.  Multipliers have the weight zero.  Collective.
-        """
+        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w, a
+        vector of the system: the same weight for the three components of a node, zero for
+        multipliers.  Collective."""
         W = self._system.numbering.vector()
         with W as values:
             for mesh in self._meshes:
@@ -313,17 +371,10 @@ class CompiledOrbit(
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        """Advance the origin by one step, whose middle is at t [s], and set all constants.
-        Collective.
-
-        The constants are positions R0, R1 [m] of the origin, the factor σ [1/s²] of the mean
-        gravity over the step, and the gravity gradient [1/s²].
-
-        It also stores `_X0` (n, 3) [m], the positions of the mass points at the start of the step.
-
-        Raises:
-            InputError: the step is too large a part of a revolution.
-        """
+        """Advance the origin by one step, whose middle is at t [s], and set all constants: its
+        positions R0, R1 [m], the factor σ [1/s²] of the mean gravity over the step, and the gravity
+        gradient [1/s²].  `_X0` (n, 3) [m] are the mass points at the start of the step.
+        Collective."""
         flight = self.flight
         flight.prepare(self._system)
         # Origin of the frame from the attracting centre at both ends of the step [m]; r0, r1 are
@@ -347,18 +398,10 @@ class CompiledOrbit(
             self._X0 = self._points(self._system.q0)
 
     def _on_points(self, x1: Array) -> Array:
-        """Forces (n, 3) [N] of gravity, relative to the falling frame, on the mass points in a
-        step.
+        """Forces (n, 3) [N] of gravity, relative to the falling frame, on this rank's mass points
+        in a step that ends at x1 (n, 3) [m]: (1) of the module, plus tidal and other accelerations.
 
-        m [-σ(R0, R1) (x_mid - γ/(1+γ) X_mid) + tidal and other accelerations], with the origin R of
-        the frame and X = R + x; the first term is the exact average of 1/r gravity over the step.
-
-        R0, R1 (3,) [m] are the origin at the ends of the step, r0, r1 their lengths, d0, d1 (n,)
-        [m] the distances |X| less |R|. The n points are this rank's; `begin_step` must have stored
-        their positions `_X0` at the start of the step.
-
-        Args:
-            x1: positions (n, 3) [m] of the points in the frame at the end of the step.
+        r0 and r1 are |R0| and |R1| [m], d0 and d1 (n,) [m] the distances |X| less |R|.
         """
         assert self._points is not None
         flight = self.flight
@@ -370,8 +413,7 @@ class CompiledOrbit(
         r1, d1 = growth(np.broadcast_to(R1, x.shape), x1, _dots, np.sqrt)
         γ = excess(r0, r1, d0, d1)[:, None]
         pull = -self._σ * (x - γ / (1 + γ) * ((R0 + R1) / 2 + x))
-        forces: Array = self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
-        return forces
+        return self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """Subtract gravity [N] on all bodies at the iterate from the residual r.  Collective."""
@@ -395,10 +437,8 @@ class CompiledOrbit(
 
         It is the work of all attraction other than 1/r, and that of all other loads on the
         displacement of the origin of the moving frame.  The loads count their work on displacements
-        in the frame themselves.  Their resultant follows from the change of momentum.
-
-        Side effects: it sets the centre of mass of `flight` and the resultant that `resultants`
-        returns. `begin_step` must have been called for the step.
+        in the frame themselves.  Their resultant follows from the change of momentum.  It also sets
+        the centre of mass of `flight` and what `resultants` returns.
         """
         system = self._system
         flight = self.flight
@@ -451,12 +491,11 @@ class CompiledOrbit(
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:
-        """Energy [J] of the motion of the frame and of 1/r gravity, by the name of the orbit.
+        """Energy of the motion of the frame and of 1/r gravity, by the name of the orbit.
 
         It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
         the start of the run: M is the mass of all bodies [kg], P their momentum in the frame, R and
-        V position and velocity of the origin, X = R + x the position of a mass m.  The sum over
-        ranks counts.
+        V position and velocity of the origin, X = R + x the position of a mass m.
         """
         system = self._system
         origin = self.flight.origin
@@ -495,18 +534,12 @@ class CompiledOrbit(
 
 def _dots(a: Array, b: Array) -> Array:
     """Dot products (n,) of the rows of two arrays (n, 3)."""
-    products: Array = np.einsum("na,na->n", a, b)
-    return products
+    return np.einsum("na,na->n", a, b)
 
 
 class RelativeGravity:
-    """The term of an `Orbit`; a scene has one.
-
-    Args:
-        name: name of the orbit.
-        flight: origin of the frame, and its surroundings at the present time.
-        flights: dictionary of the orbit, into which the flight is entered under its system.
-    """
+    """The term of an `Orbit`; a scene has one.  Its flight is entered into `flights` of the orbit
+    under its system."""
 
     compiler: ClassVar[Compiler] = CompiledOrbit
 

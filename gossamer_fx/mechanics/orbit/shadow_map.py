@@ -7,7 +7,7 @@ Algorithm, for light along the unit vector u:
 2. For every pixel keep the smallest depth along u of the points in it.  This is the depth map.
 3. A point is lit if its depth exceeds that of its pixel by no more than a margin, which allows for
    the slope of the triangle within a pixel.
-4. The lit part of a triangle is the share of its points that are lit.
+4. The lit fraction of a triangle is the share of its points that are lit.
 
 Ranks combine their maps by a minimum; triangles are not exchanged.  The cost is proportional to the
 number of points and pixels.
@@ -45,15 +45,9 @@ _GRAZING_COSINE = 1e-3
 
 
 class ShadowMap:
-    """The part of each triangle of a film that light reaches, where the film shades itself.
-
-    Args:
-        film: the film.
-        pixels: number of pixels across the depth map.
-
-    Attributes:
-        lit: function that is constant on triangles, 1 in light and 0 in shade.
-    """
+    """The fraction of each triangle of a film that light reaches, where the film shades itself, by
+    a depth map with a number of pixels across: `lit` is a function that is constant on triangles, 1
+    in light and 0 in shade."""
 
     def __init__(self, film: Membrane, pixels: int) -> None:
         mesh = film.space.mesh
@@ -65,40 +59,25 @@ class ShadowMap:
         self._corners = cell_nodes(film.space)[: self._owned, :3]
 
     def update(self, system: Assembly, u: Array) -> None:
-        """Compute `lit` (1 in light, 0 in shade) of all triangles for light along a unit vector.
-
-        Collective.
-
-        Args:
-            system: the compiled scene; the shape is that at the start of the present step.
-            u: direction (3,) in which the light travels, of length 1.
-        """
-        x = system.fields[self._film].q0.x.array.reshape(-1, 3)
+        """Compute `lit` of all triangles for light along a unit vector u (3,), with the shape at
+        the start of the present step.  Collective."""
+        x = system.coordinates[self._film].q0.x.array.reshape(-1, 3)
         triangles = x[self._corners]
-        lit = lit_parts(self._film.comm, triangles, u, self._pixels)
+        lit = lit_fractions(self._film.comm, triangles, u, self._pixels)
         self.lit.x.array[: self._owned] = lit
         self.lit.x.scatter_forward()
 
 
-def lit_parts(
-    comm: MPI.Intracomm,
-    triangles: Array,
-    u: Array,
-    pixels: int,
-) -> Array:
-    """Part (n,) of each triangle that light reaches, from 0 to 1.  Collective.
-
-    Args:
-        comm: the ranks.
-        triangles: corners (n, 3, 3) [m] of this rank's triangles.
-        u: unit vector (3,) along the light.
-        pixels: number of pixels across the depth map.
+def lit_fractions(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> Array:
+    """Fraction (n,), from 0 to 1, of each of this rank's triangles (n, 3, 3) [m] that light along a
+    unit vector u (3,) reaches, by a depth map with a number of pixels across.  Collective.
 
     >>> import numpy as np
     >>> from mpi4py import MPI
     >>> square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     >>> behind = square - [0.0, 0.0, 1.0]
-    >>> lit_parts(MPI.COMM_SELF, np.array([square, behind]), np.array([0.0, 0.0, -1.0]), pixels=50)
+    >>> both = np.array([square, behind])
+    >>> lit_fractions(MPI.COMM_SELF, both, np.array([0.0, 0.0, -1.0]), pixels=50)
     array([1., 0.])
     """
     # The right singular vectors of one row are that row and a basis across it.
@@ -150,14 +129,8 @@ def lit_parts(
 
 
 def _slopes(triangles: Array, u: Array) -> Array:
-    """Change of depth along u per length across u (n,), dimensionless: the tangent of incidence.
-
-    Args:
-        triangles: corners (n, 3, 3) [m].
-        u: unit vector (3,) along the light.
-
-    Returns:
-        slopes (n,), limited to 1000; that of triangles without area is this limit.
+    """Change of depth along a unit vector u (3,) per length across it, the tangent of incidence
+    (n,), of triangles (n, 3, 3) [m]; limited to 1000, which is also that of triangles without area.
     """
     first = triangles[:, 1] - triangles[:, 0]
     second = triangles[:, 2] - triangles[:, 0]
@@ -166,8 +139,7 @@ def _slopes(triangles: Array, u: Array) -> Array:
     lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
     cosine = np.abs(normals @ u) / lengths
     sine = np.sqrt(1 - np.minimum(cosine, 1) ** 2)
-    slopes: Array = sine / np.maximum(cosine, _GRAZING_COSINE)
-    return slopes
+    return sine / np.maximum(cosine, _GRAZING_COSINE)
 
 
 def _barycentric(n: int) -> Array:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -34,33 +34,33 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Body,
-    CellFields,
-    CellHistory,
     CompiledTerms,
     Compiler,
     HistoryVariables,
     Indices,
     MeshBody,
+    Range,
+    Shown,
     State,
-    StateObserver,
-    StepObserver,
     Term,
-    TimeDependence,
     area_vector,
     cell_nodes,
     check,
     check_arguments,
     compile_expression,
     compile_form,
+    not_negative,
+    positive,
     thermal_strain_of,
 )
 from gossamer_fx.mechanics.bodies import Membrane
-from gossamer_fx.mechanics.orbit.eclipse import AU
 from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
-from gossamer_fx.mechanics.orbit.solar_pressure import MAX_SHADOW_PIXELS
+from gossamer_fx.mechanics.orbit.sky import AU
+from gossamer_fx.mechanics.orbit.solar_pressure import Pixels
 
 # Speed of light [m/s], exact: the flux of sunlight over its pressure.
 LIGHT_SPEED = 299792458.0
@@ -68,20 +68,16 @@ LIGHT_SPEED = 299792458.0
 # The middle of a reference triangle.
 MIDDLE = np.array([[1 / 3, 1 / 3]])
 
-# Largest temperature [K] that is taken.  No film is hotter, and the fourth power of larger numbers
+# No film is hotter than the largest temperature, and the fourth power of larger numbers
 # overflows.
-MAX_TEMPERATURE = 1e5
+Temperature = Annotated[float, Range(0.0, 1e5, unit="K")]
 
 # Temperature of the sky [K].
 SPACE_TEMPERATURE = 2.7
 
 
 class _Run(Protocol):
-    """A run, of which only the compiled scene is read.
-
-    Attributes:
-        system: the compiled scene.
-    """
+    """A run, of which only the compiled scene, `system`, is read."""
 
     system: Any
 
@@ -144,31 +140,20 @@ class ThermalProperties:
         (0.03, 0.5)
     """
 
-    heat_capacity: float
+    heat_capacity: Annotated[float, positive("J/(m² K)")]
     _: KW_ONLY
     absorptivity: float | tuple[float, float]
     emissivity: float | tuple[float, float]
 
     def __post_init__(self) -> None:
-        """Check the signs and ranges of the properties.
-
-        Raises:
-            InputError: the heat capacity is not positive [J/(m² K)], an absorptivity or emissivity
-                is not between 0 and 1, or a film that absorbs has no emissivity.
-        """
-        check(
-            self.heat_capacity > 0,
-            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive "
-            "number.",
-        )
         for what, values in (
             ("absorptivity", self.absorptivities),
             ("emissivity", self.emissivities),
         ):
             check(
                 all(0 <= value <= 1 for value in values),
-                f"ThermalProperties: {what} is {getattr(self, what)!r}; give numbers between 0 and "
-                "1.",
+                f"ThermalProperties: {what} is {getattr(self, what)!r}; "
+                "give numbers between 0 and 1.",
             )
         check(
             sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
@@ -224,11 +209,11 @@ class SolarHeating:
         properties: ThermalProperties,
         *,
         groups: Mapping[str, ThermalProperties] | None = None,
-        initial_temperature: float | None = None,
-        space_temperature: float = SPACE_TEMPERATURE,
-        infrared: float = 0.0,
-        albedo: float = 0.0,
-        shadow_pixels: int = 0,
+        initial_temperature: Temperature | None = None,
+        space_temperature: Temperature = SPACE_TEMPERATURE,
+        infrared: Annotated[float, not_negative("W/m²")] = 0.0,
+        albedo: Share = 0.0,
+        shadow_pixels: Pixels = 0,
         name: str = "",
     ) -> None:
         self.film = film
@@ -246,40 +231,13 @@ class SolarHeating:
             f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; "
             "heat the film itself.",
         )
-        self._check_numbers()
+        check(
+            initial_temperature is not None or film.thermal is not None,
+            f"'{self.name}': the temperature at the start is not known; "
+            "give initial_temperature in K.",
+        )
         # Weak keys: an item does not keep the compiled scenes of earlier runs in memory.
         self._temperatures: WeakKeyDictionary[Assembly, FilmTemperatures] = WeakKeyDictionary()
-
-    def _check_numbers(self) -> None:
-        """Refuse numbers out of their ranges, each in one sentence.
-
-        Raises:
-            InputError: `albedo` is outside 0 to 1, `infrared` [W/m²] is negative, a temperature is
-                outside 0 to 1e5 K, `shadow_pixels` is negative or too large, or no initial
-                temperature is known.
-        """
-        check(0 <= self.albedo <= 1, f"'{self.name}': albedo is {self.albedo!r}; give 0 to 1.")
-        check(
-            self.infrared >= 0,
-            f"'{self.name}': infrared is {self.infrared!r} W/m²; give zero or more.",
-        )
-        for what in ("initial_temperature", "space_temperature"):
-            value = getattr(self, what)
-            check(
-                value is None or 0 <= value <= MAX_TEMPERATURE,
-                f"'{self.name}': {what} is {value!r} K; give an absolute temperature from 0 to "
-                f"{MAX_TEMPERATURE:g} K.",
-            )
-        check(
-            0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
-            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, "
-            f"at most {MAX_SHADOW_PIXELS}, or zero.",
-        )
-        check(
-            self.initial_temperature is not None or self.film.thermal is not None,
-            f"'{self.name}': the temperature at the start is not known; give initial_temperature "
-            "in K.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.film
@@ -304,25 +262,12 @@ def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:
 
 
 class FilmTemperatures:
-    """The temperatures of one film in one compiled scene.
-
-    Args:
-        heating: the item.
-        system: the scene.
-
-    Attributes:
-        T: temperatures (n,) [K] of the triangles that this rank owns, of the accepted state.
-    """
+    """The temperatures of one film in one compiled scene: T (n,) [K] of the triangles that this
+    rank owns, of the accepted state."""
 
     def __init__(self, heating: SolarHeating, system: Assembly) -> None:
-        """Take the initial temperatures, and compile the area vectors.  Collective.
-
-        It sets `T` (n,) [K] and the stress-free areas [m²] of the n triangles that this rank owns.
-
-        Raises:
-            InputError: a group of properties is not of triangles, or the film's thermal expansion
-                has a temperature that is a function of time.
-        """
+        """Take the initial temperatures and the stress-free areas [m²], and compile the area
+        vectors.  Collective."""
         self.heating = heating
         self.film = film = heating.film
         self._system = system
@@ -355,14 +300,8 @@ class FilmTemperatures:
             self._strain.commit()
 
     def _take_properties(self) -> None:
-        """Set the thermal properties of each of the n triangles that this rank owns.
-
-        These are the heat capacities `_C` (n,) [J/(m² K)] and, for front and back,
-        `_absorptivities` and `_emissivities` (n, 2), dimensionless.
-
-        Raises:
-            InputError: a group is not in the mesh, or is not of triangles.
-        """
+        """Set the heat capacities `_C` (n,) [J/(m² K)] and, for front and back, `_absorptivities`
+        and `_emissivities` (n, 2) of the triangles that this rank owns."""
         heating = self.heating
         table = np.zeros((self._owned, 5))
 
@@ -375,8 +314,8 @@ class FilmTemperatures:
             dim, cells = self.film.mesh.group(group)
             check(
                 dim == 2,
-                f"'{heating.name}': the group '{group}' has dimension {dim}; name triangles of the "
-                "mesh.",
+                f"'{heating.name}': the group '{group}' has dimension {dim}; "
+                "name triangles of the mesh.",
             )
             table[cells[cells < self._owned]] = row(properties)
         self._C = table[:, 0]
@@ -384,44 +323,30 @@ class FilmTemperatures:
         self._emissivities = table[:, 3:5]
 
     def _initial(self) -> Array:
-        """The temperatures (n,) [K] of this rank's triangles at the start.
-
-        They are the item's `initial_temperature`, or the mean over the nodes of each triangle of
-        the film's thermal expansion.
-
-        Raises:
-            InputError: the thermal expansion of the film has a temperature that is a function of
-                time.
-        """
+        """The temperatures (n,) [K] of this rank's triangles at the start: the item's
+        `initial_temperature`, or the mean over the nodes of each triangle of the film's thermal
+        expansion.  `InputError`: that has a temperature that is a function of time."""
         heating = self.heating
         strain = self._strain
         if strain is not None:
             check(
                 not strain.in_time,
-                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal "
-                "expansion has a "
-                "function for it; give a number there, the temperature at the start.",
+                f"'{heating.name}' computes the temperature of '{self.film.name}', "
+                "whose thermal expansion has a function for it; "
+                "give a number there, the temperature at the start.",
             )
         if heating.initial_temperature is not None:
             return np.full(self._owned, float(heating.initial_temperature))
         assert strain is not None  # as the item has checked
         nodes = cell_nodes(strain.start_temperature.function_space)[: self._owned]
-        temperatures: Array = strain.start_temperature.x.array[nodes].mean(axis=1)
-        return temperatures
+        return strain.start_temperature.x.array[nodes].mean(axis=1)
 
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Advance the temperatures over the step `system.h` [s]; `commit` accepts them.
-        Collective.
-
-        Absorbed and emitted heat [J] of the step are stored with the temperatures, and the film
-        takes the thermal strain of its new temperatures.
-
-        Raises:
-            InputError: the orbit is not in the scene, the step is too long for it, or it does not
-                know where the Sun is.
-        """
+        """Advance the temperatures over the step `system.h` [s], with the heat [J] absorbed and
+        emitted in it; `commit` accepts them.  The film takes the thermal strain of its new
+        temperatures.  Collective."""
         system = self._system
         flight = self.heating.orbit.flight(system)
         flight.prepare(system)
@@ -460,17 +385,11 @@ class FilmTemperatures:
         function.x.scatter_forward()
 
     def _fluxes(self, flight: Flight) -> tuple[Array, Array]:
-        """Absorbed flux A and emission coefficient B of the heat equation C dT/dt = A - B T⁴.
+        """Absorbed flux A (n,) [W/m²] and emission coefficient B (n,) [W/(m² K⁴)] of the heat
+        equation C dT/dt = A - B T⁴, per stress-free area of this rank's triangles.  Collective.
 
         u (3,) is the unit vector along the sunlight; a (n, 3) are the area vectors in the middle of
         the step over the stress-free areas [-], and the stretch is their length.
-
-        Returns:
-            A (n,) [W/m²] and B (n,) [W/(m² K⁴)] of the n triangles of this rank, per stress-free
-            area.  Collective.
-
-        Raises:
-            InputError: the orbit does not know where the Sun is.
         """
         heating = self.heating
         u, pressure = flight.light()
@@ -490,18 +409,9 @@ class FilmTemperatures:
         return A, B
 
     def _from_central_body(self, flight: Flight, a: Array, stretch: Array) -> Array:
-        """Absorbed flux (n,) [W/m²] of infrared and reflected sunlight of the central body.
-
-        It is per stress-free area, summed over both faces of each triangle.
-
-        Args:
-            a: area vectors (n, 3) of the deformed triangles over their stress-free areas,
-                dimensionless.
-            stretch: lengths (n,) of `a`: deformed over stress-free area.
-
-        Raises:
-            InputError: the orbit does not know where the Sun is.
-        """
+        """Absorbed flux (n,) [W/m²] of infrared and reflected sunlight of the central body, per
+        stress-free area, summed over both faces of each triangle; a (n, 3) and the stretch (n,) are
+        those of `_fluxes`."""
         heating = self.heating
         around = flight.around
         distance = float(np.linalg.norm(flight.R))
@@ -522,8 +432,7 @@ class FilmTemperatures:
             reflected = heating.albedo * solar_flux * zenith_cosine
         of_faces = np.column_stack([of_front, of_back])
         absorbed = self._absorptivities * reflected + self._emissivities * heating.infrared
-        flux: Array = stretch * (absorbed * of_faces).sum(axis=1)
-        return flux
+        return stretch * (absorbed * of_faces).sum(axis=1)
 
     def _middle_area_vectors(self) -> Array:
         """Area vectors (n, 3) at q0 + ½ h v0, over stress-free areas.  Collective."""
@@ -531,8 +440,7 @@ class FilmTemperatures:
         middle = of_film.coordinates() + self._system.h / 2 * of_film.rates()
         self.film.reconstruct(self._x, middle.ravel())
         self._area_vectors.interpolate(self._area_expression)
-        vectors: Array = self._area_vectors.x.array.reshape(-1, 3)[self._vector_of_cell]
-        return vectors
+        return self._area_vectors.x.array.reshape(-1, 3)[self._vector_of_cell]
 
     # ---- the heat balance ------------------------------------------------------------------------
 
@@ -543,8 +451,7 @@ class FilmTemperatures:
     def sums(self) -> Array:
         """Absorbed, emitted and first stored heat [J] (3,), of all ranks.  Collective."""
         own = np.array([self._fluxes_absorbed, self._heat_emitted, self._first])
-        total: Array = self._system.comm.allreduce(own)
-        return total
+        return self._system.comm.allreduce(own)
 
     def set_sums(self, sums: Sequence[float]) -> None:
         """Restore what `sums` returned."""
@@ -556,10 +463,8 @@ class FilmTemperatures:
         self._first = share * first
 
     def balance(self) -> HeatBalance:
-        """The heat balance of the accepted state: heats [J] and temperatures [K] of all triangles.
-
-        Collective; the same on every rank.
-        """
+        """The heat balance of the accepted state, of all triangles; the same on every rank.
+        Collective."""
         comm = self._system.comm
         sums = self.sums()
         own = np.array([self._stored(), float(self._C @ self._areas)])
@@ -580,34 +485,19 @@ class FilmTemperatures:
         )
 
 
-class HeatedFilms(
-    StepObserver,
-    StateObserver,
-    TimeDependence,
-    HistoryVariables,
-    CellHistory,
-    CellFields,
-    CompiledTerms["HeatedFilm"],
-):
+class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
     """All `HeatedFilm` terms of a scene."""
 
     def __init__(self, terms: Sequence[HeatedFilm], system: Assembly) -> None:
-        """Make the temperatures of each heated film.  Collective.
-
-        Args:
-            terms: one for each `SolarHeating` of the scene.
-            system: the compiled scene.
-
-        Raises:
-            InputError: a film is heated twice, or the errors of `FilmTemperatures`.
-        """
+        """Make the temperatures of each heated film; `InputError` if one is heated twice.
+        Collective."""
         self._films: list[FilmTemperatures] = []
         for term in terms:
             heating = term.heating
             check(
                 all(other.film is not heating.film for other in self._films),
-                f"'{heating.name}': the film '{heating.film.name}' is heated twice; leave one of "
-                "both out.",
+                f"'{heating.name}': the film '{heating.film.name}' is heated twice; "
+                "leave one of both out.",
             )
             temperatures = FilmTemperatures(heating, system)
             heating._temperatures[system] = temperatures

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -14,12 +14,16 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Expr,
+    Load,
+    Range,
     State,
     Term,
     area_vector,
+    ask_numbers,
     check,
     check_arguments,
     constant,
+    not_negative,
 )
 from gossamer_fx.mechanics.bodies import Membrane, RigidBody
 from gossamer_fx.mechanics.orbit.flight import Flight
@@ -29,14 +33,14 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
     FlyingPointLoad,
     axes_of,
 )
-from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics
+from gossamer_fx.mechanics.orbit.optics import MIRROR, PRESSURE, Optics
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
 from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
 # Largest number of pixels across the map of shadows: their square has to fit in memory on every
 # rank.
-MAX_SHADOW_PIXELS = 8192
+Pixels = Annotated[int, Range(0, 8192)]
 
 
 @check_arguments
@@ -73,7 +77,7 @@ class SolarPressure:
         optics: Optics = MIRROR,
         groups: Mapping[str, Optics] | None = None,
         surfaces: Sequence[Surface] = (),
-        shadow_pixels: int = 0,
+        shadow_pixels: Pixels = 0,
         name: str = "",
     ) -> None:
         self.body = body
@@ -86,17 +90,13 @@ class SolarPressure:
         check_surfaces(self.name, body, self.surfaces)
         check(
             not self.groups or isinstance(body, Membrane),
-            f"'{self.name}': only films have groups; give the optics of a rigid body with its "
-            "surfaces.",
+            f"'{self.name}': only films have groups; "
+            "give the optics of a rigid body with its surfaces.",
         )
         check(
-            shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
-            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or "
-            "zero.",
-        )
-        check(
-            shadow_pixels <= MAX_SHADOW_PIXELS,
-            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give at most {MAX_SHADOW_PIXELS}.",
+            not shadow_pixels or isinstance(body, Membrane),
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; "
+            "give pixels across a film, or zero.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -112,16 +112,8 @@ class SolarPressure:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
-        """Load of sunlight on the deformed triangles of a film; direction and pressure are
-        constants.
-
-        Returns:
-            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
-            which sets direction (3,), pressure [N/m²] and shadows before each step.
-
-        Raises:
-            InputError: a group of optics is not of triangles of the mesh.
-        """
+        """Load of sunlight on the deformed triangles of a film.  Before each step `prepare` sets
+        direction (3,), pressure [N/m²] and shadows."""
         mesh = film.space.mesh
         # u: unit vector along the light; P: pressure of sunlight on a black surface [N/m²], zero
         # until the first step.
@@ -152,24 +144,9 @@ class SolarPressure:
 def face_coefficients(
     film: Membrane, optics: Optics, groups: Mapping[str, Optics], name: str
 ) -> tuple[list[Expr], list[Expr]]:
-    """Optical coefficients of front and back: constants, or functions where groups of triangles
-    differ.
-
-    Each rank sets the values of the triangles that it owns, and of its ghosts.
-
-    Args:
-        film: the film.
-        optics: of all triangles that are in none of the groups.
-        groups: optics by the names of groups of its mesh.
-        name: of the load, for messages.
-
-    Returns:
-        for front and back a list of three dimensionless UFL scalars, those of
-        `Optics.coefficients`.
-
-    Raises:
-        InputError: a group that is not in the mesh, or not of triangles.
-    """
+    """Three UFL scalars, those of `Optics.coefficients`, for the front of a film and for its back:
+    constants, or functions where groups of triangles, by their names, have other optics than the
+    others.  Each rank sets the values of the triangles that it owns, and of its ghosts."""
     mesh = film.space.mesh
     both = [optics.coefficients(back=side) for side in (False, True)]
     # Six constants are cheaper than a function of six values on each triangle.
@@ -190,17 +167,8 @@ def face_coefficients(
 
 
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
-    """Raise `InputError` unless a rigid body has surfaces and a film has none.
-
-    Args:
-        name: of the load, for the message.
-        body: on which the load acts.
-        surfaces: flat faces that the user gave for the body.
-
-    Raises:
-        InputError: the body is neither a film nor a rigid body, or surfaces are missing or
-            superfluous.
-    """
+    """Raise `InputError` unless the body of a load is a rigid body with surfaces or a film
+    without."""
     check(
         isinstance(body, Membrane | RigidBody),
         f"'{name}' acts on {body!r}; give a film or a rigid body.",
@@ -226,12 +194,8 @@ class _LightOnFaces(FacesForce):
     """Sunlight on flat faces."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        """Take geometry and optical coefficients (3, n, 1) [-] of both sides of n surfaces.
-
-        Args:
-            surfaces: flat faces of a rigid body, with area [m²], normal, centre [m] and optics.
-                The back of a one-sided face has the coefficients zero.
-        """
+        """Take geometry and optical coefficients (3, n, 1) of both sides of n surfaces; the back of
+        a one-sided face has the coefficients zero."""
         super().__init__(*geometry(surfaces))
         self._front, self._back = (
             np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None]
@@ -246,9 +210,8 @@ class _LightOnFaces(FacesForce):
     def prepare(self, flight: Flight) -> None:
         self._u, self._P = flight.light()
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        f: Array = self._P * light_force(areas, self._u, self._front, self._back, Rows)
-        return f
+    def on_faces(self, areas: Array, rates: Array) -> Array:
+        return self._P * light_force(areas, self._u, self._front, self._back, Rows)
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
@@ -256,3 +219,91 @@ def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
     # Normals are given with any length.
     areas = [s.area * np.asarray(s.normal, dtype=float) / math.hypot(*s.normal) for s in surfaces]
     return np.array(areas), np.array([s.centre for s in surfaces], dtype=float)
+
+
+# ---- sunlight without an orbit -------------------------------------------------------------------
+
+Direction = Sequence[float] | Callable[[float], Sequence[float]]
+
+
+@check_arguments
+class Sunlight:
+    """Pressure of light from a given direction on the deformed triangles of a film; see `Optics`.
+
+    In an orbit take `SolarPressure`, which knows distance and shadow, too.
+
+    Args:
+        body: the film; both sides are considered.
+        direction: along which the light travels (3,), of any length, or a function of time [s] (of
+            the argument `at` of an equilibrium) that returns it.
+        optics: the front is the side to which the normal of the mesh points.
+        groups: optics by the names of groups of triangles.
+        pressure: of the light on a surface that absorbs it [N/m²]; default that at 1 astronomical
+            unit.
+        name: for messages and results.
+
+    Raises:
+        InputError: a direction that is not three finite numbers, or zero; a pressure that is
+            negative; a group that is not of triangles.
+
+    Example:
+        >>> light = gx.orbit.Sunlight(film, direction=(0.0, 0.0, -1.0))
+        >>> turning = gx.orbit.Sunlight(film, direction=lambda t: (np.sin(t), 0.0, -np.cos(t)))
+    """
+
+    def __init__(
+        self,
+        body: Membrane,
+        *,
+        direction: Direction,
+        optics: Optics = MIRROR,
+        groups: Mapping[str, Optics] | None = None,
+        pressure: Annotated[float, not_negative("N/m²")] = PRESSURE,
+        name: str = "sunlight",
+    ) -> None:
+        self.body = body
+        self.optics = optics
+        self.groups = dict(groups or {})
+        self.pressure = pressure
+        self.name = name
+        self._direction = direction
+        self.direction_at(0.0)
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def direction_at(self, t: float) -> Array:
+        """Unit vector (3,) along which the light travels at a time [s], or the argument `at` of an
+        equilibrium; `InputError` unless the direction is three finite numbers, not all zero.
+        Collective."""
+        what = f"'{self.name}': direction"
+        given = self._direction
+        if callable(given):
+            u = ask_numbers(self.body.comm, f"{what} at t = {t:g} s", lambda: given(t), (3,))
+        else:
+            u = np.asarray(given, dtype=float)
+        length = float(np.linalg.norm(u)) if u.shape == (3,) else 0.0
+        check(
+            np.isfinite(length) and length > 0,
+            f"{what} is {given!r}; give three finite numbers that are not all zero.",
+        )
+        return u / length
+
+    def terms(self, start: State) -> Iterable[Term]:
+        film = self.body
+        mesh = film.space.mesh
+        # u: unit vector along the light at t = 0, P: pressure on a black surface [N/m²].
+        u = fem.Constant(mesh, self.direction_at(0.0))
+        P = constant(mesh, self.pressure)
+        front, back = face_coefficients(film, self.optics, self.groups, self.name)
+        dx = surface_measure(film)
+
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            force = light_force(area_vector(film.deformation(q)), u, front, back, Symbolic)
+            return P * ufl.dot(force, w) * dx
+
+        def turn(t: float) -> None:
+            """Take the direction at a time."""
+            u.value = self.direction_at(t)
+
+        yield Load(self.name, film, work, follows=True, at=turn)

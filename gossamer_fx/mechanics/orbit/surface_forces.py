@@ -8,15 +8,103 @@ The argument `maths` of the formulas is `Symbolic` for films, whose forces are c
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
 from scipy import special
 
-from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, is_vector
-from gossamer_fx.mechanics.orbit.free_molecular import coefficients
-from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics
+from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, not_negative, positive
+from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics, Share
+
+# Boltzmann's constant [J/K].
+BOLTZMANN = 1.380649e-23
+
+# Mass of an atom of oxygen [kg], the most frequent particle between 200 and 600 km.
+ATOM = 16 * 1.66053906660e-27
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Air:
+    """State of the atmosphere at a point.
+
+    Args:
+        density: [kg/m³].
+        temperature: [K].
+        molecule: mean mass of a molecule [kg]; default: atomic oxygen, the main component between
+            200 and 600 km.
+
+    Example:
+        >>> gx.orbit.Air(1e-11, 1100.0).temperature
+        1100.0
+    """
+
+    density: Annotated[float, not_negative("kg/m³")]
+    temperature: Annotated[float, positive("K")] = 1000.0
+    _: KW_ONLY
+    molecule: Annotated[float, positive("kg")] = ATOM
+
+    @property
+    def thermal_speed(self) -> float:
+        """√(2kT/m) [m/s]."""
+        return float(np.sqrt(2 * BOLTZMANN * self.temperature / self.molecule))
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Accommodation:
+    """Exchange of momentum between molecules and a surface.
+
+    Args:
+        normal: σ_n, accommodated fraction of the normal momentum, 0 to 1.
+        tangential: σ_t, accommodated fraction of the tangential momentum, 0 to 1.  With σ_n = σ_t =
+            1 all molecules leave diffusely at the temperature of the wall, with 0 they are
+            mirrored.
+        wall_temperature: [K].
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> gx.orbit.Accommodation(0.9, 0.95, wall_temperature=350.0).normal
+        0.9
+    """
+
+    normal: Share = 1.0
+    tangential: Share = 1.0
+    _: KW_ONLY
+    wall_temperature: Annotated[float, positive("K")] = 300.0
+
+
+def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
+    """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
+    side.
+
+    n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall =
+    √(T_w/T) of wall and air.  With x = s c, the pressure and shear coefficients of Schaaf & Chambre
+    are
+
+        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²)
+                 + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
+        c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
+
+    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.  σn and σt are the accommodations of the normal and
+    the tangential momentum, 0 to 1.  All quantities are dimensionless: UFL scalars, or arrays that
+    broadcast with each other and may be complex; `maths` has the functions `exp` and `erf`.  For a
+    face at rest in the air, s = 0, the result is not finite.
+
+    Source: Schaaf & Chambre, Flow of Rarefied Gases (1961), section H.
+    """
+    x = s * c
+    root = float(np.sqrt(np.pi))
+    bell = maths.exp(-x * x)
+    step = 1 + maths.erf(x)
+    pressure = ((2 - σn) * x / root + σn * wall / 2) * bell
+    pressure += ((2 - σn) * (x * x + 0.5) + σn * root * wall * x / 2) * step
+    shear = σt * (bell / root + x * step) / s
+    # Both are divided by powers of s: the formulas do not hold for a face at rest in the air.
+    return pressure / s**2 - c * shear, shear
 
 
 class Symbolic:
@@ -34,10 +122,8 @@ class Symbolic:
 
 
 class Rows:
-    """Operations on arrays, vectors (..., 3) and numbers (..., 1).
-
-    Arrays may be complex, since derivatives are taken by complex steps.
-    """
+    """Operations on arrays, vectors (..., 3) and numbers (..., 1), complex for derivatives by
+    complex steps."""
 
     root = np.sqrt
     exp = np.exp
@@ -46,8 +132,7 @@ class Rows:
     @staticmethod
     def dot(a: Array, b: Array) -> Array:
         """Dot products (..., 1)."""
-        product: Array = np.sum(a * b, axis=-1, keepdims=True)
-        return product
+        return np.sum(a * b, axis=-1, keepdims=True)
 
     @staticmethod
     def choose(where_positive: Array, a: Any, b: Any) -> Array:
@@ -55,30 +140,16 @@ class Rows:
         return np.where(np.real(where_positive) > 0, a, b)
 
 
-def light_force(
-    a: Any,
-    u: Any,
-    front: Any,
-    back: Any,
-    maths: Any,
-) -> Any:
-    """Force of light on a face, divided by the pressure of light.
+def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
+    """Force of light on a face, divided by the pressure of light: a vector [m²], of the shape of
+    `a`.
 
         |a·u| [(c_0 cos α + c_1) n + c_2 u]
 
-    with the unit normal n of the face on the side away from the light, the angle α between n and u,
-    and the coefficients c of the lit side.
-
-    Args:
-        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
-            front. Its length must not be zero: NaN is returned.
-        u: unit vector along the light.
-        front: the three coefficients of `Optics.coefficients` that hold when the front is lit.
-        back: those that hold when the back is lit.
-        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
-
-    Returns:
-        a vector [m²], of the shape of `a`.
+    with the unit vector u along the light, the unit normal n of the face on the side away from the
+    light, the angle α between n and u, and the coefficients c of the lit side, `front` or `back`.
+    The area vector `a` [m²], a UFL vector or rows (..., 3), points away from its front; NaN where
+    it is zero.
 
     >>> import numpy as np
     >>> mirror = (2.0, 0.0, 0.0)
@@ -101,30 +172,15 @@ def light_force(
 
 
 def flow_force(
-    a: Any,
-    U: Any,
-    thermal: Any,
-    σn: Any,
-    σt: Any,
-    wall: Any,
-    two_sided: Any,
-    maths: Any,
+    a: Any, U: Any, thermal: Any, σn: Any, σt: Any, wall: Any, two_sided: Any, maths: Any
 ) -> Any:
-    """Force of free-molecular flow on a face, divided by the density of the air.
+    """Force of free-molecular flow on a face, divided by the density of the air: a vector [m⁴/s²],
+    of the shape of `a`; NaN where `a` or `U` is zero.
 
-    Args:
-        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
-            front.
-        U: velocity of the air relative to the face [m/s], of the same kind.
-        thermal: thermal speed √(2kT/m) of the air [m/s].
-        σn: accommodation coefficient of normal momentum, 0 to 1.
-        σt: accommodation coefficient of tangential momentum, 0 to 1.
-        wall: √(T_w/T), with the temperatures of wall and air.
-        two_sided: 1, or 0 if air does not reach the back; a number, or (n, 1) for n faces.
-        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
-
-    Returns:
-        a vector [m⁴/s²], of the shape of `a`; NaN where `a` or `U` is zero.
+    The area vector `a` [m²], a UFL vector or rows (..., 3), points away from its front; U [m/s], of
+    the same kind, is the velocity of the air relative to the face, `thermal` [m/s] the thermal
+    speed √(2kT/m).  `two_sided` is 1, or 0 if air does not reach the back; a number, or (n, 1) for
+    n faces.  The other arguments are those of `coefficients`.
     """
     area = maths.root(maths.dot(a, a))
     speed = maths.root(maths.dot(U, U))
@@ -161,7 +217,7 @@ class Surface:
         2.0
     """
 
-    area: float
+    area: Annotated[float, positive("m²")]
     normal: Vector
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
@@ -169,18 +225,6 @@ class Surface:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse an area that is not positive, and vectors that are not three numbers.
-
-        Raises:
-            InputError: area ≤ 0 [m²], normal or centre [m] are not three finite numbers, or the
-                normal is zero.
-        """
-        check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
-        for what in ("normal", "centre"):
-            check(
-                is_vector(getattr(self, what)),
-                f"Surface: {what} is {getattr(self, what)!r}; give three numbers.",
-            )
         check(
             bool(np.any(np.asarray(self.normal))),
             "Surface: normal is zero; give the direction outward.",

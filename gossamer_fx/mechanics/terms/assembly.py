@@ -1,20 +1,45 @@
-"""What compiled terms see of a system, and what the system asks of them."""
+"""The contract of compiled terms: what they see of a system, and what the system asks of them.
+
+All terms of one kind in a scene are compiled together, by the class that the term names as its
+`compiler`.  That class is a `CompiledTerms`, and overrides the methods in which its kind takes
+part; all others do nothing.  What only some kinds have is a facet, a further base class:
+
+    `Multipliers`       Lagrange multipliers among the unknowns
+    `ActiveSet`         interacting pairs that change from step to step, as in contact
+    `HistoryVariables`  a state that does not follow from coordinates and velocities
+    `Differentiable`    derivatives with respect to parameters, for gradients of results
+    `Shown`             output fields, or solids in pictures
+
+A spring between bodies, for example, is
+
+    class Springs(Differentiable, CompiledTerms["Spring"]): ...
+
+Nothing is asked of a class because of the names of its methods.
+
+All methods are collective: they are called on all ranks together.  Vectors and matrices are in the
+numbering of the system.  A step goes from coordinates q0 at time t0 to q1 at t1 = t0 + h; the
+forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
+"""
+
+# Most steps of the contract are no-ops by intent: a kind overrides those that it needs.
+# ruff: noqa: B027
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Never, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, Never, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
-from gossamer_fx.core.model.body import Attached, Body
-from gossamer_fx.core.model.roles import Tangents
+from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.model.body import Array, Attached, Block, Body, Indices, MeshBody
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -37,7 +62,7 @@ class Assembly(Protocol):
     q_mid = (1-α) q0 + α q1, α = `rule.alpha`.
 
     Attributes:
-        fields: coordinates of bodies on meshes, as functions for forms.
+        coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -49,7 +74,7 @@ class Assembly(Protocol):
     bodies: list[Body]
     terms: list[Term]
     numbering: Numbering
-    fields: dict[Body, Coordinates]
+    coordinates: dict[Body, Coordinates]
     rule: StressRule
     state: State
     end: State
@@ -78,11 +103,108 @@ KindOfTerm = TypeVar("KindOfTerm", contravariant=True)
 
 # Type checkers infer no variance from a constructor, so that it is declared in the older way.
 class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
-    """All terms of one kind, compiled; the roles that they play are its other bases
-    (`model.roles`)."""
+    """All terms of one kind, compiled: their part in each step.
+
+    Attributes:
+        is_external_load: whether all its forces are loads, which reactions of supports balance.
+        has_constant_stiffness: whether it has a quadratic energy ½ q·Kq, whose force K q_mid the
+            system adds: its tangent is assembled once, by `add_stiffness`.
+        losses: names of what dissipates, the same on every rank.
+    """
+
+    is_external_load: ClassVar[bool] = False
+    has_constant_stiffness: ClassVar[bool] = False
+    # Names and values are separate, so that the ranks need to exchange numbers only.
+    losses: Sequence[str] = ()
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...
+
+    # ---- equations -------------------------------------------------------------------------------
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the constant mass matrix [kg] to M."""
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin`
+        [rad/s]."""
+
+    def add_stiffness(self, K: PETSc.Mat) -> None:
+        """Add the constant stiffness [N/m] to K; see `has_constant_stiffness`."""
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add internal forces [N] to the residual r; loads with the opposite sign."""
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivative of its forces with respect to q1.
+
+        The first call sets the sparsity pattern, which does not change.
+        """
+
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        """Bilinear forms of the derivative of its forces on a body on a mesh with respect to q1."""
+        return []
+
+    # ---- the course of a step --------------------------------------------------------------------
+
+    def begin_step(self, t: float) -> None:
+        """Start a step of length `system.h` [s] whose forces act at time t [s]."""
+
+    def take_time(self, t: float) -> None:
+        """A state of time t [s] is about to be set, as the end of a step.
+
+        Take what depends on time, or on history variables, and not on q1.
+        """
+
+    def update(self, linearly: bool) -> None:
+        """q1 was set, e.g. by the Newton iteration; with `linearly`, strains on meshes may follow
+        linearly from the last iterate."""
+
+    def inadmissible(self) -> str:
+        """What is wrong with the solution of the step, in words; empty if nothing is.
+
+        The same on every rank.  An example are films that have passed through each other.
+        """
+        return ""
+
+    def commit(self) -> None:
+        """The step was accepted: q0 is the start of the next step, whose end q1 it was."""
+
+    def exchange_ends(self) -> None:
+        """Take q0 and the time of the system as the start of the reversed step, with the pairs and
+        stiffnesses of the step."""
+        self.commit()
+
+    # ---- energy balance --------------------------------------------------------------------------
+
+    def energies(self) -> dict[str, float]:
+        """Stored energies [J] at q0 by name, this rank's share."""
+        return {}
+
+    def dissipated(self) -> Array:
+        """Loss of the step [J] for each of the `losses`, this rank's share; asked before
+        `commit`."""
+        return np.zeros(0)
+
+    def supplied(self) -> float:
+        """Work of the step [J] of loads, motors, moving supports, this rank's share; asked before
+        `commit`."""
+        return 0.0
+
+    def resultants(self) -> dict[str, Array]:
+        """Force [N] and torque about the origin [N m], (2, 3), of each load over the last step.
+
+        By name of the load; this rank's share.
+        """
+        return {}
+
+    def momenta(self) -> Array:
+        """What a moving frame adds to momentum [kg m/s] and angular momentum [kg m²/s], (2, 3), at
+        q0.
+
+        This rank's share; zero unless the kind describes the bodies in such a frame.
+        """
+        return np.zeros((2, 3))
 
 
 # What a kind of terms names as its compiler.  Nothing is a `Never`, so any class of compiled terms
@@ -90,10 +212,27 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
 type Compiler = type[CompiledTerms[Never]]
 
 
-class CompiledConstraints(Tangents, CompiledTerms[KindOfTerm]):
-    """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns."""
+# ---- facets --------------------------------------------------------------------------------------
 
-    owned: slice  # the multipliers in this rank's part of a vector
+
+class Multipliers(ABC):
+    """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns.
+
+    Attributes:
+        owned: the multipliers in this rank's part of a vector.
+    """
+
+    owned: slice
+
+    # A class method: the numbering must know all blocks before any kind is compiled.
+    @classmethod
+    @abstractmethod
+    def multipliers(cls, terms: Sequence[Any], comm: MPI.Intracomm) -> list[Block]:
+        """Blocks of multipliers for all terms of the kind, numbered behind the bodies."""
+
+    @abstractmethod
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rows and columns of the multipliers, see `CompiledTerms.add_tangents`."""
 
     @abstractmethod
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
@@ -116,3 +255,215 @@ class CompiledConstraints(Tangents, CompiledTerms[KindOfTerm]):
     @abstractmethod
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """Add D²e[v, v] in the rows of the multipliers."""
+
+
+class ActiveSet(ABC):
+    """Interacting pairs that change from step to step, as those of contact.
+
+    Attributes:
+        has_plateaus: whether a Newton iteration that converges may stay at one residual for many
+            iterations, as where friction changes between sticking and sliding.
+    """
+
+    has_plateaus: bool = False
+
+    @abstractmethod
+    def update_active_set(self) -> None:
+        """Rebuild the list of interacting pairs before a step."""
+
+    @abstractmethod
+    def extend_active_set(self) -> bool:
+        """After a step was solved: add pairs that its end needs and that were missing.
+
+        Returns True on a rank that added pairs; the step is then solved again from where it ended.
+        """
+
+    @abstractmethod
+    def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+        """Its part of the tangent at the last residual, zero at fixed coordinates, as new matrices.
+
+        With a diagonal: only the blocks that a preconditioner needs in addition to a matrix that
+        has this diagonal.  The caller destroys them.
+        """
+
+    def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length
+        control)."""
+
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
+
+    # A tape of steps records their active sets, so that a step is made again without a search.
+
+    def save_active_set(self) -> Any:
+        """The active set of the last accepted step, as an object that does not change."""
+        return None
+
+    def load_active_set(self, saved: Any) -> None:
+        """Start a step of length `h` of the system from its accepted state, with a saved active
+        set."""
+
+    def activate_present(self) -> None:
+        """Start a step of no length from the accepted state, with what has energy there."""
+
+
+class HistoryVariables(ABC):
+    """History variables: they are not functions of the coordinates and have to be checkpointed.
+
+    A field of a term, or the law of a point load, may have this facet too.
+    """
+
+    @abstractmethod
+    def get_state(self) -> dict[str, Any]:
+        """The history as numbers, strings and lists of them; the same on every rank."""
+
+    @abstractmethod
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; coordinates and velocities have been restored."""
+
+    def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
+        """History variables in the cells of bodies, on which strains may depend.
+
+        By name: a body, and the values (n,) in the n cells that this rank owns.  The arrays are
+        those at work: they are written to when a state is restored, before strains follow.
+        """
+        return {}
+
+
+class Differentiable:
+    """Derivatives of its forces with respect to parameters, for gradients of results.
+
+    All its forces have known derivatives: they are complete in `residual_forms`, which UFL can
+    derive with respect to coefficients, or they are arrays with derivatives by numbers of its terms
+    (`work_by_number`), or they have no parameter.  Exceptions are named by `without_gradient`.
+
+    The derivative with respect to the start of a step is the tangent of the reversed step, which
+    goes from q1 to q0 with the length -h: forces have to stay the same.  A kind of which this is
+    not true leaves such forces out of the reversed step, and gives `add_start_derivatives`.
+
+    Attributes:
+        reversible: whether all its forces are those of the reversed step; if not,
+            `add_start_derivatives` is asked.
+        forces_are_forms: whether nothing acts on or between points: all forces, if there are any,
+            are assembled from forms.  Frequencies have gradients in such scenes.
+        has_shape_derivative: whether the derivative with respect to the stress-free shape of a mesh
+            is known, from forms, or zero.  Not, if the shape is measured when the scene is made.
+    """
+
+    reversible: ClassVar[bool] = True
+    forces_are_forms: ClassVar[bool] = False
+    has_shape_derivative: ClassVar[bool] = False
+
+    def without_gradient(self) -> str:
+        """In words, which term has no gradient, why, and what to do; empty if all have one."""
+        return ""
+
+    def gradient_notes(self) -> list[str]:
+        """One sentence for each part of the scene whose gradient has to be read with care, with
+        its name."""
+        return []
+
+    # ---- forms -----------------------------------------------------------------------------------
+
+    def kinetic_forms(self, body: Body, v: Any, w: Any) -> list[Any]:
+        """UFL forms of its mass on a body, of given velocities v and test functions w."""
+        return []
+
+    def residual_forms(self, body: Body, w: Any) -> list[Any]:
+        """UFL forms of its part of the residual on a body, linear in the test function w.
+
+        They are functions of the coordinates `coordinates[body]` at both ends of the step.
+        """
+        return []
+
+    def energy_forms(self, body: Body) -> list[Any]:
+        """UFL forms of its stored energy at q1."""
+        return []
+
+    def expressions(self) -> dict[fem.Function, Any]:
+        """UFL expressions of functions that it fills with values at quadrature points, so that
+        forms with them can be derived."""
+        return {}
+
+    def parameters_changed(self) -> None:
+        """Forget what was computed with coefficients that have other values now."""
+
+    # ---- numbers of terms; keys are those of `Parameter.source` ----------------------------------
+
+    def get_number(self, term: Any, key: str) -> Array:
+        """The present value of a number or vector of a term, (k,)."""
+        raise KeyError(key)
+
+    def set_number(self, term: Any, key: str, value: Array) -> None:
+        """Give a number of a term another value (k,)."""
+        raise KeyError(key)
+
+    def work_by_number(self, term: Any, key: str, w: PETSc.Vec) -> Array:
+        """w·∂r/∂number (k,), r its residual in the present step; this rank's share."""
+        raise KeyError(key)
+
+    def energy_by_number(self, term: Any, key: str) -> Array:
+        """∂ψ/∂number (k,) of its stored energy at q1; this rank's share.  Zero for loads."""
+        return np.zeros(len(self.get_number(term, key)))
+
+    # ---- forces that depend on masses ------------------------------------------------------------
+
+    def masses_changed(self) -> None:
+        """Forget what was computed from the mass matrix, which has other values now."""
+
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        """Derivative of the result by the mass [kg] of bodies, after a backward pass; the same on
+        every rank."""
+        return {}
+
+    # ---- a backward pass over the steps of a run -------------------------------------------------
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of forces f that the reversed step leaves out.
+
+        The system stands at the solution of the step, which has the adjoint vector μ.
+        """
+
+    # History variables s that are set in one step act in later ones: Σ μ·∂f/∂s is summed up from
+    # the last step to the first, and `add_start_derivatives` takes it to the step that set s.
+
+    def start_adjoint(self) -> None:
+        """Forget all sums: a backward pass begins."""
+
+    def add_energy_by_history(self, share: float) -> None:
+        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
+
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        """Add what later steps give for the end of the solved step, of which s is a function."""
+
+    def save_history(self) -> Any:
+        """The history variables of the accepted state on this rank, as an object that does not
+        change; without communication."""
+        return None
+
+    def load_history(self, saved: Any) -> None:
+        """Restore what `save_history` returned; coordinates and velocities have been restored."""
+
+
+class Shown:
+    """Values in output fields, or solids in pictures."""
+
+    def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Local cells (n,) of a body and values (n,) of a field there at q0; None if it has none.
+
+        A cell may occur several times, and on any rank that knows it: the mean counts.
+        """
+        return None
+
+    def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+        """Global nodes (n,) of a body and values (n,) of a field there at q0; None if it has none.
+
+        Each value is returned by one rank; what several kinds have adds up.
+        """
+        return None
+
+    def solids(self) -> list[Solid]:
+        """Solids to draw, the same on every rank; asked once the initial state is set."""
+        return []

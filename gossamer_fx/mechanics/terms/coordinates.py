@@ -31,13 +31,8 @@ class Coordinates:
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
-        """Make the functions and constants of one step.  Collective.
-
-        Args:
-            space: of the coordinates: positions [m] and, for beams, section axes [-] at the nodes
-                of a mesh.
-            alpha: share of the end of the step in the configuration of the forces: ½, or 1 at rest.
-        """
+        """Make the functions and constants of one step on the space of the coordinates: positions
+        [m] and, for beams, section axes [-].  `alpha` is α.  Collective."""
         # Coordinates at the start (q0) and the end (q1) of the step, and the increment δ of an
         # iteration.
         self.q0 = fem.Function(space)

@@ -37,7 +37,10 @@ Algorithm.
 
 5. UFL takes the derivative of S_mean by e1, correction included, for the tangent.
 
-`EndPoint` has α = 1 and S_mean = ψ'(e1): for statics, and for steppers to compare with.
+What a rule states (`StressRule`) is all that forces know of a step: the weight α, whether (2)
+holds (`conserves`), whether the step is a search for rest (`is_static`), and whether the stress is
+that of the strain e(q_mid) (`takes_mid_strain`).  `EndPoint` has α = 1 and S_mean = ψ'(e1), for
+steppers to compare with; `AtRest` is the same rule for statics.
 
 Why the integral has to be exact.  The average (4) of a convex ψ is the gradient of a convex
 function of e1: its derivative is symmetric and positive semi-definite.  A film that switches
@@ -51,7 +54,7 @@ state has a cheaper expression (`cases`).
 Limits.  A law that is not convex has an indefinite tangent.  The rule is for energies of quadratic
 measures: (1) does not hold for others.
 
-Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table
+Measured on the free sheet of the demo `spinning_sheet` by `demos/studies/stress_rule.py`; its table
 is in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM
 Rev. 25 (1983) 35, doi:10.1137/1025002; the correction, O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449,
 doi:10.1007/BF02440162; conservation by quadratic strains, J. C. Simo & N. Tarnow, Z. angew. Math.
@@ -60,9 +63,10 @@ Phys. 43 (1992) 757, doi:10.1007/BF00913408.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 import ufl
@@ -72,6 +76,7 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.forms.strain_path import gradient as gradient
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.c_law import CLaw
 
 # Round-off of a difference of energies, over their sum.
@@ -95,18 +100,53 @@ class PathEnergy(Protocol):
     def c_law(self) -> CLaw | None: ...
 
 
-@runtime_checkable
-class StressRule(Protocol):
-    """How the stress of a step follows from the strains at its ends."""
+def acts_at_end(alpha: float) -> bool:
+    """Whether forces with the weight alpha of the end act in q1: the start has no weight."""
+    return alpha == 1.0
+
+
+class PointEnergy(Protocol):
+    """What a stress rule knows of an energy of measures between points, as arrays."""
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress over the path from e0 to e1, and its derivative by e1; ψ' and ψ''/2 at e0 =
+        e1."""
+        ...
+
+
+class StressRule(ABC):
+    """How the stress of a step follows from its strains.
+
+    Attributes:
+        alpha: weight α of the end in the configuration q_mid = (1 - α) q0 + α q1 in which forces
+            act, above 0 and at most 1.
+        conserves: whether the work of the stress is the change of the energy, (2) of the module.
+        is_static: whether a step searches for rest: there is no motion, no friction and no history.
+        takes_mid_strain: whether `stress` gets e(q_mid), the strain of the configuration in which
+            forces act, in place of e1.  Thermal strain has its mean there.
+    """
+
+    alpha: float
+    conserves: bool = False
+    is_static: bool = False
+    takes_mid_strain: bool = False
 
     @property
-    def alpha(self) -> float:
-        """Weight of the end in the configuration q_mid at which forces act."""
-        ...
+    def acts_at_end(self) -> bool:
+        """Whether forces act in the configuration q1."""
+        return acts_at_end(self.alpha)
 
+    @abstractmethod
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         """S_mean, an expression of e0 and the UFL variable e1."""
-        ...
+
+    def point_stress(self, energy: PointEnergy, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """S_mean (n, m) of n energies between points, and its derivatives (n, m, m) by e1."""
+        if self.conserves:
+            return energy.average(e0, e1)
+        # At equal strains the derivative of the average is half of ψ''.
+        S, half = energy.average(e1, e1)
+        return S, 2 * half
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
         """Conditions under which S_mean costs less, and S_mean under each of them; the first that
@@ -146,6 +186,7 @@ class PathAverage(StressRule):
 
     points: int = 10
     alpha = 0.5
+    conserves = True
 
     def __post_init__(self) -> None:
         """Check the arguments, which the class describes; raises `InputError`."""
@@ -246,6 +287,12 @@ class EndPoint(StressRule):
 
     def function_of(self, law: CLaw) -> int:
         return law.end_point
+
+
+class AtRest(EndPoint):
+    """Stress rule of statics, whose steps are those of a search for equilibrium."""
+
+    is_static = True
 
 
 def gonzalez_correction(

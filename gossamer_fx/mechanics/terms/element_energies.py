@@ -21,7 +21,7 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
        ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                              (2)
 
    γ is the share of the geometric stiffness: 1, except in initial iterations without it (see
-   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time
+   `solvers.newton`).  S⁺ is the tensile part of S at rest, and zero in time steps.  In time
    steps S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
 3. Solve for the update δ of the coordinates.  The strain linearised about the last iterate is
 
@@ -77,77 +77,43 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points, tabulate
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    GradientLimits,
-    IterateObserver,
-    OnMeshes,
-    ResidualForms,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
-    TangentForms,
-    TimeDependence,
-)
 from gossamer_fx.mechanics.materials.c_law import CLaw
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw
+    from gossamer_fx.mechanics.terms.law_kernel import PointLaw
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
-# Weight α of the midpoint rules, the only ones for which strains are chosen.
-MIDPOINT = 0.5
 
-
-class ElementEnergies(
-    OnMeshes,
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    TimeDependence,
-    Forces,
-    TangentForms,
-    StoredEnergies,
-    Dissipation,
-    Supply,
-    ResidualForms,
-    GradientLimits,
-    Reversible,
-    CompiledTerms["StoredEnergy | ViscousDissipation"],
-):
+class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissipation"]):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
     ) -> None:
-        """Compile forces, tangents and energies of all terms on meshes.  Collective.
-
-        Args:
-            terms: what films, plates, cables and beams add to the equations: stored energies of
-                strains, and dissipation by their rates.
-            system: the compiled scene, which has the coordinates of the bodies as functions.
-
-        Raises:
-            InputError: a law is written in C, and the stress rule has no function for such laws.
-        """
+        """Compile forces, tangents and energies of all terms on meshes.  Collective."""
         self._system = system
         self._stored: list[StoredForces] = []
         self._viscous: list[ViscousForces] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             if isinstance(term, StoredEnergy):
                 self._stored.append(StoredForces(term, at, system.rule))
             else:
@@ -156,15 +122,15 @@ class ElementEnergies(
         self._forms: list[ElementForms] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
-            at = system.fields[alike[0].term.body]
+            at = system.coordinates[alike[0].term.body]
             self._forms.append(ElementForms(alike, at, system.rule))
         self.losses = [force.term.name for force in self._viscous]
         # One vector for each body, to which all of its terms are assembled.
-        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
+        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
 
     def begin_step(self, t: float) -> None:
         for body in self._forces:
-            self._system.fields[body].h.value = self._system.h
+            self._system.coordinates[body].h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
@@ -194,7 +160,7 @@ class ElementEnergies(
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(b.array, values[owned])
+                self._system.coordinates[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:
@@ -217,19 +183,16 @@ class ElementEnergies(
         return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
-        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
-        have one.
-
-        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
-        """
+        """Laws that are written in C have no derivatives, and therefore no gradient in time
+        steps."""
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
-        if self._system.rule.alpha != MIDPOINT:
+        if self._system.rule.is_static:
             return ""
         for force in self._stored:
             if force.term.c_law is not None:
                 return (
-                    f"the law of '{force.term.name}' is written in C, without derivatives; use one "
-                    "of UFL"
+                    f"the law of '{force.term.name}' is written in C, without derivatives; "
+                    "use one of UFL"
                 )
         return ""
 
@@ -287,15 +250,15 @@ class ElementForces(ABC):
     """Stresses of one term on a mesh, in UFL.
 
     Attributes:
-        term: what it computes.
-        measure_at_end: the measure (m,) of the term at q1.
+        measure: the measure (m,) of the term at the configuration q of its strain: q1, or q_mid if
+            the stress rule asks for the strain there.
         S: stress (m,) at the quadrature points at the strain ê.
         D: its derivatives (m, m) by that strain.
-        linear_stress: S + D (e(q1) - ê).
+        linear_stress: S + D (e(q) - ê).
     """
 
     term: StoredEnergy | ViscousDissipation
-    measure_at_end: Expr
+    measure: Expr
     S: Expr
     D: Expr
     linear_stress: Expr
@@ -303,13 +266,8 @@ class ElementForces(ABC):
     @abstractmethod
     def residual_form(self, w: Expr) -> ufl.Form:
         """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
-
         The compiled residual reads strains and stresses as numbers at points; here they are
-        expressions, so that UFL can derive them with respect to anything.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
+        expressions, so that UFL can derive them with respect to anything."""
 
 
 class ViscousForces(ElementForces):
@@ -318,10 +276,6 @@ class ViscousForces(ElementForces):
         σ = φ'((e - e0)/h)
 
     for the strain e and that of the start of the step, e0; h is the length of the step.
-
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
     """
 
     term: ViscousDissipation
@@ -330,9 +284,9 @@ class ViscousForces(ElementForces):
         """Write the stresses down, and compile the loss.  Collective."""
         self.term = term
         self._at = at
-        self.measure_at_end = term.measure(at.q1)
-        self._set_stresses(_linearised(self.measure_at_end, at), term.measure(at.q0))
-        change = self.measure_at_end - term.measure(at.q0)
+        self.measure = term.measure(at.q1)
+        self._set_stresses(_linearised(self.measure, at), term.measure(at.q0))
+        change = self.measure - term.measure(at.q0)
         self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
 
     def share_strains(self, stored: StoredForces) -> None:
@@ -341,17 +295,13 @@ class ViscousForces(ElementForces):
         self._set_stresses(stored.strain_variable, stored.strain_at_start)
 
     def _set_stresses(self, strain: Expr, start: Expr) -> None:
-        """Write S, D and the linear stress down.
-
-        Args:
-            strain: ê (m,), which is linear in the last update.
-            start: e0 (m,), at the start of the step.
-        """
+        """Set S, D and the linear stress from the strain ê (m,), which is linear in the last
+        update, and e0 (m,), at the start of the step."""
         change = ufl.variable(strain - start)
         σ = self._stress(change)
         self.S = σ
         self.D = ufl.diff(σ, change)
-        self.linear_stress = self._stress(self.measure_at_end - start)
+        self.linear_stress = self._stress(self.measure - start)
 
     def _stress(self, change: Expr) -> Expr:
         """The damping stress of a change of strain within the step, to which it is proportional."""
@@ -364,19 +314,13 @@ class ViscousForces(ElementForces):
 
     def residual_form(self, w: Expr) -> ufl.Form:
         at = self._at
-        first_variation = ufl.derivative(self.measure_at_end, at.q1, w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        change = self.measure_at_end - self.term.measure(at.q0)
+        at_middle = _variation_in_middle(self.term, at, w)
+        change = self.measure - self.term.measure(at.q0)
         return ufl.dot(self._stress(change), at_middle) * self.term.dx
 
 
 class StoredForces(ElementForces):
     """Strains, stresses and energy of one `StoredEnergy`, compiled.
-
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
 
     Attributes:
         strain_variable: ê (m,) at the quadrature points.
@@ -388,20 +332,14 @@ class StoredForces(ElementForces):
     term: StoredEnergy
 
     def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
-        """Compile one stored energy on a mesh: strains, stresses and energy.
-
-        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
-        unknown in addition to the coordinates.  Collective.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws.
-        """
+        """Compile strains, stresses and energy; residual and tangent are those of `ElementForms`.
+        Collective."""
         self.term = term
         self._at = at
         self._rule = rule
         self.thermal: ThermalStrain | None = term.thermal
-        self.measure_at_end = term.measure(at.q1)
-        e = self._strain_at_end()
+        self.measure = term.measure(at.mid if rule.takes_mid_strain else at.q1)
+        e = self._strain()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
         self._metadata = term.dx.metadata()
@@ -436,13 +374,26 @@ class StoredForces(ElementForces):
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
         self._true_strain = compile_expression(e, self._points)
+        # The start of the next step, where that is not ê of the step that is solved.
+        self._strain_of_end: fem.Expression | None = None
+        if rule.takes_mid_strain:
+            self._strain_of_end = compile_expression(self._strain_at_end(), self._points)
         self._linearised_strain = compile_expression(_linearised(e, at), self._points)
+
+    def _strain(self) -> Expr:
+        """The strain whose stress acts: the measure less the thermal strain."""
+        if not self._rule.takes_mid_strain:
+            return self._strain_at_end()
+        if self.thermal is None:
+            return self.measure
+        return self.measure - (self.thermal.start + self.thermal.end) / 2
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
+        measure = self.term.measure(self._at.q1)
         if self.thermal is None:
-            return self.measure_at_end
-        return self.measure_at_end - self.thermal.end
+            return measure
+        return measure - self.thermal.end
 
     def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
         """A function with values of a shape at each quadrature point."""
@@ -455,19 +406,17 @@ class StoredForces(ElementForces):
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
-        energy.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws; or
-                there is no C compiler.
-            RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
-        """
-        from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
-        from gossamer_fx.mechanics.terms.law_kernel.library import library
-        from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+        energy.  `RuntimeError`: dolfinx numbers quadrature points differently than the kernel
+        expects."""
+        from gossamer_fx.mechanics.terms.law_kernel import (
+            HEADER,
+            PointLaw,
+            PointValues,
+            law_functions,
+        )
 
         # Before the law, so that a missing compiler is not blamed on this body.
-        library(mesh.comm)
+        c_library(HEADER, mesh.comm)
         m = self._size
         rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
@@ -489,8 +438,8 @@ class StoredForces(ElementForces):
             functions,
             values,
             self._cells,
-            # At rest (α = 1) the pseudo-time steps are short enough without the choice.
-            may_choose=rule.alpha == MIDPOINT,
+            # At rest the pseudo-time steps are short enough without the choice.
+            may_choose=not rule.acts_at_end,
         )
         self._linear_strain = self._at_points(mesh, m)
         self._density = self._at_points(mesh)
@@ -507,16 +456,19 @@ class StoredForces(ElementForces):
 
     def commit(self) -> None:
         self._strain_before[:] = self.strain_at_start.x.array
-        self.strain_at_start.x.array[:] = self.strain_variable.x.array
+        if self._strain_of_end is None:
+            self.strain_at_start.x.array[:] = self.strain_variable.x.array
+        else:
+            self._tabulate(self._strain_of_end, self.strain_at_start)
         if self.thermal is not None:
             self.thermal.commit()
 
     def linearise(self) -> None:
         """Set the strain ê at the quadrature points for the next iterate of Newton's method.
 
-        ê is an unknown in addition to the coordinates: it follows from the strain of the last
-        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
-        and evaluates stresses here; for others stresses are evaluated when they are needed.
+        It follows from the strain of the last iterate and its linear change.  A law with several
+        states (taut, wrinkled, slack) chooses ê and evaluates stresses here; for others stresses
+        are evaluated when they are needed.
         """
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters
@@ -531,18 +483,17 @@ class StoredForces(ElementForces):
         self._has_response = False
 
     def evaluate(self) -> None:
-        """Take the true strain e(q1) for ê."""
+        """Take the true strain for ê."""
         self._tabulate(self._true_strain, self.strain_variable)
         self._has_response = False
 
     def respond(self) -> None:
-        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
-        first use.
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, once for
+        one strain.
 
         They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
-        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
-        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
-        need strains and no stresses.
+        [N/m], per length [N]), for residual and tangent.  States that are only accepted or
+        restored, as in the reversed run of a gradient, need strains and no stresses.
         """
         if self._has_response:
             return
@@ -555,8 +506,7 @@ class StoredForces(ElementForces):
     def _linearised_strains(self) -> Array:
         """The strains (q, m) linearised about the last iterate."""
         self._tabulate(self._linearised_strain, self._linear_strain)
-        strains: Array = self._linear_strain.x.array.reshape(-1, self._size)
-        return strains
+        return self._linear_strain.x.array.reshape(-1, self._size)
 
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
         """Evaluate an expression at the quadrature points of all cells."""
@@ -580,17 +530,15 @@ class StoredForces(ElementForces):
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
+        # Strains that the rule takes (e0 and e1), without thermal strain.
         at = self._at
         term = self.term
         e0 = term.measure(at.q0)
         if self.thermal is not None:
             e0 -= self.thermal.start
-        e1 = ufl.variable(self._strain_at_end())
+        e1 = ufl.variable(self._strain())
         S_mean = self._rule.stress(term, e0, e1)
-        first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        return ufl.dot(S_mean, at_middle) * term.dx
+        return ufl.dot(S_mean, _variation_in_middle(term, at, w)) * term.dx
 
     def energy_form(self) -> ufl.Form:
         """The stored energy at q1."""
@@ -599,23 +547,12 @@ class StoredForces(ElementForces):
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
-        array: Array = self.strain_variable.x.array
-        return array
+        return self.strain_variable.x.array
 
 
 class ElementForms:
-    """Residual and tangent of terms that have one measure on one body, as one form each.
-
-    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
-
-    Args:
-        forces: one or more terms, with equal measures and domains of integration.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
-
-    Attributes:
-        body: the body of the terms.
-        residual, tangent: the compiled forms.
+    """Residual and tangent of terms that have one measure and domain of integration on one body, as
+    one form each: (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
     """
 
     def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
@@ -626,10 +563,9 @@ class ElementForms:
         stored = [force for force in forces if isinstance(force, StoredForces)]
         # Thermal strain does not depend on the coordinates, so that all terms have these
         # variations.
-        e = forces[0].measure_at_end
-        first_variation = ufl.derivative(e, at.q1, at.w)
+        first_variation = ufl.derivative(term.measure(at.q1), at.q1, at.w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        along_update = ufl.derivative(e, at.q1, at.dq)
+        along_update = ufl.derivative(forces[0].measure, at.q1, at.dq)
         second_variation = ufl.derivative(first_variation, at.q1, at.dq)
         S = _sum([force.S for force in forces])
         D = _sum([force.D for force in forces])
@@ -637,7 +573,7 @@ class ElementForms:
         self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
         stress_in_tangent = at.γ * S
         for force in stored:
-            if force.term.pulling is not None and rule.alpha == 1.0:
+            if force.term.pulling is not None and rule.is_static:
                 stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
         material = ufl.dot(ufl.dot(D, along_update), at_middle)
         geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
@@ -645,11 +581,9 @@ class ElementForms:
 
 
 def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
-    """Group terms on the same body that have equal measures and domains of integration.
-
-    Measures are compared as UFL expressions: those of a film and of its damping are different
-    functions in Python.
-    """
+    """Group terms on the same body that have equal measures and domains of integration.  Measures
+    are compared as UFL expressions: those of a film and of its damping are different functions in
+    Python.  Damping takes the strain at q1 with every stress rule."""
     groups: list[list[ElementForces]] = []
     for force in elements:
         alike = next((group for group in groups if _is_alike(group[0], force)), None)
@@ -662,10 +596,8 @@ def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementFor
 
 def _share_strains(alike: Sequence[ElementForces]) -> None:
     """Let viscous stresses read the strains at the points that a stored energy keeps, if one has
-    their measure.
-
-    The strain of a heated body does not serve: it is the measure less the thermal strain.
-    """
+    their measure.  The strain of a heated body does not serve: it is the measure less the thermal
+    strain."""
     stored = [force for force in alike if isinstance(force, StoredForces)]
     if not stored or stored[0].thermal is not None:
         return
@@ -679,7 +611,13 @@ def _is_alike(one: ElementForces, other: ElementForces) -> bool:
     if one.term.body is not other.term.body or one.term.dx != other.term.dx:
         return False
     # UFL gives the free indices of each expression new numbers.
-    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
+    return renumber_indices(one.measure) == renumber_indices(other.measure)
+
+
+def _variation_in_middle(term: StoredEnergy | ViscousDissipation, at: Coordinates, w: Expr) -> Expr:
+    """De(q_mid)[w] (m,) of the measure of a term."""
+    first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
+    return ufl.replace(first_variation, {at.q1: at.mid})
 
 
 def _sum(expressions: Sequence[Expr]) -> Expr:
@@ -691,11 +629,8 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
-    """The strain (3) of the module, which is linear in the last update δ.
-
-    Args:
-        e: strain (m,) at q1, quadratic in the coordinates.
-    """
+    """The strain (3) of the module, which is linear in the last update δ of q1, of a strain e (m,)
+    that is quadratic in q1."""
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2
 

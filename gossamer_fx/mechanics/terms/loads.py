@@ -15,38 +15,25 @@ from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ExternalLoads,
-    Forces,
-    OnMeshes,
-    ResidualForms,
-    Resultants,
-    Reversible,
-    StepObserver,
-    Supply,
-    TangentForms,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 
-class Loads(
-    OnMeshes,
-    ExternalLoads,
-    StepObserver,
-    Forces,
-    TangentForms,
-    Supply,
-    Resultants,
-    ResidualForms,
-    Reversible,
-    CompiledTerms["Load"],
-):
+class Loads(Differentiable, CompiledTerms["Load"]):
     """All `Load` terms of a scene."""
+
+    is_external_load = True
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
         self._system = system
-        self._loads = [LoadForces(term, system.fields[term.body]) for term in terms]
+        self._loads = [LoadForces(term, system.coordinates[term.body]) for term in terms]
 
     def begin_step(self, t: float) -> None:
         for load in self._loads:
@@ -60,7 +47,7 @@ class Loads(
                 load.assemble()
                 body = load.term.body
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(-load.force.array, values[owned])
+                self._system.coordinates[body].add_forces(-load.force.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
@@ -69,24 +56,17 @@ class Loads(
         found = []
         for load in self._loads:
             if load.term.body is body:
-                at = self._system.fields[load.term.body]
+                at = self._system.coordinates[load.term.body]
                 found.append(-load.term.work(at.mid, w))
         return found
-
-    def energy_forms(self, body: Body) -> list[ufl.Form]:
-        # A load stores nothing: its work is supplied.
-        return []
 
     def parameters_changed(self) -> None:
         for load in self._loads:
             load.forget()
 
     def supplied(self) -> float:
-        """Work [J] that the loads supply in the present step, this rank's share.
-
-        It is asked for before the step is accepted.  Collective for loads that follow the body, in
-        statics.
-        """
+        """Work [J] of the loads in the present step; collective for loads that follow the body, in
+        statics."""
         work = 0.0
         # Change (n,) [m] of this rank's coordinates in the step.
         Δq = self._system.q1.array_r - self._system.q0.array_r
@@ -94,14 +74,12 @@ class Loads(
             body = load.term.body
             owned = self._system.block(body).owned
             forces = np.zeros(owned.stop - owned.start)
-            self._system.fields[body].add_forces(load.path_average(), forces)
+            self._system.coordinates[body].add_forces(load.path_average(), forces)
             work += float(Δq[owned] @ forces)
         return work
 
     def resultants(self) -> dict[str, Array]:
-        """Force and moment of each load in the last accepted step, this rank's share.
-
-        They are those in the configuration in which the forces of the step acted."""
+        """Resultants in the configuration in which the forces of the last accepted step acted."""
         # α is the weight of the end of the step in the configuration q in which forces f acted.
         system = self._system
         found = dict[str, Array]()
@@ -171,13 +149,8 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
-        """Compile the virtual work of the load, and its derivative if the load follows the body.
-        Collective.
-
-        Args:
-            term: the load, with its virtual work [J] as a form of the configuration.
-            at: coordinates of the body in a step.
-        """
+        """Compile the virtual work [J] of the load, and its derivative if the load follows the
+        body.  Collective."""
         self.term = term
         self._at = at
         # Virtual work along the test function, at the configuration in which the force acts.
@@ -206,18 +179,13 @@ class LoadForces:
         self._assembled = False
 
     def path_average(self) -> Array:
-        """The force [N] whose product with the change Δq of the coordinates is the work of the
-        step.
+        """The force (n,) [N], over owned and ghost unknowns, whose product with the change Δq of
+        the coordinates is the work of the step; `force` has to be that of the end of the step.
+        Collective.
 
         The midpoint rule does its work with the force at the middle of the step.  Of a force at the
         end of the step, the work along the straight path is taken, by Simpson's rule: exact for
-        forces that are at most cubic in the coordinates, such as pressure.  Collective.
-
-        The vector of forces must be that of the end of the step, by the last `assemble`; it is the
-        same after the call.
-
-        Returns:
-            Array (n,) over owned and ghost unknowns of the body.
+        forces that are at most cubic in the coordinates, such as pressure.
         """
         end: Array = self.force.array.copy()
         α = self._at.α

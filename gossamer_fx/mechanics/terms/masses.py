@@ -16,12 +16,19 @@ from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import Mass, MassForms, OnMeshes
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
 
 
-class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
+class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
     """All `KineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
         self._system = system
@@ -32,7 +39,7 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
         found = []
         for term in self._terms:
             if term.body is body:
-                at = self._system.fields[term.body]
+                at = self._system.coordinates[term.body]
                 found.append(compile_form(term.mass(at.dq, at.w)))
         return found
 
@@ -50,7 +57,7 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
         """Add the matrix [kg/s] of the Coriolis force 2 M (spin × v) in a turning frame.
         Collective."""
         for term in self._terms:
-            at = self._system.fields[term.body]
+            at = self._system.coordinates[term.body]
             # ω: the spin as a constant, so that another one needs no new kernel.
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
             # The components of a node are one or more vectors: its position, then directors.
@@ -74,8 +81,11 @@ class KineticEnergy:
     compiler: ClassVar[Compiler] = Masses
 
 
-class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
+class NodeMasses(Differentiable, CompiledTerms["NodeKineticEnergy"]):
     """All `NodeKineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
         self._system = system

@@ -37,17 +37,13 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Block
-from gossamer_fx.core.model.roles import (
-    Forces,
-    IndependentOfShape,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
     Multipliers,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    Supply,
-    WithoutParameters,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
 MAX_INITIAL_VIOLATION = 1e-8
@@ -73,21 +69,13 @@ TAKES_PART = 1e-6
 GROUND = -1
 
 
-class PointConstraints(
-    Multipliers,
-    StepObserver,
-    StateObserver,
-    Forces,
-    Supply,
-    WithoutParameters,
-    Reversible,
-    IndependentOfShape,
-    CompiledConstraints["PointConstraint"],
-):
+class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstraint"]):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
     The multipliers of term k are the k-th block behind those of the bodies.
     """
+
+    has_shape_derivative = True
 
     @classmethod
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
@@ -99,17 +87,8 @@ class PointConstraints(
         return blocks
 
     def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
-        """Compile all constraints between points: arrays and indices that stay the same in a run.
-        Collective.
-
-        Args:
-            terms: the constraints, in the same order on all ranks.
-            system: the compiled scene; multipliers are numbered behind its bodies.
-
-        Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
-                body that is not in the scene.
-        """
+        """Compile all constraints between points, in the same order on all ranks: arrays and
+        indices that stay the same in a run.  Collective."""
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         numbering = system.numbering
@@ -157,12 +136,8 @@ class PointConstraints(
         self._q0 = self._gather(self._system.q0)
 
     def supplied(self) -> float:
-        """Work [J] that constraints supply while they close, -λ·(e(q1) - e(q0)); this rank's share.
-
-        Collective.  A seam that is drawn together is such a constraint; all others do no work.  λ
-        are the multipliers, e(q) the constraints at the coordinates q0 and q1 [m] at the start and
-        the end of the step.  Call it before the step is committed.
-        """
+        """Work [J] that constraints supply while they close, -λ·(e(q1) - e(q0)): only a seam that
+        is drawn together does work.  Called before the step is committed.  Collective."""
         if not self._closes:
             return 0.0
         values = self._system.q1.array_r.copy()
@@ -182,18 +157,9 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, strict=True)
 
     def _targets_at(self, t: float) -> list[Array]:
-        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time.
-
-        The openness of a seam that is drawn together falls from 1 to 0; that of all other
-        constraints is 0.
-
-        Args:
-            t: time [s].
-
-        Returns:
-            One array (constraints, equations) for each kind of constraint, in the unit of the
-            constraint ([m] for points that coincide).
-        """
+        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time t [s],
+        (constraints, equations) for each kind, in the unit of the constraint.  The openness of a
+        seam that is drawn together falls from 1 to 0; that of all other constraints is 0."""
         openness = np.zeros(len(self._terms))
         for k, term in enumerate(self._terms):
             if term.closing:
@@ -219,12 +185,8 @@ class PointConstraints(
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivatives of constraint forces and of constraints, by coordinates and
-        multipliers.
-
-        With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 + α
-        q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers.
-        Collective."""
+        """With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 +
+        α q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers."""
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():
             λ = values[self._local[k]]
@@ -266,22 +228,10 @@ class PointConstraints(
     # ---- before the first step -------------------------------------------------------------------
 
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Multipliers that have no equation: of constraints between fixed coordinates, or that
-        repeat others.
+        """Multipliers of constraints between fixed coordinates, and those that repeat others.
 
-        Collective.
-
-        Args:
-            free: 1 at coordinates that may move and 0 at fixed ones, a distributed vector.
-            q0: coordinates [m] of the initial state, a distributed vector.
-
-        Returns:
-            Their positions (n,) in this rank's part of a vector, sorted.
-
-        `validate` must have been called before: it measures where seams begin.
-
-        Raises:
-            InputError: a seam cannot close, since nodes on both of its sides are fixed.
+        `validate` must have been called before: it measures where seams begin.  `InputError`: a
+        seam cannot close, since nodes on both of its sides are fixed.  Collective.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         stuck = 0
@@ -294,8 +244,8 @@ class PointConstraints(
             stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
-            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its "
-            "support.",
+            "A seam cannot close: nodes on both of its sides are fixed; "
+            "free one side, or move its support.",
         )
         return np.union1d(np.concatenate(found), self._repeated(free, q0))
 
@@ -308,14 +258,8 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, masks, strict=True)
 
     def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Multipliers of ties that follow from others, such as the third of three points tied in a
-        circle.
-
-        Only ties that allow it (`may_repeat`) are found.  Collective.
-
-        Returns:
-            Their positions (n,) in this rank's part of a vector.
-        """
+        """Sorted multipliers of ties that follow from others, such as the third of three points
+        tied in a circle, if they allow it (`may_repeat`).  Collective."""
         none = np.zeros(0, dtype=np.int64)
         if not any(term.may_repeat for term in self._terms):
             return none
@@ -358,21 +302,9 @@ class PointConstraints(
         return np.array(found, dtype=np.int64)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Check that the initial state satisfies all constraints, and that none follows from the
-        others.  Collective.
-
-        It also stores the values of the constraints that close in time, from which they begin.
-        Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints are not searched for dependent
-        ones.
-
-        Args:
-            q0: coordinates [m] of the initial state.
-            v0: velocities [m/s] of it.
-            free: 1 at coordinates that may move and 0 at fixed ones.
-
-        Raises:
-            InputError: a constraint is violated, itself or its rate, or redundant; by name.
-        """
+        """Check the constraints, and store the values of those that close in time, from which they
+        begin.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints are not searched for
+        dependent ones.  Collective."""
         self._take_initial(q0)
         self._targets = self._targets_at(0.0)
         violations = np.zeros(len(self._terms))
@@ -395,26 +327,20 @@ class PointConstraints(
         for term, violation, rate in zip(self._terms, violations, rates, strict=True):
             check(
                 violation <= MAX_INITIAL_VIOLATION,
-                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the "
-                "joined points coincide.",
+                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; "
+                "let the joined points coincide.",
             )
             check(
                 rate <= MAX_INITIAL_RATE * speed,
-                f"'{term.name}' does not hold in rate at the start: the joined points separate "
-                f"with {rate:.3g} per "
-                "second; give both bodies the same velocity there.",
+                f"'{term.name}' does not hold in rate at the start: "
+                f"the joined points separate with {rate:.3g} per second; "
+                "give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
 
     def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Check that no constraint follows from the others: that their gradients are independent.
-
-        Collective; rank 0 computes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` are not
-        checked.
-
-        Raises:
-            InputError: names the constraints that depend on each other.
-        """
+        """Raise `InputError` if gradients of constraints are not independent.  Collective; rank 0
+        computes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` are not checked."""
         n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
         if n > MAX_CHECKED_CONSTRAINTS:
             return
@@ -439,14 +365,10 @@ class PointConstraints(
         check(not message, message)
 
     def _redundancy(self, rows: list[tuple[int, Array, Array]]) -> str:
-        """A sentence that names the constraints that depend on each other, or an empty one.
-
-        They take part in null vectors of the Gram matrix of the gradients, scaled to unit length.
-
-        Args:
-            rows: for each equation the index of its term, and the global indices (D,) and values
-                (D,) of its gradient.
-        """
+        """A sentence that names the constraints that depend on each other, or an empty one: those
+        in null vectors of the Gram matrix of the gradients, scaled to unit length.  `rows` has for
+        each equation the index of its term, and the global indices (D,) and values (D,) of its
+        gradient."""
         if not rows:
             return ""
         columns = np.unique(np.concatenate([indices for _, indices, _ in rows]))
@@ -466,19 +388,15 @@ class PointConstraints(
         involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(takes_part)}
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
-            f"{null.shape[1]} of the constraints {names} follow from the others; free one of the "
-            "joints, e.g. by a "
-            "ball joint instead of a revolute one."
+            f"{null.shape[1]} of the constraints {names} follow from the others; "
+            "free one of the joints, e.g. by a ball joint instead of a revolute one."
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """How a constraint closes: e(q1) = f(t1) e(q_start).
-
-    Attributes:
-        openness: f, a function of time [s]; 1 at the start of the scene, and without a rate there.
-    """
+    """How a constraint closes: e(q1) = f(t1) e(q_start), with `openness` f of the time [s], 1 at
+    the start of the scene, and without a rate there."""
 
     openness: Callable[[float], float]
 

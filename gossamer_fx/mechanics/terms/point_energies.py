@@ -1,9 +1,9 @@
 """Energies and dissipation of measures between points, as arrays.
 
 All terms of one kind are evaluated at once.  The rule is that of `discrete_gradient`: the force is
-S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.  With α = 1 the
-forces are those of the end of the step, S_mean = ψ'(e1).  Measures are evaluated on the rank of
-their first port.
+S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step; a rule that does
+not conserve takes the stress of one strain instead.  Measures are evaluated on the rank of their
+first port.
 """
 
 from __future__ import annotations
@@ -20,24 +20,20 @@ from gossamer_fx.core.algebra.point_measures import (
     PointMeasure,
     PointMeasures,
     add_blocks,
+    attach_all,
+    evaluated_here,
     nodes_of,
     refuse_ports_outside,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    Dissipation,
-    Forces,
-    IndependentOfShape,
-    IterateObserver,
-    PointParameters,
-    Reversible,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Tangents,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 # Size of complex steps.  They do not cancel, so that the step may be so small that its square is
 # below the round-off of any number.
@@ -75,36 +71,25 @@ class PointDamping(Protocol):
 
 
 class Stencil:
-    """Measures of one kind with one density: their forces, tangents and energies.
+    """Measures of one kind with one density, a `PointDamping` if it `dissipates`: their forces,
+    tangents and energies, with forces at q_mid = (1 - α) q0 + α q1.
 
-    With pairs that change from step to step, a new one is made for each list of them.
-
-    Args:
-        at: the measures.
-        density: `PointDensity` or `PointDamping` of all of them.
-        dissipates: whether it is a `PointDamping`.
-        alpha: the forces act at q_mid = (1 - α) q0 + α q1.
+    In the methods q1 (n, D) are the unknowns of n tuples of ports at the end of the step, positions
+    [m] and directors [-].  A result is reused for the same array object: it must not be changed in
+    place.  With pairs that change from step to step, a new stencil is made for each list of them.
+    Damping takes the strains at both ends with every stress rule.
     """
 
-    def __init__(
-        self,
-        at: PointMeasures,
-        density: Any,
-        dissipates: bool,
-        alpha: float,
-    ) -> None:
-        """Take strains and law of n springs or the like, which are evaluated together.
-
-        The start of a step is set by `keep`, its length [s] by the attribute `h`.
-
-        Until `keep` is called the unknowns at the start are zero, and until `h` is set it is 1 s.
-        """
+    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, rule: StressRule) -> None:
+        """The start of a step is set by `keep`, its length [s] by the attribute `h`; until then
+        they are zero, and 1 s."""
         self.at = at
         self.density = density
         self._dissipates = dissipates
-        self._α = alpha
+        self._rule = rule
+        self._takes_mid_strain = rule.takes_mid_strain and not dissipates
         self.h = 1.0
-        # Unknowns q1 (n, D), vectors (n, 3k), strains e1 (n, m) and stresses (n, m) with their
+        # Unknowns q1 (n, D), vectors (n, 3k), strains (n, m) and stresses (n, m) with their
         # derivatives (n, m, m) of the last evaluation: forces and tangent of one
         # iterate use the same ones.
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
@@ -117,16 +102,8 @@ class Stencil:
         self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
-        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns of n springs or the like.
-
-        e are their strains, quadratic in the unknowns q, S_mean the mean stress of the step, and
-        q_mid the configuration in which forces act.  Forces are computed where there is stress:
-        slack ropes and open stops cost little.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.  A result
-                is reused for the same array object: it must not be changed in place.
-        """
+        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns, with the mean stress
+        S_mean.  They are computed where there is stress: slack ropes and open stops cost little."""
         # Y (n, 3k): the vectors of which the strains are made; S (n, m): their mean stresses.
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
@@ -150,14 +127,7 @@ class Stencil:
         return found
 
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
-        """Add the derivatives [N/m] of the forces by the unknowns at the end of the step to a
-        matrix.
-
-        Args:
-            A: PETSc matrix of all unknowns, not yet assembled; changed in place.
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
-                end of the step.
-        """
+        """Add the derivatives [N/m] of the forces by q1 to a matrix that is not yet assembled."""
         at = self.at
         if at.share_unknowns:
             # One block is entered instead of n at the same rows.  K (r, 3k, 3k) is the stiffness of
@@ -169,53 +139,39 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """Derivatives of the forces on the vectors that strains are made of, by these vectors.
-
-        Each of n springs or the like has strains that are quadratic in k vectors: points [m] or
-        directors [-].  Those without stress and stiffness are left out.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.
-
-        Returns:
-            Stiffness (r, 3k, 3k) [N/m], and the indices (r,) of the r rows that have one, or a
-            slice if all have.
-        """
+        """Stiffness (r, 3k, 3k) [N/m]: derivatives of the forces on the k vectors that strains are
+        made of by these vectors; and the indices (r,) of the rows that have stress or stiffness, or
+        a slice if all have."""
         # Y (n, 3k): the vectors; S (n, m): mean stresses; dS (n, m, m): their derivatives by the
         # strains at the end; α: weight of the end in the configuration where forces act.
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
-        slope_end = self.at.slope(Y[on], on)
-        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric
-        # where the two slopes differ.
-        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
-        geometric = self._α * self.at.geometric(S[on], on)
+        # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
+        # that the tangent is not symmetric, unless the rule takes the strain in the middle.
+        slope: Array = self._rule.alpha * slope_mid
+        if not self._takes_mid_strain:
+            slope = self.at.slope(Y[on], on)
+        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
+        geometric = self._rule.alpha * self.at.geometric(S[on], on)
         return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`.
-
-        Args:
-            Y: the vectors (n, 3k) at the end of the step.
-        """
-        return (1 - self._α) * self._Y0[on] + self._α * Y[on]
+        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`, from those Y
+        (n, 3k) at the end of the step."""
+        α = self._rule.alpha
+        return (1 - α) * self._Y0[on] + α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Quantities at the end of the step, which are kept for the next call with the same array.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like.
-
-        Returns:
-            The k vectors (n, 3k) of which the strains are made, strains e1 (n, m), and the mean
-            stress (n, m) of the step with its derivatives (n, m, m) by e1.
-        """
+        """The k vectors (n, 3k) of which the strains are made at q1, the strains (n, m) that the
+        rule takes, and the mean stress (n, m) of the step with its derivatives (n, m, m) by
+        them."""
         # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
-            e1 = self.at.measure(Y)
+            of_strain = self._middle(Y, slice(None)) if self._takes_mid_strain else Y
+            e1 = self.at.measure(of_strain)
             self._known = q1, Y, e1, self._average(e1)
         return self._known[1:]
 
@@ -223,11 +179,7 @@ class Stencil:
         """Stress S_mean (n, m) of a step to the strain e1 (n, m), and dS_mean/de1 (n, m, m)."""
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
-        if self._α == 0.5:
-            return self.density.average(self.e0, e1)
-        # At equal strains the derivative of the average is half of ψ''.
-        S, half = self.density.average(e1, e1)
-        return S, 2 * half
+        return self._rule.point_stress(self.density, self.e0, e1)
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
@@ -236,21 +188,9 @@ class Stencil:
         return self.density.energy(self.e0)
 
     def force_by_number(self, q1: Array, key: str) -> Array:
-        """Derivatives (n, D) of the forces of a step by a number of the law, by a complex step.
-
-        The laws are analytic in their numbers where they are smooth, so that nothing cancels.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
-                end of the step.
-            key: name of the number, an attribute of the density, e.g. "k", a stiffness.
-
-        Returns:
-            Forces [N] over the unit of the number.
-
-        Raises:
-            AttributeError: the density has no number of this name.
-        """
+        """Derivatives (n, D) of the forces [N] of a step by a number of the density, named by its
+        attribute, e.g. "k", by a complex step: laws are analytic in their numbers where they are
+        smooth, so that nothing cancels."""
         # Y (n, 3k): vectors, and e1 (n, m): strains at the end; S: the complex mean stress.
         Y, e1, _ = self._end(q1)
         density = self.density
@@ -268,9 +208,8 @@ class Stencil:
         """∂ψ/∂number (n,) at the end of the step."""
         if self._dissipates:
             return np.zeros(self.at.n)
-        _, e1, _ = self._end(q1)
-        energy: Array = self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
-        return energy
+        e1 = self.at.measure(self.at.vectors(q1))
+        return self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
 
     def set_number(self, key: str, value: float, at: Array) -> None:
         """Give a number of the density a value at some tuples of ports, of which `at` (n,) is
@@ -297,37 +236,16 @@ def _all_or_some(on: Any) -> Any:
     return np.flatnonzero(on)
 
 
-class PointEnergies(
-    StepObserver,
-    IterateObserver,
-    StateObserver,
-    Forces,
-    Tangents,
-    StoredEnergies,
-    Dissipation,
-    PointParameters,
-    Reversible,
-    IndependentOfShape,
-    CompiledTerms["PointStoredEnergy | PointDissipation"],
-):
+class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDissipation"]):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
+
+    has_shape_derivative = True
 
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
-        """Compile all energies and dampers between points: arrays and indices that stay the same in
-        a run.
-
-        Terms of one kind, such as all springs, are evaluated as one array.  Collective.
-
-        Args:
-            terms: the energies and dampers, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
-                body that is not in the scene.
-        """
+        """Compile all energies and dampers between points, in the same order on all ranks; those of
+        one kind, such as all springs, are one array.  Collective."""
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
@@ -341,7 +259,7 @@ class PointEnergies(
             at = PointMeasures(system.numbering, system.bodies, [term.measure for term in alike])
             density = _stacked([term.density for term in alike], at.owner)
             dissipates = isinstance(alike[0], PointDissipation)
-            stencil = Stencil(at, density, dissipates=dissipates, alpha=system.rule.alpha)
+            stencil = Stencil(at, density, dissipates=dissipates, rule=system.rule)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
         # Names of the dampers in the order of the groups, in which `dissipated` returns their
@@ -401,16 +319,8 @@ class PointEnergies(
         return found
 
     def stresses(self, term: PointStoredEnergy) -> tuple[Array, Array]:
-        """Measures and stresses of a term in the accepted state, of the rows of this rank.
-        Collective.
-
-        Args:
-            term: of this scene.
-
-        Returns:
-            e (r, m) and ψ'(e) (r, m) of the r tuples of ports that this rank evaluates, see
-            `point_measures.evaluated_here`.
-        """
+        """Measures e (r, m) and stresses ψ'(e) (r, m) of a term in the accepted state, of the r
+        tuples of ports that this rank evaluates (`point_measures.evaluated_here`).  Collective."""
         stencil, i = self._find(term)
         k = self._stencils.index(stencil)
         measures = stencil.at.strain(self._gather(self._system.q0)[k])
@@ -491,19 +401,10 @@ class PointDissipation:
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
-    """Key of the energies and dampers that are evaluated as one array: equal for those of one kind.
-
-    What they have in common: the class of the term and of its density (the law of the strains), the
-    numbers of the density except those named in its `stacks`, which may be arrays, and the shapes
-    of their strains.  A density without `stacks` has a key of its term alone.
-
-    Args:
-        term: a stored energy or damper between points.  Its measure, the strain, is ½ X·H X + L·X +
-            c of the stacked vectors X of its ports, with H (m, 3k, 3k).
-
-    Returns:
-        A hashable key: the tuple of what terms have in common, or the identity of the term.
-    """
+    """Hashable key of the energies and dampers that are evaluated as one array: the class of the
+    term and of its density, the numbers of the density except those named in its `stacks`, which
+    may be arrays, and the shapes of the measure.  A density without `stacks` has a key of its term
+    alone."""
     density = term.density
     stacks = getattr(density, "stacks", None)
     # A density that cannot be stacked is an array of one term.
@@ -518,12 +419,8 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One law for all rows of an array of springs or the like, with arrays (n,) of the numbers that
-    differ.
-
-    Args:
-        of: index (n,) of the law to which each row belongs.
-    """
+    """One density for all rows of an array, with arrays (n,) of the numbers that differ; `of` (n,)
+    is the index of the density to which each row belongs."""
     first = densities[0]
     if len(densities) == 1:
         return first
@@ -532,3 +429,90 @@ def _stacked(densities: Sequence[Any], of: Array) -> Any:
         numbers = np.array([getattr(density, name) for density in densities])
         stacked[name] = numbers[of]
     return replace(first, **stacked)
+
+
+def one_sided_energy(y: Array) -> Array:
+    """ψ(y) = ½ max(y, 0)², of any shape."""
+    return np.maximum(y, 0.0) ** 2 / 2
+
+
+def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
+    """Average T_mean of T(y) = max(y, 0) along the straight path from y0 to y1, arrays of one shape
+    in any unit, and its derivative by y1.
+
+    The average is exact, also where the path passes zero: T_mean (y1 - y0) = ψ(y1) - ψ(y0) with ψ =
+    ½ max(y, 0)², so a step with it conserves energy.  It does not divide by a small change: that is
+    done only where the path passes zero, and there |y1 - y0| >= |y1|.
+    """
+    pull0 = np.maximum(y0, 0.0)
+    pull1 = np.maximum(y1, 0.0)
+    passes_zero = (y0 > 0) != (y1 > 0)
+    # Elsewhere the divisor is 1: its quotient is not read, and must not divide by zero.
+    change = np.where(passes_zero, y1 - y0, 1.0)
+    quotient = (pull1**2 - pull0**2) / (2 * change)
+    slope_of_quotient = (pull1 - quotient) / change
+    # Where T is linear all the way, the trapezoidal rule is exact.
+    trapezoidal_mean = (pull0 + pull1) / 2
+    trapezoidal_slope = np.where(y1 > 0, 0.5, 0.0)
+    mean = np.where(passes_zero, quotient, trapezoidal_mean)
+    slope = np.where(passes_zero, slope_of_quotient, trapezoidal_slope)
+    return mean, slope
+
+
+# ---- kinetic energy of attached vectors ----------------------------------------------------------
+
+
+class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
+    """All `AttachedKineticEnergy` terms of a scene."""
+
+    forces_are_forms = True
+    has_shape_derivative = True
+
+    def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
+        self._terms = terms
+        self._system = system
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        self._add(M, np.eye(3))
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        cross = np.cross(np.eye(3), np.asarray(spin))
+        self._add(G, 2 * cross)
+
+    def _add(self, matrix: PETSc.Mat, each: Array) -> None:
+        """Add Σ_ij mass[i, j] w_i·(each v_j) of all terms to a matrix, v and w rates of attached
+        vectors; `each` (3, 3) is the unit matrix for masses, or twice the matrix of a cross product
+        with an angular velocity [rad/s] for the Coriolis force."""
+        for term in self._terms:
+            # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
+            # vectors are P q (n tuples) of unknowns q.
+            own = evaluated_here(term.ports)
+            n = len(own)
+            rows = 3 * term.mass.shape[1]
+            tuples = [term.ports[i] for i in own]
+            # Offsets of the ground are not needed: it has no velocity.
+            indices, P, _ = attach_all(
+                numbering=self._system.numbering,
+                bodies=self._system.bodies,
+                tuples=tuples,
+                rows=rows,
+            )
+            of_vectors = np.einsum("nij,ab->niajb", term.mass[own], each)
+            mass = of_vectors.reshape(n, rows, rows)
+            of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            add_blocks(matrix, indices, indices, of_unknowns)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors.
+
+    Args:
+        ports: n tuples of k ports, as those of a `PointMeasure`.
+        mass: (n, k, k) [kg] for points; kg m and kg m² where directors take part.
+    """
+
+    ports: Sequence[tuple[Port, ...]]
+    mass: Array
+    compiler: ClassVar[Compiler] = AttachedMasses

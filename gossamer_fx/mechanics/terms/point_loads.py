@@ -17,36 +17,22 @@ from gossamer_fx.core.algebra.point_measures import (
     refuse_ports_outside,
     translation_weight,
 )
+from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.model.body import Array, Attached
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.core.model.roles import (
-    ExternalLoads,
-    Forces,
-    GradientLimits,
-    HistoryAdjoint,
-    IndependentOfShape,
-    PointParameters,
-    Resultants,
-    Reversible,
-    StartDerivatives,
-    StepHistory,
-    StepObserver,
-    Supply,
-    Tangents,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    HistoryVariables,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step from the state at its beginning.
 
         Args:
@@ -114,19 +100,6 @@ class ForceOfStart(Protocol):
 
 
 @runtime_checkable
-class WithHistory(Protocol):
-    """A force with history variables."""
-
-    def get_state(self) -> dict[str, Any]:
-        """The history variables, as an object that does not change."""
-        ...
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
-        ...
-
-
-@runtime_checkable
 class ForceOfPosition(Protocol):
     """Marks a force that depends on the configuration and on the time at which forces act, only."""
 
@@ -137,37 +110,17 @@ def _is_of_position(law: PointForce) -> bool:
     return isinstance(law, ForceOfPosition) and law.depends_on_position_only
 
 
-class PointLoads(
-    ExternalLoads,
-    StepObserver,
-    Forces,
-    Tangents,
-    Supply,
-    Resultants,
-    PointParameters,
-    GradientLimits,
-    Reversible,
-    StartDerivatives,
-    HistoryAdjoint,
-    StepHistory,
-    IndependentOfShape,
-    CompiledTerms["PointLoad"],
-):
+class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
     """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1
     - X0)."""
 
+    is_external_load = True
+    reversible = False
+    has_shape_derivative = True
+
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        """Compile all loads on points and directions of bodies: maps and indices that stay the same
-        in a run.  Collective.
-
-        Args:
-            terms: the loads, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: a point or direction whose nodes, weights and vectors do not belong
-                together, or one of a body that is not in the scene.
-        """
+        """Compile all loads on points and directions of bodies, in the same order on all ranks:
+        maps and indices that stay the same in a run.  Collective."""
         tuples = [(term.name, [term.ports]) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
@@ -235,14 +188,8 @@ class PointLoads(
         self._laws[self._terms.index(term)] = changed
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
-        """Derivative of the residual by a number of a load, times a vector: -w·Pᵀ ∂f/∂number.
-
-        Collective.  Loads are subtracted from the residual, hence the sign.  f (3k,) are the forces
-        on the vectors X = P q + o of the load, P their map from the unknowns q.
-
-        Raises:
-            ValueError: the load is not in this scene.
-        """
+        """Loads are subtracted from the residual, hence the sign of -w·Pᵀ ∂f/∂number, with the
+        forces f (3k,) on the vectors X = P q + o of the load."""
         k = self._terms.index(term)
         P, _ = self._maps[k]
         # Collective, so asked for on all ranks.
@@ -255,9 +202,6 @@ class PointLoads(
             assert isinstance(law, ForceWithNumbers), "a load with parameters derives by them"
             work = -law.force_by_number(key, X).T @ vectors
         return work if self._mine[k] else np.zeros(len(work))
-
-    def energy_by_number(self, term: PointLoad, key: str) -> Array:
-        return np.zeros(len(self.get_number(term, key)))
 
     def _with_numbers(self, term: PointLoad) -> NumberedForce:
         law = self._laws[self._terms.index(term)]
@@ -272,9 +216,8 @@ class PointLoads(
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivatives of μ·residual by the state at the start of the step.  Collective.
-
-        Only loads that depend on that state have some, e.g. sampled torques of a control."""
+        """Derivatives of loads that depend on the start of the step, e.g. sampled torques of a
+        control."""
         displacements = self._gather(μ)
         middle = self._middle()
         for k, law in enumerate(self._laws):
@@ -293,24 +236,22 @@ class PointLoads(
         by_velocity.assemble()
 
     def save_history(self) -> list[dict[str, Any]]:
-        return [law.get_state() for law in self._laws if isinstance(law, WithHistory)]
+        return [law.get_state() for law in self._laws if isinstance(law, HistoryVariables)]
 
     def load_history(self, saved: list[dict[str, Any]]) -> None:
-        laws = [law for law in self._laws if isinstance(law, WithHistory)]
+        laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
         for law, state in zip(laws, saved, strict=True):
             law.set_state(state)
 
     def without_gradient(self) -> str:
-        """In words, why the scene has no gradient by parameters; empty if it has one.
-
-        A load that depends on velocities or on its history has none.
-        """
+        """A load that depends on velocities or on its history has none."""
         for term in self._terms:
             if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
                 return (
-                    f"'{term.name}' depends on more than positions and time, without derivatives "
-                    "by the start of a step; give its law those of "
-                    "`gossamer_fx.extend.ForceOfStart`, or leave it out of the scene"
+                    f"'{term.name}' depends on more than positions and time, "
+                    "without derivatives by the start of a step; "
+                    "give its law those of `gossamer_fx.extend.ForceOfStart`, "
+                    "or leave it out of the scene"
                 )
         return ""
 
@@ -324,9 +265,7 @@ class PointLoads(
         return total
 
     def resultants(self) -> dict[str, Array]:
-        """Force and moment of each load in the last step, this rank's share.  Collective.
-
-        They are those in the configuration in which the forces of the step acted."""
+        """Resultants in the configuration in which the forces of the last step acted."""
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
@@ -350,3 +289,65 @@ class PointLoad:
     law: PointForce
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = PointLoads
+
+
+# ---- torques -------------------------------------------------------------------------------------
+
+
+class Couple:
+    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i
+    with
+
+        (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
+
+    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum
+    grows by exactly hT also at the middle of a step, where directors are shorter than 1.  One
+    vector alone takes the torque across it, f = T × r/|r|².
+    """
+
+    depends_on_position_only = True
+
+    def __init__(self) -> None:
+        self.torque: Array = np.zeros(3)
+
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Nothing to prepare: the torque is constant."""
+
+    def _spread(self, r: Array) -> tuple[Array, Array]:
+        """The matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] of the k attached vectors r (k, 3) [m], or
+        directors without a unit, and its product F (3,) [N/m] with the torque.  `LinAlgError`: a
+        single vector has no length, or several are parallel."""
+        S = r.T @ r
+        matrix = np.trace(S) * np.eye(3)
+        # With one vector the matrix would be singular: S is left out, which gives T × r/|r|².
+        if len(r) > 1:
+            matrix = matrix - S
+        inverse = np.linalg.inv(matrix)
+        return inverse, inverse @ self.torque
+
+    def forces_by_torque(self, X: Array) -> Array:
+        """The matrix (3k, 3) of the forces on the vectors X (3k,), which are linear in the
+        torque."""
+        r = X.reshape(-1, 3)
+        inverse, _ = self._spread(r)
+        arms = np.hstack(tuple(cross_matrices(r)))
+        return arms.T @ inverse
+
+    def force(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        return np.cross(self._spread(r)[1], r).ravel()
+
+    def tangent(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        inverse, F = self._spread(r)
+        # Of f_i = F × r_i with F constant; the change of F follows.
+        K: Array = np.kron(np.eye(len(r)), cross_matrices(F))
+        for j, d in enumerate(r):
+            # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
+            change = 2 * np.outer(F, d)
+            if len(r) > 1:
+                change -= (d @ F) * np.eye(3) + np.outer(d, F)
+            dF = -inverse @ change
+            for i, other in enumerate(r):
+                K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrices(other) @ dF
+        return K

@@ -14,34 +14,29 @@ from petsc4py import PETSc
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.roles import (
-    ConstantStiffness,
-    ResidualForms,
-    Reversible,
-    StoredEnergies,
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
 )
-from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class QuadraticEnergies(
-    ConstantStiffness, StoredEnergies, ResidualForms, Reversible, CompiledTerms["QuadraticEnergy"]
-):
+class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
-    def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
-        """Compile the bilinear forms of all quadratic energies ½ a(q, q), such as bending.
-        Collective.
+    has_constant_stiffness = True
+    forces_are_forms = True
+    has_shape_derivative = True
 
-        Args:
-            terms: the energies.
-            system: the compiled scene, which has the fields of their bodies.
-        """
+    def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
+        """Compile the bilinear forms of all quadratic energies.  Collective."""
         self._system = system
         self._terms = terms
         self._stiffness = []
         self._energies = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
@@ -54,7 +49,7 @@ class QuadraticEnergies(
         found = []
         for term in self._terms:
             if term.body is body:
-                found.append(term.form(self._system.fields[term.body].mid, w))
+                found.append(term.form(self._system.coordinates[term.body].mid, w))
         return found
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
@@ -62,7 +57,7 @@ class QuadraticEnergies(
         found = []
         for term in self._terms:
             if term.body is body:
-                at = self._system.fields[term.body]
+                at = self._system.coordinates[term.body]
                 found.append(0.5 * term.form(at.q1, at.q1))
         return found
 

@@ -3,6 +3,7 @@ conditions."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -12,7 +13,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.core.model.state import InitialState
-from gossamer_fx.mechanics.terms.assembly import Assembly
+from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class InitialCondition(Protocol):
         ...
 
 
-class ScalarUnknowns(Protocol):
+class ScalarUnknowns(HistoryVariables):
     """Scalar unknowns y coupled to whole fields, e.g. gas pressures: rows and columns outside the
     sparse matrix.
 
@@ -46,160 +47,107 @@ class ScalarUnknowns(Protocol):
 
         [ A  G ] [δz]     [ r ]
         [ Hᵀ C ] [δy] = - [ s ]
+
+    One class compiles all items of a scene that name it as their `scalar_unknowns`.  Their history
+    variables include what was supplied.
     """
 
     size: int
 
+    @abstractmethod
+    def __init__(self, items: list[Any], system: Assembly) -> None: ...
+
+    # ---- a step ----------------------------------------------------------------------------------
+
+    @abstractmethod
     def start(self) -> None:
         """Take the initial state."""
-        ...
 
+    @abstractmethod
     def begin_step(self, h: float, t: float) -> Array:
         """Start a step of length h whose rates are taken at time t; returns a first guess of y
         (size,)."""
-        ...
 
+    @abstractmethod
     def residual(self, y: Array) -> Array:
         """s(y) (size,), each as a fraction of the quantity that it balances."""
-        ...
 
+    @abstractmethod
     def add_force(self, values: Array) -> None:
         """Add the forces of these unknowns, at the y of the last `residual`, to the owned part of
         r."""
-        ...
+
+    @abstractmethod
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         """Their derivatives with respect to the coordinates of one body, as far as they are made of
         forms."""
-        ...
+        return ()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the rest of their derivatives to the matrix of all coordinates."""
-        ...
-
-    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
-        ...
+        return
 
     def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step, e.g. a negative volume; else
         nothing."""
-        ...
+        return ""
 
     def unsolved(self) -> str:
         """In words, of what the last residual is far from zero, e.g. the gas of a chamber; else
         nothing."""
-        ...
+        return ""
 
+    @abstractmethod
     def commit(self) -> None:
         """End the step."""
-        ...
 
+    # ---- results ---------------------------------------------------------------------------------
+
+    @abstractmethod
     def totals(self) -> ScalarTotals:
         """Energies and masses now, and what was supplied since the start."""
-        ...
 
     def states(self) -> Mapping[str, Any]:
         """What outputs and probes may read of it, by name: the gas of chambers."""
-        ...
+        return {}
 
-    def get_state(self) -> dict[str, Any]:
-        """Its state and what was supplied: numbers, words and lists of them, the same on every
-        rank."""
-        ...
+    # ---- equilibria and vibrations ---------------------------------------------------------------
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; coordinates and velocities are those of then."""
-        ...
-
-
-class ScalarsAdjoint(Protocol):
-    """Derivatives of scalar unknowns, for gradients of runs; see `gas.adjoint` for the equations.
-
-    Parameters are named by the item of the scene and by what the item calls them.
-
-    Attributes:
-        units: unit of each parameter, by (id of the item, name).
-        sums: derivatives of the result by the parameters, so far.
-    """
-
-    units: dict[tuple[int, str], str]
-    sums: dict[tuple[int, str], float]
-
-    def start(self) -> None:
-        """Begin new sums."""
-        ...
-
-    def value(self, item: Any, name: str) -> float:
-        """The present value of a parameter."""
-        ...
-
-    def names_of(self, item: object) -> list[str]:
-        """Names of the parameters of an item."""
-        ...
-
-    def linearise(self, h: float) -> None:
-        """Take the derivatives of the residual at the solved step of length h [s]."""
-        ...
-
-    def take(self, ν: Array, μ: Array) -> Array:
-        """Sum up parameters; the derivatives (size,) of the result by the scalars at the start of
-        the step."""
-        ...
-
-    def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add what the geometry at the start of the step gives, in the reversed step."""
-        ...
-
-    def add_energy_derivative(self, share: float) -> None:
-        """Add a share of the derivative of the stored energy by parameters, at given scalars."""
-        ...
-
-    def finish(self, by_start: Array, by_position: Array) -> None:
-        """Add what the initial state of the run gives."""
-        ...
-
-
-@runtime_checkable
-class DifferentiableScalars(Protocol):
-    """Scalar unknowns of which gradients are known."""
-
-    size: int
-
-    def adjoint(self) -> ScalarsAdjoint:
-        """Their derivatives."""
-        ...
-
-
-@runtime_checkable
-class ChangesWithVolume(Protocol):
-    """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its
-    stiffness."""
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing flows, so that at rest the gas is a function of its volumes, with the
+        derivatives of `static_stiffness`."""
+        return False
 
     def set_static_process(self, process: str) -> None:
         """Choose what stays constant while an equilibrium is looked for: "adiabatic", ..."""
-        ...
-
-    def vibration_stiffness(self) -> list[tuple[Array, float]]:
-        """Pairs (g, κ) of the stiffness Σ κ g⊗g in a fast vibration; this rank's part of g."""
-        ...
+        return
 
     def static_stiffness(self) -> list[tuple[Array, float]]:
-        """The same for slow changes, by the process that was chosen."""
-        ...
+        """Pairs (g, κ) of the stiffness Σ κ g⊗g for slow changes, by the process that was chosen;
+        this rank's part of g."""
+        return []
 
+    def vibration_stiffness(self) -> list[tuple[Array, float]] | None:
+        """The same in a fast vibration; None: it is not known, and the scene has no modes."""
+        return None
 
-class ScalarUnknownsMaker(Protocol):
-    """Compiles all items of one kind to one block of scalar unknowns."""
+    # ---- gradients -------------------------------------------------------------------------------
 
-    def __call__(self, items: list[Any], system: Assembly) -> ScalarUnknowns: ...
+    def adjoint(self) -> Any:
+        """Their derivatives, with the methods of `gas.adjoint.GasAdjoint`; None: the scene has no
+        gradient."""
+        return None
 
 
 @runtime_checkable
 class BringsScalarUnknowns(Protocol):
     """An item of a scene that brings scalar unknowns.
 
-    `scalar_unknowns` compiles all items of its kind; items that name the same maker share unknowns.
+    `scalar_unknowns` compiles all items of its kind; items that name the same class share unknowns.
     """
 
-    scalar_unknowns: ScalarUnknownsMaker
+    scalar_unknowns: type[ScalarUnknowns]

@@ -18,23 +18,12 @@ Motion = Callable[[float], Array]
 
 
 class Supports(CompiledTerms["Support"]):
-    """All `Support` terms of a scene.
-
-    Attributes:
-        held: indices (n,) of the fixed coordinates in this rank's part of a vector, sorted.
-        reactions: forces [N] (n,) on them.
-    """
+    """All `Support` terms of a scene: sorted indices `held` (n,) of the fixed coordinates in this
+    rank's part of a vector, and `reactions` (n,) [N] on them."""
 
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
-        """Collect the coordinates that are fixed or prescribed on this rank.  Collective.
-
-        Args:
-            terms: the supports, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: two supports have different values for one coordinate.
-        """
+        """Collect the coordinates that are fixed or prescribed on this rank, by terms in the same
+        order on all ranks.  Collective."""
         # For each support `at` has the indices of its coordinates in this rank's part of a vector.
         self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
@@ -52,11 +41,8 @@ class Supports(CompiledTerms["Support"]):
         self.hold(np.concatenate(found))
 
     def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
-        """Check that no two supports have different values for one coordinate.  Collective.
-
-        Raises:
-            InputError: on all ranks, with the names of both.
-        """
+        """Raise `InputError` on all ranks if two supports have different values for one coordinate.
+        Collective."""
         # Two that fix a coordinate at its initial value agree; one that moves it agrees with none.
         moved = [term for term in terms if term.motion is not None]
         for mover in moved:
@@ -67,8 +53,8 @@ class Supports(CompiledTerms["Support"]):
                         system.comm,
                         both == 0,
                         f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, "
-                        "too; let each node be "
-                        "held by one of them, or give them other components.",
+                        "too; "
+                        "let each node be held by one of them, or give them other components.",
                     )
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:

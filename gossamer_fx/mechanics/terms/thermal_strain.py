@@ -23,18 +23,13 @@ SetTemperature = Callable[[fem.Function, float], None]
 
 
 class ThermalStrain:
-    """e_th of one body in one compiled scene.
-
-    Args:
-        strain: e_th as an expression of a temperature [K].
-        space: of the temperatures.
-        temperature: sets the temperatures of a time.
-        in_time: whether they change with time.
-        parameters: constants of the strain.
+    """e_th of one body in one compiled scene, an expression of a temperature [K] with constants
+    that are parameters.
 
     Attributes:
         start_temperature, end_temperature: temperatures at the start and at the end of the step.
         start, end: e_th there.
+        in_time: whether the temperatures change with time.
         is_heated: whether another item of the scene computes the temperatures.
     """
 
@@ -48,11 +43,7 @@ class ThermalStrain:
         parameters: tuple[Parameter, ...],
     ) -> None:
         """Make thermal strains at both ends of a step, from the temperatures at time zero.
-        Collective.
-
-        Raises:
-            InputError: a temperature that is not possible, or a user's function that fails.
-        """
+        Collective."""
         self.start_temperature = fem.Function(space)
         self.end_temperature = fem.Function(space)
         self.start = strain(self.start_temperature)

@@ -53,12 +53,10 @@ import ufl
 from dolfinx import fem, la
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
-from gossamer_fx.core.model.roles import CellFields, NodeFields, playing
 from gossamer_fx.mechanics.bodies.curve import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.discrete_gradient import gradient
@@ -374,7 +372,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
-    for kind in playing(CellFields, system.compiled):
+    for kind in system.shown:
         found = kind.cell_values(function.name, body)
         if found is None:
             continue
@@ -400,7 +398,7 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     index_map = body.block.index_map
     at_nodes = la.vector(index_map)
     at_nodes.array[:] = 0
-    for kind in playing(NodeFields, system.compiled):
+    for kind in system.shown:
         found = kind.node_values(function.name, body)
         if found is None:
             continue

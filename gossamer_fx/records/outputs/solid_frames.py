@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.roles import Drawable, playing
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
@@ -19,7 +18,7 @@ REST = np.vstack([np.zeros(3), np.eye(3)])
 def solids_of(system: System) -> list[Solid]:
     """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
     solids: list[Solid] = []
-    for kind in playing(Drawable, system.compiled):
+    for kind in system.shown:
         solids += kind.solids()
     return solids
 

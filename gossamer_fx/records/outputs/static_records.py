@@ -17,8 +17,8 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
-from gossamer_fx.core.model.roles import NodeFields
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.assembly import Shown
 from gossamer_fx.records.outputs.file_locks import FileLocks
 from gossamer_fx.records.outputs.output import Output, Writing, begin
 from gossamer_fx.records.outputs.recording import Recording
@@ -103,9 +103,7 @@ class ModeView:
         }
         for axis, mass in zip("xyz", mode.effective_mass, strict=True):
             self._result[f"effective mass {axis} [kg]"] = float(mass)
-        # Fields are collected from all that plays the role `NodeFields`.
-        compiled: list[Any] = self.system.compiled
-        compiled.append(_ModeAmplitude(self))
+        self.system.shown.append(_ModeAmplitude(self))
 
     def show(self, step: int) -> None:
         """Put the state of a step into the system; its phase is 2π step/frames."""
@@ -121,7 +119,7 @@ class ModeView:
     def end(self) -> None:
         """Put the equilibrium back."""
         system = self.system
-        system.compiled.pop()
+        system.shown.pop()
         system.q0.array[:] = self._q0
         system.v0.array[:] = self._v0
         system.time = self._time0
@@ -172,7 +170,7 @@ class ModeView:
         return self._equilibrium.chamber(name)
 
 
-class _ModeAmplitude(NodeFields):
+class _ModeAmplitude(Shown):
     """The field "mode_amplitude" while a mode is recorded."""
 
     def __init__(self, view: ModeView) -> None:

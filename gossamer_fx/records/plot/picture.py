@@ -145,7 +145,7 @@ class Picture(DrawnRun):
         self.times = Schedule(times=tuple(times)).times
         check(
             len(self.times) <= MAX_SHAPES,
-            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX "
+            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTU "
             "for more.",
         )
         check(

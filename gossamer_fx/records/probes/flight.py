@@ -9,9 +9,8 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.roles import Resultants, playing
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.orbit.elements import elements_of
 from gossamer_fx.mechanics.orbit.environment import local_axes
@@ -211,7 +210,7 @@ def resultant(run: StateView, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
     total = np.zeros((2, 3))
     found = 0
-    for kind in playing(Resultants, run.system.compiled):
+    for kind in run.system.compiled:
         resultants = kind.resultants()
         if load in resultants:
             total += resultants[load]

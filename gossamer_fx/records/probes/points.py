@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Components of a vector by name
 AXES = {"x": 0, "y": 1, "z": 2}
 
-# Quantities of `GasState`; attributes of `gas.state.ChamberState`
+# Quantities of `GasState`; attributes of `gas.contract.ChamberState`
 GAS = ("pressure", "temperature", "volume", "mass")
 
 

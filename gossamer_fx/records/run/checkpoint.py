@@ -40,10 +40,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gossamer_fx.core.algebra.rendezvous import fetch
+from gossamer_fx.core.algebra.rank_exchange import fetch
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
-from gossamer_fx.core.model.roles import HistoryVariables
 from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.records.run.node_keys import all_names, cell_names
 from gossamer_fx.records.run.same_scene import compare, compare_energies
@@ -75,7 +74,7 @@ CELL_VALUES = "cells"
 Cursors = list[tuple[str, dict[str, Any]]]
 
 
-class SavedRun(StateView, HistoryVariables, Protocol):
+class SavedRun(StateView, Protocol):
     """A run, with its outputs.
 
     Attributes:
@@ -91,6 +90,14 @@ class SavedRun(StateView, HistoryVariables, Protocol):
     outputs: list[Output]
     recorded: bool
     cursors: Cursors
+
+    def get_state(self) -> dict[str, Any]:
+        """Its state beyond the history of the scene, for JSON; the same on every rank."""
+        ...
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned, after the history of the scene."""
+        ...
 
 
 @check_arguments

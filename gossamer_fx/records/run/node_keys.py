@@ -16,7 +16,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.algebra.rendezvous import Names, hash_rows
+from gossamer_fx.core.algebra.rank_exchange import Names, hash_rows
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.solve.system.system import System

@@ -31,8 +31,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import InputError, NotConverged, OutputFailure, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_of
@@ -44,7 +43,7 @@ from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import TIME, Account, Balance
 
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.gas.state import ChamberState
+    from gossamer_fx.mechanics.gas.contract import ChamberState
     from gossamer_fx.records.outputs.file_locks import FileLocks
     from gossamer_fx.records.run.checkpoint import Checkpoints
     from gossamer_fx.records.run.events import Event, EventMonitor

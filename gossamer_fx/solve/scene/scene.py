@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
-from gossamer_fx.core.drawing.html import table
+from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Body, BringsCoordinates, is_body
 from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of
@@ -18,8 +18,9 @@ from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRul
 from gossamer_fx.mechanics.terms.scalar_unknowns import (
     BringsScalarUnknowns,
     InitialCondition,
-    ScalarUnknownsMaker,
+    ScalarUnknowns,
 )
+from gossamer_fx.solve.scene.initial import StartFrom
 from gossamer_fx.solve.scene.validation import validate
 from gossamer_fx.solve.system.system import System
 
@@ -76,6 +77,13 @@ class Scene:
             not twice,
             f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
             "by name=....",
+        )
+
+        starts = [item.name for item in self.items if isinstance(item, StartFrom)]
+        check(
+            len(starts) < 2,
+            f"The scene has several StartFrom ({', '.join(starts)}), of which the last would hold; "
+            "give one.",
         )
 
     def _add(self, item: object) -> None:
@@ -174,12 +182,12 @@ class Scene:
                 item.initialise(start)
         parts = [Part(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, parts, rule or PathAverage())
-        makers: dict[ScalarUnknownsMaker, list[object]] = {}
+        kinds: dict[type[ScalarUnknowns], list[object]] = {}
         for item in self.items:
             if isinstance(item, BringsScalarUnknowns):
-                makers.setdefault(item.scalar_unknowns, []).append(item)
-        for maker, alike in makers.items():
-            system.scalar_unknowns.append(maker(alike, system))
+                kinds.setdefault(item.scalar_unknowns, []).append(item)
+        for kind, alike in kinds.items():
+            system.scalar_unknowns.append(kind(alike, system))
         # Last: masses, constraints and gas start from the complete initial state.
         system.initialise()
         return system

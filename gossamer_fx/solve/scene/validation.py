@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     aspects,
@@ -55,16 +55,20 @@ _THIN = 1e-4
 _ROUND_OFF_THIN = 2e-7
 
 # Smallest and largest values of structures that are built or flown, and their unit.  Values outside
-# are probably in another unit.
+# are probably in another unit.  The films, fibres and laminae of `presets` have E from 2e9 to 5e11
+# Pa, 900 to 2000 kg/m³ and 2e-6 to 1e-3 m; rubber, foams and metals extend the ranges.
 _USUAL = {
     "E": (1e4, 2e12, "Pa"),
     "thickness": (1e-8, 1e-2, "m"),
-    "density": (0.1, 3e4, "kg/m³"),
+    "density": (5.0, 3e4, "kg/m³"),
     "line_density": (1e-9, 1e4, "kg/m"),
     "temperature": (1.0, 1e4, "K"),
     "pressure": (0.0, 1e9, "Pa"),
     "outer_radius": (1e-6, 1e2, "m"),
 }
+
+# Largest initial strain that rubber has.
+_STRAIN = 1.0
 
 # Smallest and largest extent [m] of a mesh that is probably in metres.
 _EXTENT = (1e-4, 1e5)
@@ -103,6 +107,7 @@ def warnings(items: list[Any]) -> Iterator[str]:
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
+            yield from _of_strain(item)
         for holder in (item, getattr(item, "law", None)):
             yield from _of_numbers(item.name, holder)
 
@@ -220,7 +225,24 @@ def _of_numbers(name: str, holder: Any) -> Iterator[str]:
     for attribute, (least, most, unit) in (_USUAL | getattr(holder, "USUAL", {})).items():
         value = getattr(holder, attribute, None)
         if isinstance(value, int | float) and not least <= value <= most:
-            yield f"'{name}': {attribute} = {value:g} {unit} is unusual; numbers are in SI units."
+            yield (
+                f"'{name}': {attribute} = {value:g} {unit} is unusual, {least:g} to {most:g} "
+                f"{unit} is not; numbers are in SI units."
+            )
+
+
+def _of_strain(body: MeshBody) -> Iterator[str]:
+    """Warnings about an initial strain that is probably in per cent or ppm.  Collective."""
+    strains = getattr(getattr(body, "constants", None), "initial_strain", None)
+    if strains is None:
+        return
+    own = float(np.abs(strains.x.array).max(initial=0.0))
+    largest = body.comm.allreduce(own, op=MPI.MAX)
+    if largest > _STRAIN:
+        yield (
+            f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; it "
+            "is a ratio of lengths."
+        )
 
 
 def self_intersections(bodies: list[Body]) -> Iterator[str]:

@@ -100,7 +100,7 @@ def eliminated_unknowns(system: System) -> Indices | None:
     if numbering.block_size != 3:
         return None
     is_film = np.zeros(numbering.size_local, dtype=bool)
-    for body in system.fields:
+    for body in system.coordinates:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)

@@ -22,8 +22,9 @@ Algorithm.
 1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of
    the step.
 2. Compute ε from (3), then r and s.
-3. If r and s pass the test of convergence (below), replace ε by the true strain e(q1) and evaluate
-   r and s again.  If they pass again, go to step 6; otherwise continue with these strains.
+3. If r and s pass the test of convergence (`solvers.convergence`), replace ε by the true strain
+   e(q1) and evaluate r and s again.  If they pass again, go to step 6; otherwise continue with
+   these strains.
 4. Assemble the tangent.  The first `geometric_stiffness_delay` tangents of a step have no geometric
    stiffness, as long as the residual is above `COMPLETE_TANGENT_RATIO` of the first one.
 5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to
@@ -32,27 +33,12 @@ Algorithm.
    times.
 7. Refuse an inadmissible solution, e.g. one with interpenetration.
 
-Convergence.  With R the reference force, the norm of the first residual, |r| must not exceed
-
-    max(relative R, absolute, floor ε_machine F, 1e-12 F_stop)                                (4)
-
-F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is
-the round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the
-force that stops all motion within the step; R is at most the larger one of F_stop and of the force
-of loads and supports, which contact carries when nothing moves.  A residual that no longer falls,
-by a factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to
-`STAGNATION_FACTOR` times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR`
-times.  While it falls, the work of the residual in the step, which is the error of the total
-energy, must also be small:
-
-    |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
-
 Cost.  An iteration is one evaluation of the stress, one residual, one tangent and one linear
 system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
 
 Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
 shortens it.  It fails at its last iterate, at residuals that grow beyond measure, and, in time
-steps with contact and without friction, when they no longer fall (`STALLED_SHARE`).
+steps with contact and without friction, when they no longer fall (`solvers.stall`).
 """
 
 from __future__ import annotations
@@ -69,9 +55,10 @@ from petsc4py import PETSc
 import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
+from gossamer_fx.solve.solvers.stall import StallRule
 from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
 
@@ -79,19 +66,15 @@ from gossamer_fx.solve.system.system import System
 # after this number of extensions is judged as it is, and usually refused as inadmissible.
 MAX_ACTIVE_SET_UPDATES = 5
 
-# The last linear solve of a step reduces the residual to this fraction of the tolerance (4): what a
+# The last linear solve of a step reduces the residual to this fraction of its tolerance: what a
 # loose linear solve leaves of the residual would appear as an error of the energy.
 FINAL_LINEAR_RATIO = 0.01
 
 # No relative tolerance of a linear solve is smaller: round-off of the Krylov method.
 MIN_LINEAR_RTOL = 1e-12
 
-# Residual over the larger of the first two at which the iteration is declared divergent.  The
-# second one counts too, as the first may be round-off when the predictor is nearly exact.
-DIVERGENCE_RATIO = 1e12
-
-# The factors of a full matrix are reused once the residual is below this multiple of the tolerance
-# (4) and below this fraction of the first residual.  The last iterations of a step then cost no
+# The factors of a full matrix are reused once the residual is below this multiple of its tolerance
+# and below this fraction of the first residual.  The last iterations of a step then cost no
 # factorisation.
 REUSE_FACTORS_BELOW_TOLERANCE = 1e3
 REUSE_FACTORS_RATIO = 1e-6
@@ -99,41 +82,6 @@ REUSE_FACTORS_RATIO = 1e-6
 # Residual over the first one below which tangents have their geometric stiffness, whatever the
 # delay: without it the iteration converges only linearly.
 COMPLETE_TANGENT_RATIO = 0.01
-
-# With contact, a residual below this fraction of the force that stops all motion counts as zero.
-# Film in free flight between two contacts has almost no forces, and its state follows round-off of
-# strains.
-CONTACT_FLOOR_RATIO = 1e-12
-
-# A residual above this fraction of the one before no longer falls: it is round-off, provided that
-# it is below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin
-# of four.
-STAGNATION_RATIO = 0.5
-STAGNATION_FACTOR = 4.0
-
-# An iteration has stalled if the least residual of its last iterates is above STALLED_RATIO of the
-# least one before them.  Slack film that switches its state from iterate to iterate leaves such
-# residuals, 1e-3 of the first one: a shorter step converges, this one does not. The last iterates
-# are STALLED_SHARE of those that the tolerances allow: a folded tube rejects 14 of 359 steps after
-# a fifth of them, and 2 of 329 after two fifths, in the same time.
-# docs/performance.md counts the iterations that the rule saves.
-STALLED_SHARE = 0.4
-STALLED_RATIO = 0.7
-
-# At least one of the last updates must have kept this share of its length: as long as contact
-# shortens all of them much, the iteration is on its way.  Measured: 0.65 to 1 where it has stalled,
-# 0.1 to 0.3 where a film turns by two radians in a step and converges.
-STALLED_KEPT_SHARE = 0.5
-
-# A residual below this fraction of that of three iterates before falls again, e.g. after new
-# contacts had raised it.
-FALLING_RATIO = 0.5
-FALLING_ITERATES = 3
-
-# With contact the margin is wider, provided that the residual passes (5): a gap is the difference
-# of two squared distances, so that friction and steep barriers have ten times the round-off of
-# their stiffness.
-CONTACT_STAGNATION_FACTOR = 32.0
 
 
 def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
@@ -181,9 +129,12 @@ class Newton:
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
-        energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        energy: largest energy so far [J], the scale of the work of a residual; zero: it is not
+            asked.
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
+        convergence: test of convergence of the last solve.
+        stall_rule: when an iteration is given up; None: not before its last iterate.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -220,9 +171,18 @@ class Newton:
         self._start = self._composite.vector()
         # Whether the linear system of this iterate has a solution that is finite.
         self._has_update = True
+        # Norms of the residual evaluated last.
+        self._residual = Residual(math.inf)
+        # Shares of the lengths of the updates of an iteration that remain, see `_limit_update`.
+        self._kept_shares: list[float] = []
         self._r = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
+        self.convergence = ConvergenceTest(tolerances, bool(system.active_sets))
+        self.stall_rule: StallRule | None = None
+        has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
+        if system.active_sets and not has_plateaus and not system.rule.is_static:
+            self.stall_rule = StallRule(tolerances.max_iterations)
         self._default_linear_rtol: float | None = None
         self._direct = direct
         self._set_up()
@@ -326,7 +286,7 @@ class Newton:
             NotConverged: with PETSc's reason and where the residual is largest.
             Inadmissible: with what is wrong with the solution, e.g. that films intersect.
         """
-        self._reset_convergence()
+        self.convergence = ConvergenceTest(self.tolerances, bool(self.system.active_sets))
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
         # there.
         increment.copy(self._linearisation_point)
@@ -347,18 +307,6 @@ class Newton:
             raise Inadmissible(problem)
         w, y = self._split(self._x)
         return w, y, self.iterations
-
-    def _reset_convergence(self) -> None:
-        """Forget the norms of the residuals of the last step, before a new one is solved."""
-        self._reference = 0.0  # R in (4) [N]
-        self._round_off_floor = 0.0  # third number of (4) [N]; zero: not known yet
-        self._contact_floor = 0.0  # fourth number of (4) [N]
-        self._previous_norm = math.inf  # of the residual of the iterate before [N]
-        self._norm = math.inf  # of the residual of this iterate, with the strains (3) [N]
-        self._norms: list[float] = []  # of all iterates of the present iteration [N]
-        self._kept_shares: list[float] = []  # of the lengths of its updates, see `_limit_update`
-        self._force_imbalance = math.inf  # of the residual evaluated last [N]
-        self._violation = 0.0  # of constraints, at the residual evaluated last [m or 1]
 
     def _iterate(self) -> None:
         """Newton's iteration from the present x = (w, y), which is changed in place.  Collective.
@@ -409,9 +357,10 @@ class Newton:
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         """Residual with the strains that the system has, and its norms."""
         with self._clock("residual"):
-            self._s = self.system.residual(y, self._r)
-            self._force_imbalance, self._violation = self.system.imbalance(self._r)
-        self._composite.join(self._r, self._s, F)
+            s = self.system.residual(y, self._r)
+            imbalance, violation = self.system.imbalance(self._r)
+            self._residual = Residual(imbalance, violation, float(abs(s).max(initial=0.0)))
+        self._composite.join(self._r, s, F)
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
@@ -451,15 +400,16 @@ class Newton:
 
         A is the stored tangent [N/m] of the coordinates."""
         iteration = snes.getIterationNumber()
-        is_near = self._norm < min(
-            REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,
-            REUSE_FACTORS_RATIO * self._reference,
+        test = self.convergence
+        is_near = test.norm < min(
+            REUSE_FACTORS_BELOW_TOLERANCE * test.tolerance,
+            REUSE_FACTORS_RATIO * test.reference,
         )
         if is_near and self.system.numbering.full and iteration:
             self._note_linearisation_point()
             return
         with self._clock("tangent"):
-            is_far = self._norm > COMPLETE_TANGENT_RATIO * self._reference
+            is_far = test.norm > COMPLETE_TANGENT_RATIO * test.reference
             is_delayed = is_far and iteration < self.geometric_stiffness_delay
             self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
             A = self._tangent()
@@ -482,8 +432,8 @@ class Newton:
         if share == self.system.geometric:
             return
         self.system.geometric = share
-        for field in self.system.fields.values():
-            field.γ.value = share
+        for at in self.system.coordinates.values():
+            at.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
         """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.
@@ -494,13 +444,11 @@ class Newton:
         Args:
             A: tangent [N/m] of the coordinates.
         """
-        is_first = self._round_off_floor == 0
+        is_first = self.convergence.round_off_floor == 0
         if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
-        units = self.tolerances.floor * np.finfo(float).eps
-        floor = units * self.system.force_scale(self._diagonal)
-        self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+        self.convergence.lower_floor(self.system.force_scale(self._diagonal))
         if is_first:
             energy = self.system.round_off_energy(self._diagonal)
             self.round_off_energy = max(self.round_off_energy, energy)
@@ -512,8 +460,10 @@ class Newton:
             self._default_linear_rtol = self.ksp.getTolerances()[0]
         rtol = self._default_linear_rtol
         # The ordinary tolerance would end within a factor of ten of convergence, or below.
-        if 0 < self._force_imbalance * rtol < 10 * self._tolerance:
-            last = FINAL_LINEAR_RATIO * self._tolerance / self._force_imbalance
+        tolerance = self.convergence.tolerance
+        imbalance = self._residual.imbalance
+        if 0 < imbalance * rtol < 10 * tolerance:
+            last = FINAL_LINEAR_RATIO * tolerance / imbalance
             rtol = min(rtol, max(last, MIN_LINEAR_RTOL))
         self.ksp.setTolerances(rtol=rtol)
 
@@ -522,17 +472,7 @@ class Newton:
     @property
     def round_off(self) -> float:
         """Residual [N] that round-off alone explains in the last solve."""
-        return STAGNATION_FACTOR * self._round_off_floor
-
-    @property
-    def _tolerance(self) -> float:
-        """Right-hand side of (4) [N]."""
-        return max(
-            self.tolerances.relative * self._reference,
-            self.tolerances.absolute,
-            self._round_off_floor,
-            self._contact_floor,
-        )
+        return self.convergence.round_off
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """The test of convergence; called by PETSc after each iteration.  Collective.
@@ -547,13 +487,12 @@ class Newton:
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norms[2]):
             return int(reasons.DIVERGED_FNORM_NAN)
-        self._previous_norm = self._norm
-        self._norm = self._force_imbalance
+        test = self.convergence
+        test.record(self._residual.imbalance, is_first=iteration == 0)
         if iteration == 0:
-            self._set_reference()
-            self._norms = []
             self._kept_shares = []
-        self._norms.append(self._norm)
+            if self.system.active_sets:
+                test.limit_reference(self._stopping_force(), self._external_force)
         if self._is_solved():
             # Convergence is judged at the true strain.  If that does not pass, the iteration goes
             # on from it.
@@ -563,8 +502,7 @@ class Newton:
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
                 return int(reasons.CONVERGED_FNORM_ABS)
-        largest_early = max(self._norms[:2])
-        if self._norm > DIVERGENCE_RATIO * max(largest_early, self._tolerance):
+        if test.diverges():
             return int(reasons.DIVERGED_DTOL)
         if iteration >= self.tolerances.max_iterations:
             return int(reasons.DIVERGED_MAX_IT)
@@ -572,47 +510,16 @@ class Newton:
             return int(reasons.DIVERGED_LOCAL_MIN)
         return 0
 
+    def _is_solved(self) -> bool:
+        """Whether the residual evaluated last passes the test of convergence.  Collective."""
+        return self.convergence.is_solved(self._residual, self._energy_error_is_small)
+
     def _has_stalled(self) -> bool:
-        """Whether the last residuals of a time step with contact are hardly smaller than before.
-
-        The first residual does not count, as it may be round-off when the predictor is nearly
-        exact. A residual that passes the test of the forces waits for the other parts of the test.
-        With friction an iteration may come from a plateau to a solution, and an equilibrium has no
-        time step that could be divided: these go on.
-        """
-        system = self.system
-        is_static = system.rule.alpha == 1
-        has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
-        if is_static or has_plateaus or not system.active_sets:
+        """Whether the iteration is given up."""
+        if self.stall_rule is None:
             return False
-        last = math.ceil(STALLED_SHARE * self.tolerances.max_iterations)
-        before = self._norms[1:-last]
-        if not before or self._norm <= max(self._tolerance, self.round_off):
-            return False
-        # Bodies that turn far in a step need many shortened updates before the residual falls.
-        if max(self._kept_shares[-last:], default=1.0) < STALLED_KEPT_SHARE:
-            return False
-        is_falling = self._norm < FALLING_RATIO * self._norms[-1 - FALLING_ITERATES]
-        return not is_falling and min(self._norms[-last:]) > STALLED_RATIO * min(before)
-
-    def _set_reference(self) -> None:
-        """Choose the reference force [N] of the relative tolerance from the first residual of a
-        step.
-
-        With contact the predictor may have passed through an obstacle.  Its forces are then
-        thousands of times larger than those of the solution, and are not a scale for the residual;
-        the force that stops all motion within the step, or that of all loads, is taken instead.
-        Collective.
-        """
-        self._reference = self._norm
-        self._contact_floor = 0.0
-        if not self.system.active_sets:
-            return
-        stopping = self._stopping_force()
-        self._contact_floor = CONTACT_FLOOR_RATIO * stopping
-        if stopping < self._norm:
-            largest = max(stopping, self._external_force())
-            self._reference = min(self._norm, largest or math.inf)
+        small = max(self.convergence.tolerance, self.round_off)
+        return self.stall_rule.has_stalled(self.convergence.norms, self._kept_shares, small)
 
     def _stopping_force(self) -> float:
         """Force [N] that stops and returns all that moves within the step."""
@@ -627,30 +534,6 @@ class Newton:
         """
         external, _ = self.system.imbalance(self.system.external_forces())
         return external
-
-    def _is_solved(self) -> bool:
-        """Whether the residual evaluated last passes the test of convergence.  Collective.
-
-        The norm of the forces [N] must be below the tolerance, or no longer fall and be round-off;
-        while it falls, the work of the residual must be small compared with the largest energy.
-        Violations of constraints [m or 1] and relative residuals of scalar unknowns must be below
-        their tolerances, too.
-
-        `_s` are the relative residuals of the scalar unknowns, `_norm` [N] and `_previous_norm` [N]
-        the norms of the forces now and one iteration before.
-        """
-        residual = self._force_imbalance
-        stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
-        is_small = residual <= self._tolerance and (
-            stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
-        )
-        is_balanced = is_small or (stagnates and residual <= self.round_off)
-        if self.system.active_sets and stagnates and not is_balanced:
-            contact_round_off = CONTACT_STAGNATION_FACTOR * self._round_off_floor
-            is_balanced = residual <= contact_round_off and self._energy_error_is_small()
-        satisfies_constraints = self._violation <= self.tolerances.constraint
-        satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
-        return is_balanced and satisfies_constraints and satisfies_scalars
 
     def _energy_error_is_small(self) -> bool:
         """Whether the work of the residual in the step, |r·(q1 - q0)| [J], is small.
@@ -708,13 +591,15 @@ class Newton:
             why = "the residual no longer falls"
         if self.ksp.getConvergedReason() < 0 or not self._has_update:
             why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
-        if self._violation > self.tolerances.constraint:
-            why += f", constraints off by {self._violation:.1e}"
+        residual = self._residual
+        if residual.violation > self.tolerances.constraint:
+            why += f", constraints off by {residual.violation:.1e}"
         unsolved = [scalars.unsolved() for scalars in self.system.scalar_unknowns]
         first_unsolved = next(filter(None, unsolved), "")
         if first_unsolved:
             why += f", {first_unsolved},"
         return (
-            f"{why} after {iterations} iterations, residual {self._force_imbalance:.1e} N of "
-            f"{self._reference:.1e} N at first, largest in {self.system.locate(self._r)}"
+            f"{why} after {iterations} iterations, residual {residual.imbalance:.1e} N of "
+            f"{self.convergence.reference:.1e} N at first, largest in "
+            f"{self.system.locate(self._r)}"
         )

@@ -11,7 +11,7 @@ from gossamer_fx.core.checks.errors import check
 @check_arguments
 @dataclass(frozen=True)
 class Tolerances:
-    """When the equations of a step count as solved; see `solvers.newton` for the complete test.
+    """When the equations of a step count as solved; `solvers.convergence` has the complete test.
 
     Args:
         relative: norm of the residual over that of the first guess of the step.

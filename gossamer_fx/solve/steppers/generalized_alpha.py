@@ -3,20 +3,18 @@ nothing."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.solvers.tolerances import Tolerances
-from gossamer_fx.solve.steppers.midpoint import SMALLEST_STEP
+from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 
 # Length over the first step of the trial step in which the first acceleration is computed: forces
@@ -67,16 +65,7 @@ class GeneralizedAlpha:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Refuse a step that is not positive, and a spectral radius outside 0 to 1.
-
-        Raises:
-            InputError: dt is not a positive, finite number [s], or the spectral radius is not in 0
-                to 1.
-        """
-        check(
-            math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
-            f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
-        )
+        check_step(self)
         check(
             0 <= self.spectral_radius <= 1,
             f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and "

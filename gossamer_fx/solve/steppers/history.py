@@ -8,12 +8,12 @@ from typing import Any, Protocol, runtime_checkable
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.core.model.roles import CellHistory, HistoryVariables, playing
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.solve.system.system import System
 
 
 @runtime_checkable
-class Carrier(HistoryVariables, Protocol):
+class Carrier(Protocol):
     """A stepper or step control with history variables, some of them vectors of the system.
 
     Attributes:
@@ -21,6 +21,14 @@ class Carrier(HistoryVariables, Protocol):
     """
 
     vectors: Mapping[str, PETSc.Vec]
+
+    def get_state(self) -> dict[str, Any]:
+        """All other history variables, as numbers, strings and lists; the same on every rank."""
+        ...
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        ...
 
 
 class History:
@@ -53,9 +61,7 @@ class History:
             "coordinates before": system.previous,
         }
         self.cells: dict[str, tuple[MeshBody, Array]] = {}
-        for kind in playing(CellHistory, system.compiled):
-            self.cells |= kind.cell_history()
-        self._variables: dict[str, HistoryVariables] = {}
+        self._variables: dict[str, HistoryVariables | Carrier] = {}
         self._find_carriers(carriers)
         self._find_terms()
         self._committed: dict[str, PETSc.Vec] = {}
@@ -82,6 +88,7 @@ class History:
         for compiled in system.compiled:
             if isinstance(compiled, HistoryVariables):
                 self._variables[type(compiled).__name__] = compiled
+                self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.terms):
             for what, field in vars(term).items():

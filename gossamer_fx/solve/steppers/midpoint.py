@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 
 # Number of tangents at the start of a step without geometric stiffness, by delay level.  A failed
@@ -23,9 +22,6 @@ GEOMETRIC_STIFFNESS_DELAYS = (0, 3, 8, 20)
 # Converged steps in a row after which the delay level is lowered by one.  Where no level helped,
 # delays are not tried again for as many steps: the repeated iterations would be wasted.
 STEPS_PER_DELAY_LEVEL = 20
-
-# Smaller steps [s] make 1/h² in the equations overflow.
-SMALLEST_STEP = 1e-100
 
 
 @check_arguments
@@ -62,15 +58,7 @@ class Midpoint:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Refuse a step that is not positive.
-
-        Raises:
-            InputError: dt is not a finite number above 1e-100 s.
-        """
-        check(
-            math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
-            f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.",
-        )
+        check_step(self)
 
     def start(self, system: System) -> MidpointSolver:
         """The rule at work on a compiled system, whose state is the initial one."""

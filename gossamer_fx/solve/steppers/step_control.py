@@ -47,8 +47,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
 from gossamer_fx.solve.system.system import System

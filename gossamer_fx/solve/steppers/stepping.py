@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from typing import Protocol, runtime_checkable
 
-from gossamer_fx.core.checks.errors import StepFailure, check
-from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
@@ -17,6 +16,10 @@ ROUND_OFF = 1e-10
 
 # A last step may exceed the wanted length by this fraction instead of being divided into two.
 ALLOWED_EXCESS = 1e-6
+
+
+# Smaller steps [s] make 1/h² in the equations overflow.
+SMALLEST_STEP = 1e-100
 
 
 class StepSolver(Protocol):
@@ -50,6 +53,18 @@ class Stepper(Protocol):
     def start(self, system: System) -> StepSolver:
         """The stepper at work on a compiled system."""
         ...
+
+
+def check_step(stepper: Stepper) -> None:
+    """Refuse a step that is not positive.
+
+    Raises:
+        InputError: the step is not a finite number above 1e-100 s.
+    """
+    check(
+        math.isfinite(stepper.dt) and stepper.dt > SMALLEST_STEP,
+        f"{type(stepper).__name__}: dt is {stepper.dt!r}; give a positive step in seconds.",
+    )
 
 
 class Stepping(Protocol):

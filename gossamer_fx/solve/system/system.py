@@ -1,6 +1,6 @@
 """A compiled scene: its unknowns, residual and tangent.
 
-The system knows the roles that terms play (`model.roles`), but no kind of term by name.
+The system knows the contract of terms (`terms.assembly`), but no kind of term by name.
 """
 
 from __future__ import annotations
@@ -16,11 +16,17 @@ from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
-from gossamer_fx.core.model import roles
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.terms.assembly import CompiledConstraints, Compiler, Part
+from gossamer_fx.mechanics.terms.assembly import (
+    ActiveSet,
+    Compiler,
+    Differentiable,
+    Multipliers,
+    Part,
+    Shown,
+)
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarUnknowns
@@ -58,11 +64,12 @@ class System:
     Attributes:
         bodies: the bodies of the scene, in the order of their unknowns.
         terms: all terms of the scene.
-        compiled: the compiled kinds of terms.
+        compiled: the compiled kinds of terms, all of which take part in each step.
+        constraints, active_sets, differentiable, shown: those of them with these facets.
         scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
         state: the accepted state.
         end: coordinates at the end of the step, as iterated; its velocities are those of the start.
-        fields: coordinates of bodies on meshes, as functions for forms.
+        coordinates: of bodies on meshes, as functions for forms.
         q0, v0: coordinates and velocities of the accepted state.
         q1: coordinates at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -103,7 +110,7 @@ class System:
         multipliers = [
             block
             for kind, alike in kinds.items()
-            if issubclass(kind, roles.Multipliers)
+            if issubclass(kind, Multipliers)
             for block in kind.multipliers(alike, self.comm)
         ]
         blocks = [body.block for body in self.bodies] + multipliers
@@ -119,7 +126,7 @@ class System:
         self._momenta = numbering.vector()
         self.state = State(self.bodies, self.comm, self.q0, self.v0)
         self.end = State(self.bodies, self.comm, self.q1, self.v0)
-        self.fields: dict[Body, Coordinates] = {
+        self.coordinates: dict[Body, Coordinates] = {
             body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
         }
         self._is_position = self._mark_positions()
@@ -130,8 +137,8 @@ class System:
         # The terms of a kind are those that name it as their compiler, which the type of `kinds`
         # cannot say.
         self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
-        self._sort_by_role()
-        self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
+        self._find_facets()
+        self.losses = {name: 0.0 for kind in self.compiled for name in kind.losses}
 
     def _mark_positions(self) -> Array:
         """1 for each position and 0 for each director among the vectors of this rank's nodes."""
@@ -142,32 +149,15 @@ class System:
             marks.append(np.tile(of_node, body.block.index_map.size_local))
         return np.concatenate([np.zeros(0), *marks])
 
-    def _sort_by_role(self) -> None:
-        """Sort the compiled kinds of terms by the roles that they play, into lists of this object.
-
-        A kind holds all terms of one class, e.g. all springs; a role is a part in the equations,
-        e.g. to add forces or to store energy.  A kind is asked only for its roles; it may be in
-        several lists.
-        """
+    def _find_facets(self) -> None:
+        """Find the compiled kinds of terms with a facet, once for the whole run."""
         compiled = self.compiled
         # The constraints with Lagrange multipliers are of one kind; None without any.
-        self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
-        self.active_sets = roles.playing(roles.ActiveSet, compiled)
-        self._masses = roles.playing(roles.Mass, compiled)
-        self._stiffnesses = roles.playing(roles.ConstantStiffness, compiled)
-        self._forces = roles.playing(roles.Forces, compiled)
-        self._loads = [kind for kind in self._forces if isinstance(kind, roles.ExternalLoads)]
-        self._tangents = roles.playing(roles.Tangents, compiled)
-        self._tangent_forms = roles.playing(roles.TangentForms, compiled)
-        self._step_observers = roles.playing(roles.StepObserver, compiled)
-        self._time_dependent = roles.playing(roles.TimeDependence, compiled)
-        self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
-        self._state_observers = roles.playing(roles.StateObserver, compiled)
-        self._checks = roles.playing(roles.StepCheck, compiled)
-        self._storing = roles.playing(roles.StoredEnergies, compiled)
-        self._dissipating = roles.playing(roles.Dissipation, compiled)
-        self._supplying = roles.playing(roles.Supply, compiled)
-        self._frames = roles.playing(roles.FrameMomenta, compiled)
+        with_multipliers = (kind for kind in compiled if isinstance(kind, Multipliers))
+        self.constraints: Multipliers | None = next(with_multipliers, None)
+        self.active_sets = [kind for kind in compiled if isinstance(kind, ActiveSet)]
+        self.differentiable = [kind for kind in compiled if isinstance(kind, Differentiable)]
+        self.shown: list[Shown] = [kind for kind in compiled if isinstance(kind, Shown)]
 
     @property
     def position_marks(self) -> Array:
@@ -247,19 +237,18 @@ class System:
         (None without one) are overwritten in place.  Coordinates and velocities stay; quantities
         derived from them, as strains, are updated.  Collective.
         """
-        for kind in self.compiled:
-            if isinstance(kind, roles.ResidualForms):
-                kind.parameters_changed()
+        for kind in self.differentiable:
+            kind.parameters_changed()
         self.M.zeroEntries()
-        for mass in self._masses:
+        for mass in self.compiled:
             mass.add_mass(self.M)
         self.M.assemble()
         self.increment.mass_changed()
-        for of_mass in roles.playing(roles.MassDependence, self.compiled):
-            of_mass.masses_changed()
+        for kind in self.differentiable:
+            kind.masses_changed()
         if self.K is not None:
             self.K.zeroEntries()
-            for stiffness in self._stiffnesses:
+            for stiffness in self.compiled:
                 stiffness.add_stiffness(self.K)
             self.K.assemble()
             # No step has an infinite c, so that the base is built at the next tangent.
@@ -270,8 +259,8 @@ class System:
         """Set the system to the present step run backwards in time, for gradients of a run.
 
         A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with
-        active sets (contact) retain their pairs (`roles.ExchangesEnds`); all others start as from
-        an accepted state.  Collective.
+        active sets (contact) retain their pairs; most others start as from an accepted state
+        (`CompiledTerms.exchange_ends`).  Collective.
 
         The present step length h changes its sign; the coordinates q0 and q1 [m], the velocities v0
         [m/s] and the time are overwritten.  Totals of energies stay.
@@ -290,15 +279,12 @@ class System:
         self.h = -self.h
         self._take_time()
         self.set_end(self.q0)
-        for field in self.fields.values():
-            field.q0.x.array[:] = field.q1.x.array
-        for state_observer in self._state_observers:
-            if not isinstance(state_observer, roles.ExchangesEnds):
-                state_observer.commit()
-        for kind in roles.playing(roles.ExchangesEnds, self.compiled):
+        for at in self.coordinates.values():
+            at.q0.x.array[:] = at.q1.x.array
+        for kind in self.compiled:
             kind.exchange_ends()
-        for one in self._step_observers:
-            one.begin_step(t + self.rule.alpha * self.h)
+        for kind in self.compiled:
+            kind.begin_step(t + self.rule.alpha * self.h)
         end_vector = self._scratch
         end_vector.array[:] = end
         self.set_end(end_vector)
@@ -312,17 +298,17 @@ class System:
         [N/m] is not.  The pattern of A is fixed: an entry outside it raises an error of PETSc.
         """
         pattern = self.numbering.matrix()
-        for mass in self._masses:
-            mass.add_mass(pattern)
-        for stiffness in self._stiffnesses:
-            stiffness.add_stiffness(pattern)
+        for kind in self.compiled:
+            kind.add_mass(pattern)
+        for kind in self.compiled:
+            kind.add_stiffness(pattern)
         self._add_tangents(pattern)
         # All that rows of fixed coordinates keep is the diagonal.
         pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
         pattern.assemble()
         self.M = pattern.duplicate()
         self.A = pattern.duplicate()
-        has_stiffness = bool(self._stiffnesses)
+        has_stiffness = any(kind.has_constant_stiffness for kind in self.compiled)
         self.K = pattern.duplicate() if has_stiffness else None
         # c M + α K, with the factor c [1/s²] of the inertia and the weight α [-] of the end of a
         # step in the point at which forces act: it is the same for all tangents of steps of one
@@ -331,12 +317,12 @@ class System:
         self._base_inertia = 0.0
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        for mass in self._masses:
-            mass.add_mass(self.M)
+        for kind in self.compiled:
+            kind.add_mass(self.M)
         self.M.assemble()
         if self.K is not None:
-            for stiffness in self._stiffnesses:
-                stiffness.add_stiffness(self.K)
+            for kind in self.compiled:
+                kind.add_stiffness(self.K)
             self.K.assemble()
         self.coupled_tangent = Tangent(self.A, self.active_sets)
 
@@ -365,16 +351,15 @@ class System:
             First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
         """
         self.h = h
-        recorded = roles.playing(roles.ExchangesEnds, self.compiled)
-        for kind, saved in zip(recorded, active_sets, strict=True):
+        for kind, saved in zip(self.active_sets, active_sets, strict=True):
             kind.load_active_set(saved)
         return self._begin_without_search(h)
 
     def _begin_without_search(self, h: float) -> Array:
         """Start a step of length h [s] once the active sets are known."""
         t = self.time + self.rule.alpha * h
-        for observer in self._step_observers:
-            observer.begin_step(t)
+        for kind in self.compiled:
+            kind.begin_step(t)
         guesses = [scalars.begin_step(h, t) for scalars in self.scalar_unknowns]
         return np.concatenate([np.zeros(0), *guesses])
 
@@ -389,7 +374,7 @@ class System:
 
     def inadmissible(self) -> str:
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
-        found += [check.inadmissible() for check in self._checks]
+        found += [kind.inadmissible() for kind in self.compiled]
         # All checks are made before the first message is chosen: they are collective.
         return next(filter(None, found), "")
 
@@ -423,15 +408,15 @@ class System:
         if base is not None:
             self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
-        for observer in self._iterate_observers:
-            observer.update(base is not None)
+        for kind in self.compiled:
+            kind.update(base is not None)
 
     def set_end(self, q: PETSc.Vec) -> None:
         """Set q1 = q, with its true strains."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
-        for observer in self._iterate_observers:
-            observer.update(False)
+        for kind in self.compiled:
+            kind.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Evaluate the residual of the step at the present iterate.  Collective.
@@ -446,7 +431,7 @@ class System:
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
-        for kind in self._forces:
+        for kind in self.compiled:
             kind.add_forces(r)
         with r as values:
             for scalars in self.scalar_unknowns:
@@ -473,12 +458,12 @@ class System:
         out = self.numbering.vector()
         self.set_end(self.q0)
         # The active pairs are those of the last step: replace them by those of the present state.
-        for active_set in roles.playing(roles.ExchangesEnds, self.compiled):
+        for active_set in self.active_sets:
             active_set.activate_present()
         if self.K is not None:
             self.K.mult(self.q0, out)
-        for kind in self._forces:
-            if isinstance(kind, roles.StoredEnergies) and not isinstance(kind, roles.ExternalLoads):
+        for kind in self.compiled:
+            if not kind.is_external_load and not isinstance(kind, Multipliers):
                 kind.add_forces(out)
         return out
 
@@ -486,8 +471,9 @@ class System:
         """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed
         coordinates."""
         out = self.numbering.vector()
-        for load in self._loads:
-            load.add_forces(out)
+        for kind in self.compiled:
+            if kind.is_external_load:
+                kind.add_forces(out)
         with out as values:
             values[self.supports.held] = 0.0
         return out
@@ -512,8 +498,8 @@ class System:
         G = self.A.duplicate()
         # The Coriolis force couples components that the tangent may not couple.
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-        for mass in self._masses:
-            mass.add_gyroscopic(G, spin)
+        for kind in self.compiled:
+            kind.add_gyroscopic(G, spin)
         G.assemble()
         return G
 
@@ -576,8 +562,8 @@ class System:
         [m].  The step must have been solved: nothing is checked here."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
-        self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
-        for kind in self._dissipating:
+        self.supplied_energy += sum(kind.supplied() for kind in self.compiled)
+        for kind in self.compiled:
             for name, loss in zip(kind.losses, kind.dissipated(), strict=True):
                 self.losses[name] += float(loss)
         for scalars in self.scalar_unknowns:
@@ -599,7 +585,7 @@ class System:
         """Set an earlier accepted state; totals of energies do not change.  Collective.
 
         History variables, such as the rest angles of creases that yield, are set by the caller
-        (`roles.StepHistory`).  The present state is lost: q0, q1 and `previous` all become q.
+        (`Differentiable.load_history`).  The present state is lost: q0, q1 and `previous` become q.
 
         Args:
             q: coordinates (n,) [m] that this rank owns, multipliers included.
@@ -616,15 +602,15 @@ class System:
 
     def _take_time(self) -> None:
         """Terms that depend on time take that of the accepted state."""
-        for kind in self._time_dependent:
+        for kind in self.compiled:
             kind.take_time(self.time)
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
-        for field in self.fields.values():
-            field.q0.x.array[:] = field.q1.x.array
-        for observer in self._state_observers:
-            observer.commit()
+        for at in self.coordinates.values():
+            at.q0.x.array[:] = at.q1.x.array
+        for kind in self.compiled:
+            kind.commit()
 
     # ---- the energy balance ----------------------------------------------------------------------
 
@@ -646,10 +632,10 @@ class System:
         qp = q.T @ p
         # Sums over positions; the moment is summed over directors, too.
         momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
-        for frame in self._frames:
-            momenta += frame.momenta()
+        for kind in self.compiled:
+            momenta += kind.momenta()
         stored: dict[str, float] = {}
-        for kind in self._storing:
+        for kind in self.compiled:
             for name, energy in kind.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
         kinetic = self.v0.array_r @ self._momenta.array_r / 2
@@ -747,15 +733,15 @@ class System:
     # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        forms = [form for kind in self._tangent_forms for form in kind.tangent_forms(body)]
+        forms = [form for kind in self.compiled for form in kind.tangent_forms(body)]
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
         unknowns."""
-        for body, field in self.fields.items():
-            field.assemble(A, self.tangent_forms(body), self.block(body))
-        for kind in self._tangents:
+        for body, at in self.coordinates.items():
+            at.assemble(A, self.tangent_forms(body), self.block(body))
+        for kind in self.compiled:
             kind.add_tangents(A)
         for scalars in self.scalar_unknowns:
             scalars.add_tangents(A)
@@ -763,8 +749,8 @@ class System:
     def _spread(self, z: PETSc.Vec, name: str) -> None:
         """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
         values = z.array_r
-        for body, field in self.fields.items():
-            field.take(getattr(field, name), values[self.block(body).owned])
+        for body, at in self.coordinates.items():
+            at.take(getattr(at, name), values[self.block(body).owned])
 
     def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
         """The scalar unknowns with their part of y."""

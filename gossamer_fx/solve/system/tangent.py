@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from petsc4py import PETSc
 
-from gossamer_fx.core.model.roles import ActiveSet
+from gossamer_fx.mechanics.terms.assembly import ActiveSet
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.core.algebra.point_measures import Gather
-from gossamer_fx.core.checks.failures import Inadmissible
+from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.model.body import Attached, Body, Ground, Port
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion

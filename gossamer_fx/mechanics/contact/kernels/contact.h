@@ -47,8 +47,8 @@ typedef struct {
 typedef struct {
     const double *x0;       /* (m, 3) points at the start */
     const double *x1;       /* (m, 3) points at the end */
-    /* weight of the end where forces act; 1: forces of the state x1 alone */
-    double alpha;
+    double alpha;           /* weight of the end where forces act */
+    int is_state;           /* whether they are the forces of the state x1 alone */
     double geometric_share; /* share of the geometric stiffness in tangents */
     /* stiffness of pairs that passed through, over their own; 0: a step that is accepted */
     double push_back;

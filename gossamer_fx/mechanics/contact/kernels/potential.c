@@ -48,7 +48,7 @@ typedef struct {
 static int is_out_of_range(const active_pairs *pairs, const contact_step *step, ptrdiff_t i)
 {
     const int kind = pairs->list.kind[i];
-    if (is_wall(kind) || step->alpha == 1) return 0;
+    if (is_wall(kind) || step->is_state) return 0;
     const double range = sqrt(pairs->width[i] + pairs->offset[i]);
     const double start_distance = pairs->start[4 * i + 2];
     return start_distance - range > approach_bound(kind, step->x0, step->x1,
@@ -65,7 +65,7 @@ static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_
     pair->width = pairs->width[i];
     pair->offset = pairs->offset[i];
     pair->energy = (contact_energy){pairs->law, is_wall(kind)};
-    pair->is_state = step->alpha == 1;
+    pair->is_state = step->is_state;
     pair->frame = frame_of_kind(kind, pairs->rounding * pair->width);
     pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0,
                              points);

@@ -1,0 +1,259 @@
+"""A membrane antenna is turned by 8° about an axis through its centre, by a torque that follows its
+attitude.
+
+The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, § 3): a film of 2.1 m
+× 2.1 m × 20 µm (1400 kg/m³, 2.3 GPa, residual stiffness 1/35·1e-8) and two crossed tubes on its
+diagonals, outer radius R = 0.02 m, wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four
+corners and at four points around the centre, the film's centre on a ball joint.  (Letter and word
+of the paper's "outer diameter R" disagree: the radius is taken.)
+
+The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the
+centre, R = R_w(γ) R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever
+the mesh; with 3 × 3 cells that is the mean over the triangles around the centre node.  On that
+square acts, about the axis of each angle,
+
+    T = K_p (target - angle) - K_d d(angle)/dt,   K_p = I Ω²,   K_d = 2 ζ I Ω
+
+with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and ζ = 1.
+
+    case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
+
+    ./gossamer demo antenna_attitude
+    ./gossamer run demos/antennas/antenna_attitude.py case=2 dt=0.04 --output out/turn
+    ./gossamer report out/turn
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.common.deployment import effort, print_figures, run_case
+from demos.common.figures import draw_film, finish, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.meshes import antenna as meshes
+from gossamer_fx.records.outputs.output import Probe
+
+# Edge of the film; from the paper, as all numbers here.
+SIDE = 2.1  # m
+FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
+BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+# By the number of the case.
+TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
+# Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
+RATE = 0.6
+DAMPING = 1.0
+
+
+@dataclass(frozen=True)
+class Antenna:
+    """Film, booms and the joints that tie them."""
+
+    film: gx.Membrane
+    booms: list[gx.Beam]
+    ties: list[gx.constraints.BallJoint]
+    points: np.ndarray  # A, B, C, D at the corners, E, F, G, H around the centre
+
+    @property
+    def items(self) -> list:
+        return [self.film, *self.booms, *self.ties]
+
+
+def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1) -> Antenna:
+    """The antenna in the plane z = 0, centre at the origin, stress-free."""
+    film = gx.Membrane(meshes.film(comm, film_cells, SIDE), FILM, order=order)
+    booms = [
+        gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
+        for k, diagonal in enumerate(meshes.DIAGONALS)
+    ]
+    # A to D, then E to H.
+    points = meshes.tie_points(SIDE)
+    # Point k lies on diagonal k mod 2.
+    ties = [
+        gx.constraints.BallJoint(
+            film.port_at(point), booms[k % 2].port_at(point), name=f"tie {'ABCDEFGH'[k]}"
+        )
+        for k, point in enumerate(points)
+    ]
+    return Antenna(film, booms, ties, points)
+
+
+def inertia() -> np.ndarray:
+    """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes'
+    sections left out."""
+    # m a²/12 about an axis in the plane; twice as much about the normal.
+    film = FILM.density * FILM.thickness * SIDE**4 / 12
+    length = SIDE * 2**0.5
+    boom = BOOM.line_density * length**3 / 12
+    return np.array([film + boom, film + boom, 2 * (film + boom)])
+
+
+def control_probes(control: gx.control.AttitudeControl) -> dict[str, Probe]:
+    """The three controlled angles [deg], and the torques about their axes [N m]."""
+
+    def angle(axis: int) -> Probe:
+        def probe(run: gx.Simulation) -> float:
+            # Directors of the patch give R, and R the three angles.
+            vectors = run.system.state.vectors(control.frame.directors)
+            angles = control.angles_of(vectors.ravel(), control.reference())
+            return float(np.degrees(angles[axis]))
+
+        return probe
+
+    def torque(axis: int) -> Probe:
+        return lambda run: float(control.torques[axis])
+
+    angles = {f"angle {axis} [deg]": angle(k) for k, axis in enumerate("uvw")}
+    return angles | {f"torque {axis} [N m]": torque(k) for k, axis in enumerate("uvw")}
+
+
+def build(
+    comm: MPI.Comm,
+    case: int = 1,
+    cells: int = 3,
+    elements: int = 6,
+    until: float = 40.0,
+    dt: float = 0.02,
+    order: int = 1,
+) -> gx.Case:
+    """The antenna with cells × cells squares of film and `elements` of each boom, and its control
+    in `case` 1 or 2.
+
+    It tells angles, torques and the displacement of the corner A.
+    """
+    model = antenna(comm, cells, elements, order)
+    centre = model.film.port_at((0, 0, 0))
+    corner = model.film.port_at(model.points[0])
+    # The patch measures the mean position gradient over the inner square.
+    ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
+    I = inertia()  # noqa: E741 (as in the formula)
+    control = gx.control.AttitudeControl(
+        ring,
+        np.radians(TARGETS[case]),
+        stiffness=I * RATE**2,
+        damping=2 * DAMPING * I * RATE,
+    )
+    scene = gx.Scene(
+        *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre"), control
+    )
+    probes = control_probes(control)
+    probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
+    # The torque begins at zero, so that the first residuals are small: `floor` ends their
+    # iteration.
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
+    return gx.Case(
+        scene,
+        stepper,
+        until=until,
+        title=f"The membrane antenna, turned: case {case}",
+        probes=probes,
+    )
+
+
+def main(
+    case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float
+) -> dict:
+    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
+    over the time.
+
+    With `output`, a folder: the recording of the run, and a picture.  "film" are the corners of the
+    triangles of this rank at the end [m], "booms" the nodes of the booms.
+    """
+    turn = build(comm, case, **given)
+    # Times of the picture, scaled with a shorter run.
+    looks = (0.05, 0.1, 0.2, 0.4, 1.0)
+    run, series = run_case(turn, output, "antenna", looks)
+    angles, torques, moved = (
+        np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T
+        for what, axes, unit in (
+            ("angle", "uvw", "deg"),
+            ("torque", "uvw", "N m"),
+            ("A", "xyz", "m"),
+        )
+    )
+    target = np.array(TARGETS[case])
+    return {
+        "angle_error": float(np.abs(angles[-1] - target).max() / np.abs(target).max()),
+        "angles": angles,
+        "torque": torques,
+        "time": series.time,
+        "point_A": moved,
+        "film": film_at_end(run),
+        "booms": booms_at_end(run),
+        **effort(run),
+    }
+
+
+def film_at_end(run: gx.Simulation) -> Array:
+    """Positions (n, 3, 3) [m] of the corners of the film's triangles on this rank."""
+    film = next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
+    return triangles(run.system, film)
+
+
+def booms_at_end(run: gx.Simulation) -> list[Array]:
+    """Positions (n, 3) [m] of the nodes of each boom on this rank, from end to end."""
+    found = []
+    for boom in run.system.bodies:
+        if isinstance(boom, gx.Beam):
+            x = run.system.state[boom].local_positions()
+            along = boom.space.tabulate_dof_coordinates()[: len(x), 0]
+            found.append(x[np.argsort(along)])
+    return found
+
+
+def settling_time(time: Array, angle: Array, target: float, part: float) -> float:
+    """The time [s] from which on an angle stays within a part of its target."""
+    # The last time outside; inside from the next one on.
+    outside = np.flatnonzero(np.abs(angle - target) > part * abs(target))
+    last = outside[-1] if len(outside) else 0
+    return float(time[last])
+
+
+def draw_both(results: dict[int, dict], path: Path) -> None:
+    """The turned antenna, and angles, torques and displacements of A of both cases over the
+    time."""
+    figure = new_figure(width=12.0, height=7.0)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
+    axes = right.subplots(3, 2, sharex=True)
+    # One column of curves for each case, and the antenna at its end.
+    for k, (case, result) in enumerate(results.items()):
+        film = left.add_subplot(2, 1, k + 1, projection="3d", computed_zorder=False)
+        draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
+        for boom in result["booms"]:
+            film.plot(*boom.T, color="black", lw=2.0, zorder=10)
+        film.set_title(f"case {case}: at {result['time'][-1]:g} s")
+        # The angle that the case turns.
+        axis = int(np.argmax(np.abs(TARGETS[case])))
+        target = TARGETS[case][axis]
+        settled = [
+            settling_time(result["time"], result["angles"][:, axis], target, part)
+            for part in (0.05, 0.02, 0.002)
+        ]
+        words = ", ".join(f"{t:.1f}" for t in settled)
+        axes[0, k].set_title(f"case {case}: within 5, 2, 0.2 % after {words} s", fontsize=9)
+        rows = (
+            ("angle [deg]", result["angles"], ("θ about u", "β about v", "γ about w")),
+            ("torque [N m]", result["torque"], ("about u", "about v", "about w")),
+            ("displacement of A [m]", result["point_A"], ("X", "Y", "Z")),
+        )
+        for ax, (label, values, names) in zip(axes[:, k], rows, strict=True):
+            for component, name in zip(values.T, names, strict=True):
+                ax.plot(result["time"], component, label=name)
+            finish(ax, "", label)
+        axes[-1, k].set_xlabel("time [s]")
+    save(figure, path)
+
+
+if __name__ == "__main__":
+    results = {
+        case: main(case=case, output=f"out/antenna_attitude/case {case}") for case in TARGETS
+    }
+    # Of one rank only: the mesh of a picture is that of rank 0.
+    if MPI.COMM_WORLD.size == 1:
+        draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
+    for case, result in results.items():
+        print_figures({"case": case} | result)

@@ -1,0 +1,62 @@
+"""Solids that pictures and recordings show, and tables by which notebooks show objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A surface that moves as a whole: with a rigid body, by a function of time, or not at all.
+
+    Args:
+        name: in pictures and files.
+        X: points (n, 3) [m].  With `on` they are coordinates along the directors of the body, from
+            its position; else they are points in space.
+        triangles: corners (t, 3), as indices of points.
+        lines: edges to draw (l, 2), as indices of points.
+        on: the body with one node that carries the solid, e.g. a `RigidBody`; None for no body.
+        motion: displacement (3,) [m] as a function of time [s]; None for a solid at rest.
+
+    Example:
+        >>> from gossamer_fx.core.drawing import Solid
+        >>> square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+        >>> plate = Solid("plate", square, np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1]]))
+    """
+
+    name: str
+    X: npt.NDArray[np.floating]
+    # Rooms and planes have no triangles, which would hide what is in them or behind them.
+    triangles: npt.NDArray[np.int32]
+    lines: npt.NDArray[np.int32]
+    on: Any = None
+    motion: Callable[[float], Sequence[float]] | None = None
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as one line of HTML, from the names of its columns and a text of each row for each of
+    them; all texts are escaped.
+
+    Example:
+        >>> table(["kind"], [["a < b"]])
+        '<table><tr><th>kind</th></tr><tr><td>a &lt; b</td></tr></table>'
+    """
+    lines = [_row("th", head)]
+    for row in rows:
+        lines.append(_row("td", row))
+    inside = "".join(lines)
+    return f"<table>{inside}</table>"
+
+
+def _row(kind: str, words: Sequence[str]) -> str:
+    cells = ""
+    for word in words:
+        text = escape(word)
+        cells += f"<{kind}>{text}</{kind}>"
+    return f"<tr>{cells}</tr>"

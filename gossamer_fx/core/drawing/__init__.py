@@ -1,1 +1,0 @@
-"""Solids that pictures and recordings show: surfaces that move as a whole."""

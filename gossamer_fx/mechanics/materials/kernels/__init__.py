@@ -1,1 +1,0 @@
-"""Laws of films whose response is computed in C."""

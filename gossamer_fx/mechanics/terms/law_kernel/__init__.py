@@ -1,1 +1,0 @@
-"""Laws with several states at quadrature points: responses and the choice of strains, in C."""

@@ -1,0 +1,113 @@
+"""The contract of compiled terms: a kind that overrides nothing changes nothing, and nothing takes
+part by the names of its methods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.extend import (
+    ActiveSet,
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+    HistoryVariables,
+    Multipliers,
+    Shown,
+    State,
+    Term,
+)
+
+FACETS = (Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
+
+
+class Counter:
+    """A helper whose methods happen to have names of the contract."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def commit(self) -> None:
+        self.calls.append("commit")
+
+    def update(self, linearly: bool) -> None:
+        self.calls.append("update")
+
+    def get_state(self) -> dict[str, Any]:
+        self.calls.append("get_state")
+        return {}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.calls.append("set_state")
+
+    def update_active_set(self) -> None:
+        self.calls.append("update_active_set")
+
+    def solids(self) -> list[object]:
+        self.calls.append("solids")
+        return []
+
+
+class Idle(CompiledTerms["IdleTerm"]):
+    """Overrides nothing, and has a helper."""
+
+    def __init__(self, terms: Sequence[IdleTerm], system: Assembly) -> None:
+        self.helper = Counter()
+
+
+@dataclass(frozen=True, eq=False)
+class IdleTerm:
+    helper: Counter = field(default_factory=Counter)
+    compiler: ClassVar[Compiler] = Idle
+
+
+@dataclass(frozen=True, eq=False)
+class IdleItem:
+    name: str = "idle"
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield IdleTerm()
+
+
+def swing(*items: object) -> gx.Simulation:
+    ball = gx.PointMass(1.0, (0.1, 0.2, 0.3), velocity=(0.0, 1.0, 2.0), name="ball")
+    spring = gx.connectors.Spring(
+        ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=50.0, length=0.2
+    )
+    run = gx.Simulation(gx.Scene(ball, spring, *items), gx.Midpoint(dt=0.01))
+    run.run(until=0.1)
+    return run
+
+
+def test_a_kind_that_overrides_nothing_changes_nothing() -> None:
+    alone = swing()
+    run = swing(IdleItem())
+    assert np.array_equal(run.system.q0.array_r, alone.system.q0.array_r)
+    assert run.totals.stored == alone.totals.stored
+    assert run.totals.losses == alone.totals.losses == {}
+    assert run.iterations == alone.iterations
+    assert run.system.K is None
+
+
+def test_names_of_methods_enrol_nothing() -> None:
+    run = swing(IdleItem())
+    run.history.commit()
+    run.history.rollback()
+    [idle] = [kind for kind in run.system.compiled if isinstance(kind, Idle)]
+    [term] = [term for term in run.system.terms if isinstance(term, IdleTerm)]
+    assert not isinstance(idle.helper, FACETS)
+    assert idle.helper.calls == term.helper.calls == []
+    saved = run.history.get_state()
+    assert not [name for name in saved if name == "Idle" or name.endswith("helper")]
+
+
+@pytest.mark.parametrize("kind", [CompiledTerms, *FACETS])
+def test_the_contract_is_one_of_base_classes(kind: type) -> None:
+    """A structural protocol would enrol whatever has methods of its names."""
+    assert not getattr(kind, "_is_protocol", False)

@@ -1,0 +1,140 @@
+"""The test of convergence, on given sequences of residuals [N]."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
+
+# The round-off floor of one unit in the last place of 1 N is 2.2e-16 N.
+TOLERANCES = gx.Tolerances(relative=1e-6, absolute=0.0, floor=1.0, scalars=1e-9, constraint=1e-10)
+ULP = float(np.finfo(float).eps)
+
+
+def never() -> bool:
+    """The energy is not to be asked, as it needs all ranks."""
+    raise AssertionError("the energy was asked")
+
+
+def no() -> bool:
+    return False
+
+
+def yes() -> bool:
+    return True
+
+
+def after(norms: list[float], has_contact: bool = False, scale: float = 0.0) -> ConvergenceTest:
+    """The test after an iteration, in which forces of a scale [N] cancel."""
+    test = ConvergenceTest(TOLERANCES, has_contact)
+    for k, norm in enumerate(norms):
+        test.record(norm, is_first=k == 0)
+    if scale:
+        test.lower_floor(scale)
+    return test
+
+
+def test_a_falling_residual_also_needs_a_small_work() -> None:
+    test = after([10.0, 1.0, 0.99e-5])
+    assert test.tolerance == pytest.approx(1e-5)
+    assert test.is_solved(Residual(0.99e-5), yes)
+    assert not test.is_solved(Residual(0.99e-5), no)
+    # Above the tolerance the energy does not matter.
+    assert not test.is_solved(Residual(1.01e-5), never)
+
+
+def test_a_residual_that_no_longer_falls_needs_none() -> None:
+    test = after([10.0, 0.9e-5, 0.8e-5])
+    assert test.is_solved(Residual(0.8e-5), never)
+
+
+@pytest.mark.parametrize("ratio, is_solved", [(0.51, True), (0.49, False)])
+def test_round_off_counts_once_the_residual_stays(ratio: float, is_solved: bool) -> None:
+    floor = 1e-3
+    last = 3.9 * floor
+    test = after([1.0, last / ratio, last], scale=floor / ULP)
+    assert test.round_off_floor == pytest.approx(floor)
+    assert test.round_off == pytest.approx(4 * floor)
+    assert test.is_solved(Residual(last), never) == is_solved
+    # Four times the floor is the limit.
+    assert not test.is_solved(Residual(4.1 * floor), never)
+
+
+def test_at_the_round_off_floor_the_energy_is_not_asked() -> None:
+    test = after([1.0, 0.1, 0.9e-3], scale=1e-3 / ULP)
+    assert test.is_solved(Residual(0.9e-3), never)
+
+
+def test_the_smallest_floor_counts() -> None:
+    test = after([1.0], scale=1e6)
+    test.lower_floor(1e3)
+    test.lower_floor(1e9)
+    assert test.round_off_floor == pytest.approx(1e3 * ULP)
+
+
+def test_contact_has_more_round_off_if_the_energy_closes() -> None:
+    floor = 1e-3
+    norms = [1.0, 21 * floor, 20 * floor]
+    residual = Residual(20 * floor)
+    assert after(norms, has_contact=True, scale=floor / ULP).is_solved(residual, yes)
+    assert not after(norms, has_contact=True, scale=floor / ULP).is_solved(residual, no)
+    assert not after(norms, has_contact=False, scale=floor / ULP).is_solved(residual, never)
+    beyond = Residual(33 * floor)
+    assert not after(norms, has_contact=True, scale=floor / ULP).is_solved(beyond, never)
+
+
+def test_constraints_and_scalar_unknowns_have_their_own_tolerances() -> None:
+    test = after([10.0, 0.0])
+    assert test.is_solved(Residual(0.0, violation=0.9e-10, scalars=0.9e-9), never)
+    assert not test.is_solved(Residual(0.0, violation=1.1e-10), never)
+    assert not test.is_solved(Residual(0.0, scalars=1.1e-9), never)
+    assert not test.is_solved(Residual(0.0, scalars=math.nan), never)
+
+
+def test_forces_of_an_obstacle_that_was_passed_are_no_scale() -> None:
+    # The predictor is behind an obstacle, whose force is a thousand times that of the motion.
+    test = after([1e6], has_contact=True)
+    test.limit_reference(stopping=1e3, external=lambda: 10.0)
+    assert test.reference == 1e3
+    # What rests has no motion; then the loads are the scale.
+    test = after([1e6], has_contact=True)
+    test.limit_reference(stopping=0.0, external=lambda: 10.0)
+    assert test.reference == 10.0
+    # Without loads, too, the residual itself is.
+    test = after([1e6], has_contact=True)
+    test.limit_reference(stopping=0.0, external=lambda: 0.0)
+    assert test.reference == 1e6
+    # A residual below the force of the motion is its own scale, and loads are not asked.
+    test = after([1.0], has_contact=True)
+    test.limit_reference(stopping=1e3, external=never)
+    assert test.reference == 1.0
+
+
+def test_film_in_flight_counts_as_free_of_forces() -> None:
+    test = after([1e-20], has_contact=True)
+    test.limit_reference(stopping=1e3, external=never)
+    assert test.tolerance == pytest.approx(1e-9)
+
+
+def test_a_second_iteration_of_a_step_has_its_own_reference() -> None:
+    """It follows where contact pairs were missing."""
+    test = after([10.0, 1e-3])
+    test.record(5.0, is_first=True)
+    assert test.reference == 5.0 and test.norms == [5.0]
+
+
+@pytest.mark.parametrize(
+    "norms, diverges",
+    [
+        ([1.0, 1e3, 1e14], False),
+        ([1.0, 1e3, 1e16], True),
+        # A first residual of round-off does not count alone.
+        ([1e-15, 1.0, 1e3], False),
+    ],
+)
+def test_growth_beyond_measure_is_divergence(norms: list[float], diverges: bool) -> None:
+    assert after(norms).diverges() == diverges
