@@ -135,7 +135,7 @@ class RecordedShapes:
 def _own_share(comm: MPI.Intracomm, records: FieldRecords) -> tuple[Array, Array]:
     """This rank's share of the points of some records.
 
-    Each rank that wrote the records wrote a file of its own; ranks that read take turns.
+    Each rank that wrote the records wrote one file; ranks that read take turns.
 
     Returns:
         points (n, 3) on the mesh [m], and displacements (n, 3 · times) [m].

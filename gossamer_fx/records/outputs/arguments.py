@@ -18,6 +18,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import tokenize
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from numbers import Integral, Real
@@ -225,8 +226,8 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
     try:
         source = inspect.getsource(function)
         known["source"] = hashlib.sha256(source.encode()).hexdigest()[:_HASH_DIGITS]
-    except (OSError, TypeError):
-        # As of a function that was typed in or made by a program.
+    except (OSError, TypeError, SyntaxError, tokenize.TokenError):
+        # As of a function that was typed in or made by a program, or whose file was changed since.
         known["source"] = {UNKNOWN: "source"}
     read = inspect.getclosurevars(function)
     for outside, value in {**read.globals, **read.nonlocals}.items():

@@ -8,7 +8,7 @@ Next to `film.pvd` are in the folder `film_files`
 A run that is restarted may divide the mesh among its ranks in another way.  Therefore it writes the
 mesh again, with the number of its first record.
 
-VTU was chosen among the formats of ParaView since each record is a file of its own: a run that is
+VTU was chosen among the formats of ParaView since each record is a separate file: a run that is
 killed leaves whole records, a restart removes files, ranks do not wait for each other, and no
 library is needed.  `tools/measure_field_formats.py` compares time and size with VTX and VTKHDF.
 """

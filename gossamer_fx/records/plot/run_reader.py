@@ -181,7 +181,7 @@ class RunReader:
 
     @property
     def not_values(self) -> tuple[str, str]:
-        """Columns of each table that are no results: that of the axis, and the number of the
+        """Columns of each table that are not results: that of the axis, and the number of the
         step."""
         return self.axis.column, "step"
 
