@@ -16,11 +16,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
+from tests.survival import on_ranks
 from tests.survival.on_ranks import python
-from tests.survival.scenes import DT, fluttering_sheet
+from tests.survival.scenes import DT, Watch, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
-ROOT = Path(gx.__file__).parent.parent
 
 
 def ball(**options: object) -> gx.Simulation:
@@ -41,18 +41,15 @@ def files(folder: Path) -> dict[str, bytes]:
 WAITING = """
 import sys, time
 from pathlib import Path
+from tests.survival.scenes import Watch
 from tests.survival.test_other_runs import ball
 import gossamer_fx as gx
 folder = Path(sys.argv[1])
-class Wait:
-    times = ()
-    def open(self, run): pass
-    def close(self, run): pass
-    def record(self, run, last):
-        if run.step == 2 and run.comm.rank == 0:
-            print("running", flush=True)
-            sys.stdin.readline()
-outputs = [gx.Recording(folder / "run", every=1), Wait()]
+def wait(run):
+    if run.step == 2 and run.comm.rank == 0:
+        print("running", flush=True)
+        sys.stdin.readline()
+outputs = [gx.Recording(folder / "run", every=1), Watch(wait)]
 ball(outputs=outputs, checkpoints=gx.Checkpoints(folder / "saves", every=1)).run(until=4e-3)
 print("done", flush=True)
 """
@@ -71,14 +68,8 @@ except gx.InputError as error:
 
 
 def start(program: str, folder: Path, ranks: int = 1) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*python(ranks), "-c", program, str(folder)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [*python(ranks), "-c", program, str(folder)]
+    return on_ranks.start(command, stdin=subprocess.PIPE, stderr=None)
 
 
 @pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
@@ -99,8 +90,7 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     assert said == "done\n" and first.returncode == 0
     left = {p.name for p in tmp_path.rglob(".*")}
     assert not left
-    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
-    assert measured == "finished"
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "finished"
     ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(
         until=5e-3
     )
@@ -141,22 +131,14 @@ def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
     one.run(until=DT)
     ball(outputs=[gx.Ledger(folder / "a.csv")]).run(until=DT)
 
-    class Within:
-        times = ()
+    def within(run: gx.Simulation) -> None:
+        if run.step == 1:
+            with pytest.raises(
+                gx.InputError, match="is being written by another run of this program"
+            ):
+                ball(outputs=[gx.Ledger(folder / "a.csv")])
 
-        def open(self, run: object) -> None:
-            pass
-
-        close = open
-
-        def record(self, run: gx.Simulation, last: bool) -> None:
-            if run.step == 1:
-                with pytest.raises(
-                    gx.InputError, match="is being written by another run of this program"
-                ):
-                    ball(outputs=[gx.Ledger(folder / "a.csv")])
-
-    ball(outputs=[gx.Ledger(folder / "a.csv"), Within()]).run(until=DT)
+    ball(outputs=[gx.Ledger(folder / "a.csv"), Watch(within)]).run(until=DT)
 
 
 @pytest.mark.mpi
@@ -204,8 +186,7 @@ def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
     ball(checkpoints=gx.Checkpoints(folder), restart=folder / "step-00000004").run(until=6 * DT)
     ball(checkpoints=gx.Checkpoints(folder, overwrite=True)).run(until=DT)
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000000", "step-00000001"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
 
 
 # ---- damage --------------------------------------------------------------------------------------

@@ -22,14 +22,9 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.fields.fields import FIELDS
 from gossamer_fx.records.outputs.run_file import read_run_file
+from tests.small_scenes import WRINKLING
 
 ALONE = MPI.COMM_SELF
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
 ATTACKS = [
     "</script><script>alert(1)</script>",
     "<!--<script> ]]><img src=x onerror=alert(1)>",
@@ -43,23 +38,10 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
     """A short run in which everything that has a name has this one."""
     mesh = flat_tube(ALONE, 0.3, 0.03, 2, compartments=2)
     groups = {f"{k} {name}": group for k, group in enumerate(mesh.groups.values())}
-    film = gx.Membrane(
-        gx.Mesh(mesh.domain, groups),
-        LAW,
-        name=f"film {name}",
-    )
-    ball = gx.PointMass(
-        1.0,
-        position=(0.0, 0.0, 1.0),
-        comm=ALONE,
-        name=f"ball {name}",
-    )
+    film = gx.Membrane(gx.Mesh(mesh.domain, groups), WRINKLING, name=f"film {name}")
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, 1.0), comm=ALONE, name=f"ball {name}")
     tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(gamma=1.4, R=287.0),
-        pressure=1e5,
-        temperature=300.0,
-        name=name,
+        1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0, name=name
     )
     chosen = ("displacement", "state", "group", *fields)
     recording = gx.Recording(
@@ -70,11 +52,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
         title=name,
     )
     scene = gx.Scene(film, ball, tank)
-    gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=2e-3)
+    gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     return gx.plot.RunReader(folder)
 
 

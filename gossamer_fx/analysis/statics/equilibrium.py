@@ -79,7 +79,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import LOAD_PARAMETER, Account
 
-# What stays constant in the chambers, see `gas.network`.
+# What stays constant in the chambers, see `gas.static_processes`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
@@ -170,7 +170,8 @@ class Continuation:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        for name in ("tolerance", "first_step", "inner_tolerance"):
+        limits = ("cap_growth", "fast_iterations", "max_iterations", "total_iterations")
+        for name in ("tolerance", "first_step", "inner_tolerance", *limits):
             value = getattr(self, name)
             check(
                 math.isfinite(value) and value > 0,

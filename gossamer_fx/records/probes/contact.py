@@ -12,7 +12,7 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
-from gossamer_fx.mechanics.contact.compiled import CompiledContacts
+from gossamer_fx.mechanics.contact.compiled import CompiledContact
 from gossamer_fx.mechanics.contact.contact import Contact
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
@@ -25,12 +25,11 @@ from gossamer_fx.solve.view import StateView
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-# Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """The compiled pairs of a contact in a run."""
     for compiled in run.system.compiled:
-        if isinstance(compiled, CompiledContacts) and contact in compiled.contact_sets:
-            return compiled.contact_sets[contact]
+        if isinstance(compiled, CompiledContact) and compiled.item is contact:
+            return compiled
     raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
 
 

@@ -108,7 +108,7 @@ class VariationalMidpoint:
         Raises:
             InputError: the scene has contact or gas.
         """
-        # Both have forces of their own rule, which conserves energy: the steps would have no
+        # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(
             not system.active_sets,

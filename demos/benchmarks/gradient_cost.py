@@ -10,9 +10,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from contestants import words
 from mpi4py import MPI
-from stopwatch import show
 
 import gossamer_fx as gx
 from demos.films.spinning_sheet import throw
@@ -97,42 +95,44 @@ def blown_up(n: int) -> tuple[gx.Scene, float]:
 
 SCENES = {"sheet": wrinkling, "contact": colliding, "friction": rubbing, "gas": blown_up}
 
-case = words({"n": 20, "steps": 50, "scene": "sheet"})
-scene, h = SCENES[str(case["scene"])](int(case["n"]))
-# Gradients are as exact as the steps are solved.
-run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=gx.Tolerances(relative=1e-12)))
-tape = gx.analysis.RunTape(run)
-started = time.process_time()
-run.run(until=case["steps"] * h)
-forward = time.process_time() - started
 
-gradients = TransientGradients(tape, ["film.thickness", "film.initial_velocity"])
-energy = gx.analysis.Energy()
-# The first pass compiles what the derivatives of the result need.
-gradients.of(energy)
-started = time.process_time()
-found = gradients.of(energy)
-backward = time.process_time() - started
+def gradient(n: int = 20, steps: int = 50, scene: str = "sheet") -> dict[str, float]:
+    """The pass backwards over the run, for a scene of `SCENES` of n x n cells."""
+    compiled_scene, h = SCENES[scene](n)
+    # Gradients are as exact as the steps are solved.
+    run = gx.Simulation(compiled_scene, gx.Midpoint(dt=h, tolerances=gx.Tolerances(relative=1e-12)))
+    tape = gx.analysis.RunTape(run)
+    started = time.process_time()
+    run.run(until=steps * h)
+    forward = time.process_time() - started
 
-# dE/dv0 = M v0, as energy is conserved from every start; with friction it is not.
-velocity = run.system.numbering.vector()
-velocity.array[:] = tape.nodes[0].v
-momenta = velocity.duplicate()
-run.system.M.mult(velocity, momenta)
-film = next(body for body in run.system.bodies if body.name == "film")
-exact = momenta.array_r[run.system.block(film).owned]
-error = np.abs(found["film.initial_velocity"].values - exact).max() / np.abs(exact).max()
-measured = {
-    "cpu": forward,
-    "wall": forward,
-    "dofs": run.system.numbering.size,
-    "steps": run.step,
-    "Newton/step": run.iterations / run.step,
-    "backward [s]": backward,
-    "ratio": backward / forward,
-    "parameters": sum(len(derivative.values) for derivative in found),
-    "tape [MB]": tape.bytes / 2**20,
-}
-if case["scene"] != "friction":
-    measured["energy's gradient off by"] = float(error)
-show(measured)
+    gradients = TransientGradients(tape, ["film.thickness", "film.initial_velocity"])
+    energy = gx.analysis.Energy()
+    # The first pass compiles what the derivatives of the result need.
+    gradients.of(energy)
+    started = time.process_time()
+    found = gradients.of(energy)
+    backward = time.process_time() - started
+
+    # dE/dv0 = M v0, as energy is conserved from every start; with friction it is not.
+    velocity = run.system.numbering.vector()
+    velocity.array[:] = tape.nodes[0].v
+    momenta = velocity.duplicate()
+    run.system.M.mult(velocity, momenta)
+    film = next(body for body in run.system.bodies if body.name == "film")
+    exact = momenta.array_r[run.system.block(film).owned]
+    error = np.abs(found["film.initial_velocity"].values - exact).max() / np.abs(exact).max()
+    measured = {
+        "cpu": forward,
+        "wall": forward,
+        "dofs": run.system.numbering.size,
+        "steps": run.step,
+        "Newton/step": run.iterations / run.step,
+        "backward [s]": backward,
+        "ratio": backward / forward,
+        "parameters": sum(len(derivative.values) for derivative in found),
+        "tape [MB]": tape.bytes / 2**20,
+    }
+    if scene != "friction":
+        measured["energy's gradient off by"] = float(error)
+    return measured

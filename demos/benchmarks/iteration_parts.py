@@ -12,10 +12,9 @@ import time
 from typing import Any
 
 import numpy as np
-from contestants import words
 from mpi4py import MPI
 from petsc4py import PETSc
-from stopwatch import Stopwatch, show
+from stopwatch import Stopwatch
 
 import gossamer_fx as gx
 from demos.films.spinning_sheet import throw
@@ -172,69 +171,72 @@ def slowest(value: float) -> float:
     return float(COMM.allreduce(value, op=MPI.MAX))
 
 
-case = words({"n": 40, "steps": 3, "dt": 1e-3, "contact": 0})
-parts = {
-    "law and forces": [Timed(System, "set_increment"), Timed(System, "residual")],
-    "tangent": [Timed(System, "assemble_tangent")],
-    "coarse set-up": [Timed(CoarseSpace, "set_up")],
-    "coarse factorisation": [Timed(factorisation, "set_up")],
-    "factorisation": [Timed(TwoLevel, "_set_up_local_part")],
-    "application": [Timed(TwoLevel, "apply")],
-}
-clocks = [clock for of_part in parts.values() for clock in of_part]
-counted = CountedExchanges()
-TimedSolver.install()
-watch = Stopwatch()
-run = gx.Simulation(scene(case["n"], bool(case["contact"])), gx.Midpoint(dt=case["dt"]))
-# Patterns, orderings and work space are made once, in the first step.
-run.run(until=case["dt"])
-for clock in [*clocks, TimedSolver]:
-    clock.seconds = 0.0
-    clock.calls = 0
-iterations_before = run.solver.newton.all_iterations
-PETSc.Log.begin()
-flops = PETSc.Log.getFlops()
-before = counted.messages, counted.bytes
-figures = watch.measure(run, (1 + case["steps"]) * case["dt"])
-newton = run.solver.newton
-iterations = newton.all_iterations - iterations_before
-flops = COMM.allreduce(PETSc.Log.getFlops() - flops)
-solution = PETSc.Log.Event("SNESSolve").getPerfInfo()
-seconds = {name: sum(timed.seconds for timed in clocks) for name, clocks in parts.items()}
-set_ups = max(parts["coarse set-up"][0].calls, 1)
-applications = max(parts["application"][0].calls, 1)
-latency, bandwidth = message_times()
-size = run.system.numbering.size
-matrix = run.system.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
-show(
-    {
-        key: figures[key]
-        for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "Krylov/Newton", "energy")
+def parts(n: int = 40, steps: int = 3, dt: float = 1e-3, contact: int = 0) -> dict[str, float]:
+    """Times of the parts of an iteration, counts of messages, and speeds of the machine."""
+    timed_parts = {
+        "law and forces": [Timed(System, "set_increment"), Timed(System, "residual")],
+        "tangent": [Timed(System, "assemble_tangent")],
+        "coarse set-up": [Timed(CoarseSpace, "set_up")],
+        "coarse factorisation": [Timed(factorisation, "set_up")],
+        "factorisation": [Timed(TwoLevel, "_set_up_local_part")],
+        "application": [Timed(TwoLevel, "apply")],
     }
-    | {
-        f"{name} [ms]": 1e3 * slowest(seconds[name]) / iterations
-        for name in ("law and forces", "tangent", "factorisation")
-    }
-    | {
-        "coarse product [ms]": 1e3
-        * slowest(seconds["coarse set-up"] - seconds["coarse factorisation"])
-        / set_ups,
-        "coarse factorisation [ms]": 1e3 * slowest(seconds["coarse factorisation"]) / set_ups,
-        "coarse solution [ms]": 1e3 * slowest(TimedSolver.seconds) / max(TimedSolver.calls, 1),
-        "application [ms]": 1e3
-        * slowest(seconds["application"] - TimedSolver.seconds)
-        / applications,
-        "iteration [ms]": 1e3 * slowest(figures["cpu"] / COMM.size) / iterations,
-        "flops per unknown": flops / iterations / size,
-        "matrix bytes per unknown": 8 * matrix["nz_used"] / size,
-        "messages": slowest((solution["numMessages"] + counted.messages - before[0]) / iterations),
-        "message bytes": slowest(
-            (solution["messageLength"] + counted.bytes - before[1]) / iterations
-        ),
-        "contact messages": slowest((counted.messages - before[0]) / iterations),
-        "reductions": slowest(solution["numReductions"] / iterations),
-        "memory [GB/s]": memory_bandwidth() / 1e9,
-        "latency [us]": 1e6 * latency,
-        "message bandwidth [GB/s]": bandwidth / 1e9,
-    }
-)
+    clocks = [clock for timed in timed_parts.values() for clock in timed]
+    counted = CountedExchanges()
+    TimedSolver.install()
+    watch = Stopwatch()
+    run = gx.Simulation(scene(n, bool(contact)), gx.Midpoint(dt=dt))
+    # Patterns, orderings and work space are made once, in the first step.
+    run.run(until=dt)
+    for clock in [*clocks, TimedSolver]:
+        clock.seconds = 0.0
+        clock.calls = 0
+    iterations_before = run.solver.newton.all_iterations
+    PETSc.Log.begin()
+    flops = PETSc.Log.getFlops()
+    before = counted.messages, counted.bytes
+    figures = watch.measure(run, (1 + steps) * dt)
+    newton = run.solver.newton
+    iterations = newton.all_iterations - iterations_before
+    flops = COMM.allreduce(PETSc.Log.getFlops() - flops)
+    solution = PETSc.Log.Event("SNESSolve").getPerfInfo()
+    seconds = {name: sum(timed.seconds for timed in clocks) for name, clocks in timed_parts.items()}
+    set_ups = max(timed_parts["coarse set-up"][0].calls, 1)
+    applications = max(timed_parts["application"][0].calls, 1)
+    latency, bandwidth = message_times()
+    size = run.system.numbering.size
+    matrix = run.system.A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+    return (
+        {
+            key: figures[key]
+            for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "Krylov/Newton", "energy")
+        }
+        | {
+            f"{name} [ms]": 1e3 * slowest(seconds[name]) / iterations
+            for name in ("law and forces", "tangent", "factorisation")
+        }
+        | {
+            "coarse product [ms]": 1e3
+            * slowest(seconds["coarse set-up"] - seconds["coarse factorisation"])
+            / set_ups,
+            "coarse factorisation [ms]": 1e3 * slowest(seconds["coarse factorisation"]) / set_ups,
+            "coarse solution [ms]": 1e3 * slowest(TimedSolver.seconds) / max(TimedSolver.calls, 1),
+            "application [ms]": 1e3
+            * slowest(seconds["application"] - TimedSolver.seconds)
+            / applications,
+            "iteration [ms]": 1e3 * slowest(figures["cpu"] / COMM.size) / iterations,
+            "flops per unknown": flops / iterations / size,
+            "matrix bytes per unknown": 8 * matrix["nz_used"] / size,
+            "messages": slowest(
+                (solution["numMessages"] + counted.messages - before[0]) / iterations
+            ),
+            "message bytes": slowest(
+                (solution["messageLength"] + counted.bytes - before[1]) / iterations
+            ),
+            "contact messages": slowest((counted.messages - before[0]) / iterations),
+            "reductions": slowest(solution["numReductions"] / iterations),
+            "memory [GB/s]": memory_bandwidth() / 1e9,
+            "latency [us]": 1e6 * latency,
+            "message bandwidth [GB/s]": bandwidth / 1e9,
+        }
+    )
