@@ -62,9 +62,9 @@ from .records import outputs as outputs
 from .records import plot as plot
 from .records import probes as probes
 from .records import run as run
-from .records.outputs.ledger import Ledger as Ledger
 from .records.outputs.recording import Recording as Recording
-from .records.outputs.series import Series as Series
+from .records.outputs.tables import Ledger as Ledger
+from .records.outputs.tables import Series as Series
 from .records.plot.report import write_report as write_report
 from .records.run.checkpoint import Checkpoints as Checkpoints
 from .records.run.events import At as At
