@@ -62,9 +62,9 @@ from .records import outputs as outputs
 from .records import plot as plot
 from .records import probes as probes
 from .records import run as run
-from .records.outputs.ledger import Ledger as Ledger
 from .records.outputs.recording import Recording as Recording
-from .records.outputs.series import Series as Series
+from .records.outputs.tables import Ledger as Ledger
+from .records.outputs.tables import Series as Series
 from .records.plot.report import write_report as write_report
 from .records.run.checkpoint import Checkpoints as Checkpoints
 from .records.run.events import At as At
@@ -72,10 +72,10 @@ from .records.run.events import When as When
 from .records.run.simulation import Simulation as Simulation
 from .solve import scene as scene
 from .solve import steppers as steppers
-from .solve.scene.initial import RigidMotion as RigidMotion
-from .solve.scene.initial import StartFrom as StartFrom
+from .solve.scene.scene import RigidMotion as RigidMotion
 from .solve.scene.scene import Scene as Scene
-from .solve.solvers.tolerances import Tolerances as Tolerances
+from .solve.scene.scene import StartFrom as StartFrom
+from .solve.solvers.convergence import Tolerances as Tolerances
 from .solve.steppers.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from .solve.steppers.midpoint import Midpoint as Midpoint
 from .solve.steppers.step_control import StepControl as StepControl

@@ -87,12 +87,12 @@ OTHER: dict[str, tuple[Any, str]] = {
     "outside": (2e5, "pressure of '.*' is 100000 there and 200000 here"),
     "motion": (
         lambda x, t: 0.2 * t * x,
-        r"the function motion of 'mover' is another one \(constants: \[0.1\] there and \[0.2\]",
+        "motion source of 'mover' is",
     ),
     "point": ("top right", "port at of 'pull'"),
     "ramp": (
         3.0,
-        r"the function force of 'push' is another one \(outside ramp: 2 there and 3 here",
+        "force outside ramp of 'push' is 2 there and 3 here",
     ),
 }
 
@@ -284,7 +284,7 @@ def test_another_motion_of_an_obstacle_is_refused(folder: Path) -> None:
     def sinks(t: float) -> tuple[float, float, float]:
         return (0.0, 0.0, -0.1 * t)
 
-    words = "the function obstacles 1 motion of 'contact' is another one"
+    words = "obstacles 1 motion function of 'contact' is 'rises' there and .*sinks"
     with pytest.raises(gx.InputError, match=words):
         run(2, touching({"motion": sinks}), restart=folder)
     assert run(2, touching({"motion": rises}), restart=folder).step == 2
@@ -361,8 +361,7 @@ def test_small_numbers_are_compared_relatively(
 
 
 def test_what_is_noticed_of_a_function() -> None:
-    """Its name, constants and values of enclosing scopes, whatever the version of Python; not the
-    order of names."""
+    """Its source, default arguments and values of enclosing scopes."""
 
     def noticed(one: Any, other: Any) -> bool:
         there, here = (json.loads(json.dumps(describe(f))) for f in (one, other))
@@ -373,11 +372,14 @@ def test_what_is_noticed_of_a_function() -> None:
 
     assert not noticed(valve(2.0), valve(2.0))
     assert noticed(valve(2.0), valve(2.5))
-    assert noticed(lambda t: 2.0 * t, lambda t: 3.0 * t)
-    assert noticed(lambda t: 2 * t, lambda t: 3 * t)
-    assert noticed(lambda t: np.sin(t), lambda t: np.cos(t))
-    assert noticed(lambda t, a=1.0: a * t, lambda t, a=2.0: a * t)
-    assert noticed(lambda t: 1e-13 * t, lambda t: 9e-13 * t)
+
+    def doubled(t: float) -> float:
+        return 2.0 * t
+
+    def tripled(t: float) -> float:
+        return 3.0 * t
+
+    tripled.__qualname__ = doubled.__qualname__
+    assert noticed(doubled, tripled)
     assert noticed(np.sin, np.cos)
-    assert not noticed(lambda t, s: t - s, lambda t, s: s - t)  # as the docs say
     assert noticed(math.inf, 1.0) and not noticed(math.nan, math.nan)

@@ -35,7 +35,7 @@ def on_small_disk(folder: Path, script: str) -> subprocess.CompletedProcess[str]
     """Run a script in which `$mount` mounts a file system of 2 MB in memory on a folder, and `$run`
     is the program of faults; skip the test where no file system can be mounted."""
     variables = f"mount='{sys.executable} -m tests.survival.small_disk {folder}'; "
-    variables += f"run='{sys.executable} -m tests.survival.faults {folder} nothing vtx'; "
+    variables += f"run='{sys.executable} -m tests.survival.faults {folder} nothing fields'; "
     folder.mkdir()
     said = complete([*MOUNTING, "sh", "-c", f"{variables} $mount || exit 77; {script}"])
     if said.returncode == 77 or "unshare" in said.stderr:
@@ -75,7 +75,7 @@ def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path, ranks: 
 
 
 def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
-    said = meet(tmp_path, "full", "vtx")
+    said = meet(tmp_path, "full", "fields")
     assert said.returncode == 3, said.stderr
     assert "Cannot write" in said.stdout
     assert whole_checkpoints(tmp_path / "checkpoints")
@@ -84,19 +84,19 @@ def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_restart_where_nothing_can_be_written_is_refused(tmp_path: Path, ranks: int) -> None:
     """In a sentence, with fields too, and all that was written is as it was."""
-    assert meet(tmp_path, "nothing", "vtx", ranks=ranks).returncode == 0
+    assert meet(tmp_path, "nothing", "fields", ranks=ranks).returncode == 0
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    said = meet(tmp_path, "nothing", "vtx", "restart", "no room", ranks=ranks)
+    said = meet(tmp_path, "nothing", "fields", "restart", "no room", ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert said.stdout.count("Cannot write") == 1 and "Traceback" not in said.stderr
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
-    assert meet(tmp_path, "nothing", "vtx", "restart", ranks=ranks).returncode == 0
+    assert meet(tmp_path, "nothing", "fields", "restart", ranks=ranks).returncode == 0
     assert rows(tmp_path / "ledger.csv") == list(range(61))
 
 
 def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     """On a small file system in memory, where the system lets one be mounted."""
-    assert meet(tmp_path / "run", "nothing", "vtx").returncode == 0
+    assert meet(tmp_path / "run", "nothing", "fields").returncode == 0
     disk = tmp_path / "disk"
     said = on_small_disk(
         disk,
@@ -170,18 +170,18 @@ def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTX", "Checkpoints"])
+@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTU", "Checkpoints"])
 def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     folder: Path, what: str
 ) -> None:
     if COMM.rank == 0:
         (folder / "file").write_text("")
     COMM.barrier()
-    at = folder / "file" / "x.bp"
+    at = folder / "file" / "x.pvd"
     outputs = {
         "Ledger": [gx.Ledger(at)],
         "Probes": [gx.outputs.Probes(at, {"one": lambda run: 1.0})],
-        "VTX": [gx.outputs.VTX(at)],
+        "VTU": [gx.outputs.VTU(at)],
     }
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):

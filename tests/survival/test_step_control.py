@@ -180,7 +180,7 @@ def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
 def test_a_step_that_fails_is_cut_and_recovers() -> None:
     """A first step a thousand times too long is cut until it converges; without room to cut, the
     run fails by name."""
-    from gossamer_fx.solve.solvers.tolerances import Tolerances
+    from gossamer_fx.solve.solvers.convergence import Tolerances
 
     stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(max_iterations=5))
     run = gx.Simulation(

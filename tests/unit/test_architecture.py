@@ -41,7 +41,7 @@ HOMES = {
 
 
 # To be removed: outputs of equilibria are public in `gx.outputs`.
-KNOWN = {("records", "gossamer_fx.analysis.statics.static_records")}
+KNOWN: set[tuple[str, str]] = set()
 
 
 def imports_of(path: Path) -> set[str]:

@@ -243,7 +243,7 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
     outputs = [
         gx.Ledger(folder / "ledger.csv"),
         gx.outputs.Probes(folder / "probes.csv", {"a": lambda run: 1.0}),
-        gx.outputs.VTX(folder / "a.bp", fields=("stres",)),
+        gx.outputs.VTU(folder / "a.pvd", fields=("stres",)),
     ]
     with pytest.raises(gx.InputError, match="stres"):
         simulation(outputs=outputs)

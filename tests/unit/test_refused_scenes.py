@@ -206,7 +206,7 @@ SCENES: list[Case] = [
     (lambda: run(film(), until=-1.0), "until"),
     (lambda: run(film(), checkpoints=gx.Recording("saves")), "give a Checkpoints"),
     (lambda: run(film(), restart="a\0b"), "null characters"),
-    (lambda: run(film(), outputs=[gx.outputs.VTX("out/x.bp", fields=("stres",))]), "stres"),
+    (lambda: run(film(), outputs=[gx.outputs.VTU("out/x.pvd", fields=("stres",))]), "stres"),
     (lambda: run(film(), outputs=[gx.Checkpoints("saves")]), "outputs"),
     (
         lambda: run(

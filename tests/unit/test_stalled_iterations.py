@@ -8,8 +8,8 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.solve.solvers.convergence import StallRule
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.stall import StallRule
 
 # Residuals [N] that come down and then alternate, as those of film that switches its state.
 STALLED = [40.0, 1.0, 0.1, *[0.2, 0.09, 0.3, 0.15] * 2]

@@ -31,12 +31,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import NoEquilibrium, check, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import NoEquilibrium, check
 
 Array = npt.NDArray[np.float64]
 
@@ -79,38 +80,18 @@ class HangingStrip:
         (0.431, 0.1997)
     """
 
-    length: float
-    width: float
+    length: Annotated[float, positive("m")]
+    width: Annotated[float, positive("m")]
     _: KW_ONLY
-    bending_stiffness: float
-    area_density: float = 0.0
+    bending_stiffness: Annotated[float, positive("N m")]
+    area_density: Annotated[float, not_negative("kg/m²")] = 0.0
     name: str = "strip"
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check_positive(self, "length", "m")
-        check_positive(self, "width", "m")
-        check_positive(self, "bending_stiffness", "N m")
-        check(
-            math.isfinite(self.area_density) and self.area_density >= 0,
-            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; give zero "
-            "or a positive number.",
-        )
 
     def equilibrium(
         self, rest_angle: float, stiffness: float, weight: float
     ) -> tuple[float, float]:
-        """Angle θ [rad] of the crease and distance of the ends [m] under a weight.
-
-        Args:
-            rest_angle: θr [rad].
-            stiffness: k [N m/m/rad].
-            weight: [N], zero for the strip alone.
-
-        Raises:
-            InputError: the weight is negative or not finite.
-            NoEquilibrium: the boundary value problem was not solved.
-        """
+        """Angle θ [rad] of the crease and distance of the ends [m] under a weight [N], zero for the
+        strip alone, with a rest angle [rad] and a stiffness [N m/m/rad]."""
         # Imported here, as most scenes do not need it.
         from scipy.integrate import solve_bvp
 
@@ -126,13 +107,9 @@ class HangingStrip:
         κ = stiffness * length / self.bending_stiffness
 
         def slope(s: Array, y: Array) -> Array:
-            """Derivatives (6, n) of y = (φ, φ' upper panel, φ, φ' lower panel, down, sideways).
-
-            The last two are the path of both panels from their upper ends, over the length.
-
-            s (n,) is the arc length of each panel from its upper end over the panel's length; φ
-            [rad] is the angle of the panel from the vertical.
-            """
+            """Derivatives (6, n) of y = (φ, φ' upper panel, φ, φ' lower panel, down, sideways) by
+            the arc length of each panel from its upper end, over its length: φ [rad] is the angle
+            from the vertical, the last two the path of both panels over the length."""
             φ_upper = y[0]
             φ_lower = y[2]
             tension_upper = load + panel_weight * (2 - s)
@@ -149,11 +126,8 @@ class HangingStrip:
             )
 
         def conditions(start: Array, end: Array) -> Array:
-            """Residuals (6,) of (2), (3) and of the path that begins at zero.
-
-            κ is the stiffness of the crease over that of a panel [-]. `start` and `end` (6,) are y
-            at the upper and lower ends of the panels.
-            """
+            """Residuals (6,) of (2), (3) and of the path that begins at zero, with y at the upper
+            and lower ends of the panels."""
             moment = κ * (start[2] - end[0] - rest_angle)
             return np.array(
                 [
@@ -187,8 +161,7 @@ class HangingStrip:
         if not found.success:
             raise NoEquilibrium(
                 f"No equilibrium of '{self.name}' under {weight:.3g} N with the rest angle "
-                f"{rest_angle:.3g} rad and "
-                f"the stiffness {stiffness:.3g} N m/m/rad: {found.message}"
+                f"{rest_angle:.3g} rad and the stiffness {stiffness:.3g} N m/m/rad: {found.message}"
             )
         θ = float(found.y[2, 0] - found.y[0, -1])
         down = found.y[4, -1]
@@ -238,8 +211,8 @@ def identify_crease(
     *,
     angles: Sequence[float],
     distances: Sequence[float],
-    angle_uncertainty: float = math.radians(1.0),
-    distance_uncertainty: float = 5e-4,
+    angle_uncertainty: Annotated[float, positive("rad")] = math.radians(1.0),
+    distance_uncertainty: Annotated[float, positive("m")] = 5e-4,
 ) -> IdentifiedCrease:
     """Identify the rest angle and the stiffness of a crease by weighted least squares.
 
@@ -278,8 +251,6 @@ def identify_crease(
     θ = np.asarray(angles, dtype=float)
     d = np.asarray(distances, dtype=float)
     _check_measurements(W, θ, d)
-    _check_uncertainty("angle_uncertainty", angle_uncertainty)
-    _check_uncertainty("distance_uncertainty", distance_uncertainty)
 
     def residuals(parameters: Array) -> Array:
         """Differences over their uncertainties (2n,), for the parameters θr and ln k."""
@@ -320,18 +291,8 @@ def identify_crease(
 
 
 def _check_measurements(W: Array, θ: Array, d: Array) -> None:
-    """Refuse measurements of different number, of too few weights, or with numbers without
-    meaning.
-
-    Args:
-        W: weights (n,) [N].
-        θ: angles (n,) [rad].
-        d: distances (n,) [m].
-
-    Raises:
-        InputError: the arrays have different lengths or fewer than two numbers, a number is not
-            finite, or a weight is negative.
-    """
+    """Refuse weights (n,) [N], angles (n,) [rad] and distances (n,) [m] that differ in number, are
+    too few, or have no meaning."""
     check(
         W.ndim == 1 and len(W) >= 2 and W.shape == θ.shape == d.shape,
         f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; "
@@ -339,14 +300,6 @@ def _check_measurements(W: Array, θ: Array, d: Array) -> None:
     )
     check(
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),
-        "identify_crease: what was measured holds numbers that are not finite, or negative "
-        "weights; correct it.",
-    )
-
-
-def _check_uncertainty(name: str, value: float) -> None:
-    """Refuse an uncertainty that is not a positive number."""
-    check(
-        math.isfinite(value) and value > 0,
-        f"identify_crease: {name} is {value!r}; give a positive number.",
+        "identify_crease: "
+        "what was measured holds numbers that are not finite, or negative weights; correct it.",
     )

@@ -57,12 +57,7 @@ class Source(Protocol):
 
 
 class EquilibriumSource:
-    """Results of an equilibrium, which is found again from the last one when parameters change.
-
-    Args:
-        equilibrium: it is found here.
-        by: names of the parameters.
-    """
+    """Results of an equilibrium, which is found again from the last one when parameters change."""
 
     def __init__(self, equilibrium: Equilibrium, by: Sequence[str]) -> None:
         self.comm = equilibrium.comm
@@ -92,14 +87,8 @@ class EquilibriumSource:
 
 
 class RunSource:
-    """Results of runs that a function makes with given parameters.
-
-    Args:
-        evaluate: takes values by name, makes a run with them, and returns the gradient of its
-            result.
-        start: first values, numbers or arrays (k,).
-        comm: of the runs.
-    """
+    """Results of runs that a function makes: it takes values by name, makes a run with them, and
+    returns the gradient of its result."""
 
     # Name of the function of the user's program, for messages.
     who = "minimise_runs"
@@ -129,22 +118,16 @@ class RunSource:
         self._found = None
 
     def gradient(self, objective: None) -> Gradient:
-        """Make a run with the present values, and return its result with derivatives.  Collective.
-
-        Args:
-            objective: not used, as the function of the user has one result.
-
-        Raises:
-            InputError: the function returns something else, or lacks the derivative by a parameter.
-        """
+        """Make a run with the present values, and return its result with derivatives; the function
+        of the user has one result, whatever the objective.  Collective."""
         # Each gradient is a run: one that is known is not made again.
         if self._found is not None:
             return self._found
         found = self._evaluate(self.values())
         check(
             isinstance(found, Gradient),
-            f"{self.who}: evaluate returned a {type(found).__name__}; return what "
-            "gx.analysis.gradient returns.",
+            f"{self.who}: evaluate returned a {type(found).__name__}; "
+            "return what gx.analysis.gradient returns.",
         )
         known = {derivative.name: derivative for derivative in found}
         for name, value in self._values.items():
@@ -166,14 +149,11 @@ class RunSource:
 
 @dataclass(frozen=True, eq=False)
 class DesignVariable:
-    """A parameter as a part of the vector of scaled numbers.
+    """A parameter "item.parameter" as a part of the vector of scaled numbers.
 
-    Attributes:
-        name: "item.parameter".
-        start: its values (k,) on this rank.
-        scale: number of one in the vector, in the unit of the parameter; 1 with a basis.
-        basis: columns (k, m) of this rank; None: each entry is a number.
-        is_distributed: whether its numbers are distributed over ranks.
+    It starts at values (k,) of this rank.  `scale` is a number of one in the vector, in the unit of
+    the parameter.  With a basis of columns (k, m) the numbers are their amounts, and the scale is
+    1.
     """
 
     name: str
@@ -198,8 +178,7 @@ class DesignVariable:
         """The values (k,) of the parameter."""
         if self.basis is None:
             return numbers * self.scale
-        moved: Array = self.start + self.basis @ numbers
-        return moved
+        return self.start + self.basis @ numbers
 
     def slope(self, derivative: Array, comm: MPI.Intracomm, is_field: bool) -> Array:
         """The derivative (n,) with respect to the scaled numbers, by (1).  Collective."""
@@ -215,18 +194,9 @@ class DesignVariable:
 class DesignProblem:
     """A result and its limits as functions of one vector of scaled numbers.
 
-    Args:
-        who: name of the function, for messages.
-        source: of results and gradients.
-        of: the result.
-        basis: columns (k, m) of fields, by name.
-        record: file to which parameters are written after each iteration; None: no file.
-        restart: whether the search goes on from that file.
-
-    Attributes:
-        comm: of the source.
-        variables: parts of the vector.
-        history: the result after each iteration, that of the start first.
+    The vector varies the parameters of the source, or the amounts of columns (k, m), by name, in
+    place of the k values of a field.  After each iteration the parameters are written to `record`,
+    from which a search restarts, and the result is added to `history`, that of the start first.
     """
 
     def __init__(
@@ -238,12 +208,6 @@ class DesignProblem:
         record: Path | None,
         restart: bool,
     ) -> None:
-        """Make the vector of scaled numbers, and evaluate the result at its start.  Collective.
-
-        Raises:
-            InputError: a basis of another parameter or of another shape, or no file to restart
-                from.
-        """
         self.who = who
         self.comm = source.comm
         self._source = source
@@ -271,15 +235,8 @@ class DesignProblem:
         LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
 
     def _variable(self, name: str, values: Array, columns: Any) -> DesignVariable:
-        """Return the part of the vector that varies one parameter; collective.
-
-        Args:
-            values: of the parameter at the start (k,), in its unit.
-            columns: basis (k, m) whose amounts are varied; None: all values are.
-
-        Raises:
-            InputError: a basis that is not a matrix with a row for each value of this rank.
-        """
+        """The part of the vector that varies one parameter from its values (k,), or the amounts of
+        columns (k, m) of a basis.  Collective."""
         is_field = self._source.is_distributed(name)
         if columns is None:
             # On all ranks one scale, also where one of them has no entry of a field.
@@ -290,9 +247,8 @@ class DesignProblem:
         check_on_all(
             self.comm,
             basis.ndim == 2 and basis.shape[0] == len(values) and basis.shape[1] > 0,
-            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; give columns of the "
-            f"{len(values)} values "
-            "that the rank has.",
+            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; "
+            f"give columns of the {len(values)} values that the rank has.",
         )
         return DesignVariable(name, values, 1.0, basis, False)
 
@@ -336,17 +292,12 @@ class DesignProblem:
         return found
 
     def bounds(self, given: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
-        """Return the smallest and the largest scaled numbers (n,), (n,) of this rank; collective.
+        """The smallest and the largest scaled numbers (n,), (n,) of this rank.  Collective.
 
-        Args:
-            given: (lower, upper) by name of a parameter, unscaled, in its unit; with a basis they
-                bound the amounts of the columns.  Each is one number for all entries, or an array
-                with one for each number that the parameter has on this rank.  Parameters without
-                bounds get infinite ones.
-
-        Raises:
-            InputError: on all ranks: a name that is not a parameter, a lower bound above the upper
-                one, or an array with another length than the parameter has numbers on its rank.
+        A pair (lower, upper) by name of a parameter is unscaled, in its unit; with a basis it
+        bounds the amounts of the columns.  Each is one number for all entries, or an array with one
+        for each number that the parameter has on this rank.  Parameters without bounds get infinite
+        ones.
         """
         names = [variable.name for variable in self.variables]
         for name in given:
@@ -361,28 +312,22 @@ class DesignProblem:
             check_on_all(
                 self.comm,
                 bool((low <= high).all()),
-                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; give "
-                "the smaller one first.",
+                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; "
+                "give the smaller one first.",
             )
             lows.append(low)
             highs.append(high)
         return np.concatenate(lows), np.concatenate(highs)
 
     def _bound(self, variable: DesignVariable, given: Any) -> Array:
-        """Return a bound of one parameter, scaled (k,); collective.
-
-        Args:
-            given: one number for all of them, or an array (k,), in the unit of the parameter.
-
-        Raises:
-            InputError: on all ranks: an array of another length on one of them.
-        """
+        """A bound of one parameter, scaled (k,), from one number or an array (k,) in its unit.
+        Collective."""
         bound = np.asarray(given, dtype=float)
         check_on_all(
             self.comm,
             bound.ndim == 0 or bound.shape == (variable.size,),
-            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; give one "
-            f"number, or the {variable.size} numbers that the rank has.",
+            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; "
+            f"give one number, or the {variable.size} numbers that the rank has.",
         )
         return np.full(variable.size, bound / variable.scale)
 
@@ -399,18 +344,9 @@ class DesignProblem:
         self._known = {}
 
     def evaluate(self, objective: Any, x: Array) -> tuple[float, Array]:
-        """A result, and its derivative with respect to the scaled numbers of this rank.
-        Collective.
-
-        Results of the present numbers are kept, so that a second call for one costs nothing.
-
-        Args:
-            objective: the result, by whose identity it is kept.
-            x: scaled numbers (n,) of this rank.
-
-        Returns:
-            the result in its unit, and its derivatives (n,).
-        """
+        """A result, and its derivatives (n,) with respect to the scaled numbers x (n,) of this
+        rank.  Results of the present numbers are kept by the identity of the objective, so that a
+        second call for one costs nothing.  Collective."""
         self.move_to(x)
         if id(objective) not in self._known:
             found = self._source.gradient(objective)
@@ -458,17 +394,8 @@ class DesignProblem:
         return self._record if self.comm.rank == 0 else None
 
     def _read(self, present: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the values of a record.  Collective.
-
-        Args:
-            present: values (k,) of the parameters by name, which say how many there are.
-
-        Returns:
-            values (k,) of the same parameters at the last iteration that was written.
-
-        Raises:
-            InputError: the file does not exist, or it was written for another scene.
-        """
+        """Values of a record at the last iteration that was written, of the same parameters and
+        sizes as the present ones.  Collective."""
         path = self._record
         # Numbers are in the file of rank 0, which all ranks read.
         if path is not None and self.comm.size > 1:
@@ -487,7 +414,7 @@ class DesignProblem:
             check_on_all(
                 self.comm,
                 len(found[name]) == len(values),
-                f"{self.who}: the record has {len(found[name])} values of '{name}'; the scene has "
-                f"{len(values)}.",
+                f"{self.who}: the record has {len(found[name])} values of '{name}'; "
+                f"the scene has {len(values)}.",
             )
         return found

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ from gossamer_fx.analysis.design.design_problem import (
 from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
@@ -60,8 +60,8 @@ class Limit:
     def __post_init__(self) -> None:
         check(
             self.low <= self.high and (self.low > -math.inf or self.high < math.inf),
-            f"Limit: low is {self.low!r} and high is {self.high!r}; give one of them, or both in "
-            "this order.",
+            f"Limit: low is {self.low!r} and high is {self.high!r}; "
+            "give one of them, or both in this order.",
         )
 
 
@@ -104,8 +104,8 @@ def minimise(
     limits: Sequence[Limit] = (),
     basis: Mapping[str, Any] | None = None,
     method: Method | None = None,
-    iterations: int = 100,
-    tolerance: float = 1e-8,
+    iterations: Annotated[int, Range(1)] = 100,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
 ) -> Optimum:
@@ -157,7 +157,6 @@ def minimise(
         >>> found.parameters["spring.length"].round(4)
         array([1.4])
     """
-    _check_numbers("minimise", iterations, tolerance)
     problem = DesignProblem(
         "minimise",
         EquilibriumSource(equilibrium, by),
@@ -176,8 +175,8 @@ def minimise_runs(
     *,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     method: Method | None = None,
-    iterations: int = 100,
-    tolerance: float = 1e-8,
+    iterations: Annotated[int, Range(1)] = 100,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
     record: str | Path | None = None,
     restart: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
@@ -226,7 +225,6 @@ def minimise_runs(
         >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
         (-1.0, array([40.]))
     """
-    _check_numbers("minimise_runs", iterations, tolerance)
     check(bool(start), "minimise_runs: start is empty; give first values by name.")
     problem = DesignProblem(
         "minimise_runs",
@@ -239,15 +237,6 @@ def minimise_runs(
     return _search(problem, bounds or {}, (), method, iterations, tolerance)
 
 
-def _check_numbers(who: str, iterations: int, tolerance: float) -> None:
-    """Refuse a number of iterations or a tolerance that is out of range."""
-    check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
-    check(
-        0 < tolerance < 1,
-        f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.",
-    )
-
-
 def _search(
     problem: DesignProblem,
     bounds: Mapping[str, tuple[Any, Any]],
@@ -256,16 +245,8 @@ def _search(
     iterations: int,
     tolerance: float,
 ) -> Optimum:
-    """Choose the method, minimise, and leave the source at the minimum.  Collective.
-
-    Args:
-        method: of SciPy or of PETSc's TAO; None: SLSQP with limits, blmvm for fields on several
-            ranks, else L-BFGS-B.
-
-    Raises:
-        InputError: limits with a method that takes none, or a field on several ranks with a method
-            of SciPy.
-    """
+    """Choose the method, minimise, and leave the source at the minimum.  Without a name it is SLSQP
+    with limits, blmvm for fields on several ranks, else L-BFGS-B.  Collective."""
     who = problem.who
     distributed = problem.distributed()
     if method is None and limits:
@@ -279,23 +260,17 @@ def _search(
     )
     check(
         with_tao or not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
-        f"{problem.comm.size} ranks; use "
-        "method='blmvm' without limits, give a basis, or use one rank.",
+        f"{who}: '{', '.join(distributed)}' is a field, "
+        f"which is distributed over {problem.comm.size} ranks; "
+        "use method='blmvm' without limits, give a basis, or use one rank.",
     )
     # Two libraries, since SciPy's methods need the whole vector on each rank.
     if with_tao:
         # Loaded here: SciPy does without.
         from gossamer_fx.analysis.design.tao_minimisation import tao_minimise
 
-        ended = tao_minimise(
-            problem,
-            problem.bounds(bounds),
-            method=method,
-            iterations=iterations,
-            tolerance=tolerance,
-        )
-        return _optimum(problem, ended.x, ended.iterations, ended.converged, ended.message)
+        ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)
+        return _optimum(problem, *ended)
     from scipy import optimize
 
     options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}
@@ -320,11 +295,8 @@ def _search(
 def _optimum(
     problem: DesignProblem, x: Array, iterations: int, converged: bool, message: str
 ) -> Optimum:
-    """Return what was found; the source gets the parameters.  Collective.
-
-    Args:
-        x: scaled numbers (n,) of this rank at the minimum.
-    """
+    """What was found at scaled numbers x (n,) of this rank; the source gets the parameters.
+    Collective."""
     # The last evaluation of a line search need not be the best one.
     problem.move_to(x)
     return Optimum(

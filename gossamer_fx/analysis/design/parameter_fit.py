@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -40,7 +40,7 @@ from gossamer_fx.analysis.design.design_problem import (
 from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 
@@ -95,8 +95,8 @@ def fit(
     uncertainty: float | Sequence[float] = 1.0,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     basis: Mapping[str, Any] | None = None,
-    iterations: int = 50,
-    tolerance: float = 1e-10,
+    iterations: Annotated[int, Range(1)] = 50,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-10,
 ) -> Fit:
     """Fit parameters of a scene to measured results of its equilibrium, by least squares.
 
@@ -158,8 +158,8 @@ def fit_runs(
     measured: Sequence[float],
     uncertainty: float | Sequence[float] = 1.0,
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
-    iterations: int = 50,
-    tolerance: float = 1e-10,
+    iterations: Annotated[int, Range(1)] = 50,
+    tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-10,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Fit:
     """Fit parameters to measured results of runs, or of several equilibria, by least squares.
@@ -207,26 +207,9 @@ def fit_runs(
     return _solve(problem, rows, measured, uncertainty, bounds, iterations, tolerance)
 
 
-class _Number:
-    """The number of a result in a series, an object by which results are distinguished."""
-
-    def __init__(self, value: int) -> None:
-        self.value = value
-
-
 class _Series(RunSource):
-    """Several results of the same runs; each evaluation gives all of them.
-
-    Args:
-        evaluate: takes values by name, arrays (k,), makes runs with them, and returns the gradients
-            of all results.
-        start: first values by name, numbers or arrays (k,).
-        count: number of results.
-        comm: of the runs.
-
-    Attributes:
-        numbers: an object for each result, by which `gradient` is asked for it.
-    """
+    """Several results of the same runs, each of which gives all of them.  `numbers` has one object
+    for each result, by whose identity the problem keeps it."""
 
     who = "fit_runs"
 
@@ -241,24 +224,24 @@ class _Series(RunSource):
         self._all = evaluate
         self._count = count
         self._series: list[Gradient] = []
-        self.numbers = [_Number(k) for k in range(count)]
+        self.numbers = list(range(count))
 
     def _first(self, values: dict[str, Array]) -> Gradient:
         """Make the runs; the first of their results."""
         self._series = list(self._all(values))
         check(
             len(self._series) == self._count,
-            f"fit_runs: evaluate returned {len(self._series)} gradients; {self._count} values were "
-            "measured.",
+            f"fit_runs: evaluate returned {len(self._series)} gradients; "
+            f"{self._count} values were measured.",
         )
         return self._series[0]
 
-    def gradient(self, objective: _Number | None) -> Gradient:
+    def gradient(self, objective: int | None) -> Gradient:
         first = super().gradient(None)
         # Without a number the problem asks for shapes of derivatives only.
         if objective is None:
             return first
-        return self._series[objective.value]
+        return self._series[objective]
 
 
 def _solve(
@@ -270,23 +253,10 @@ def _solve(
     iterations: int,
     tolerance: float,
 ) -> Fit:
-    """Minimise Σ ((result - y)/σ)², with measured values y (n,) and their uncertainties σ (n,).
-
-    Collective.  The parameters of the problem stay at the fitted values.  A fit that ends at the
-    limit of iterations is returned as it is.
-
-    Args:
-        problem: variables of the fit, with scaled (dimensionless) numbers.
-        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
-        bounds: smallest and largest value by name of a parameter; None for no bounds.
-
-    Returns:
-        parameters, their standard deviations and covariance in the units of the parameters.
-
-    Raises:
-        InputError: the measurements do not fit the results, a number is out of range, or the
-            results do not determine the parameters.
-    """
+    """Minimise Σ ((result - y)/σ)² over scaled numbers (p,), with measured values y (n,) and their
+    uncertainties σ (n,); `evaluate` yields each result and its derivatives (p,).  The parameters
+    stay at the fitted values; a fit that ends at the limit of iterations is returned as it is.
+    Collective."""
     # Imported here, as most scenes do not need it.
     from scipy.optimize import least_squares
 
@@ -295,11 +265,11 @@ def _solve(
     given = np.asarray(uncertainty, dtype=float)
     check(
         given.ndim == 0 or given.shape == y.shape,
-        f"{who}: there are {given.size} uncertainties and {len(y)} measured values; give one "
-        "number, or one for each value.",
+        f"{who}: there are {given.size} uncertainties and {len(y)} measured values; "
+        "give one number, or one for each value.",
     )
     σ = np.broadcast_to(given, y.shape)
-    _check(problem, evaluate, y, σ, iterations, tolerance)
+    _check(problem, evaluate, y, σ)
 
     def residuals(x: Array) -> Array:
         values = np.array([value for value, _ in evaluate(x)])
@@ -360,28 +330,14 @@ def _check(
     evaluate: Callable[[Array], Iterator[tuple[float, Array]]],
     y: Array,
     σ: Array,
-    iterations: int,
-    tolerance: float,
 ) -> None:
-    """Refuse measurements that do not fit, and numbers out of range.  Collective.
-
-    Args:
-        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
-        y: measured values (n,), in the units of the results.
-        σ: their standard deviations (n,), positive.
-
-    Raises:
-        InputError: one of these conditions is not met, the number of results differs from that of
-            the measured values, a parameter is a field over several ranks, or there are more
-            parameters than results.
-    """
+    """Refuse measured values y (n,) and standard deviations σ (n,) that do not fit the results that
+    `evaluate` yields, more numbers than results, and fields over several ranks.  Collective."""
     who = problem.who
-    check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
-    check(0 < tolerance < 1, f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.")
     check(
         bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
-        f"{who}: measured and uncertainty have values that are not finite, or uncertainties that "
-        "are not positive; correct them.",
+        f"{who}: measured and uncertainty have values that are not finite, "
+        "or uncertainties that are not positive; correct them.",
     )
     count = sum(1 for _ in evaluate(problem.start))
     check(
@@ -391,12 +347,11 @@ def _check(
     distributed = problem.distributed()
     check(
         not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
-        f"{problem.comm.size} ranks; give a "
-        "basis, or use one rank.",
+        f"{who}: '{', '.join(distributed)}' is a field, "
+        f"which is distributed over {problem.comm.size} ranks; give a basis, or use one rank.",
     )
     check(
         problem.size <= len(y),
-        f"{who}: {problem.size} numbers are fitted to {len(y)} results; fit fewer, or measure "
-        "more.",
+        f"{who}: {problem.size} numbers are fitted to {len(y)} results; "
+        "fit fewer, or measure more.",
     )

@@ -21,17 +21,9 @@ LINE_WIDTH = 150
 
 @dataclass(frozen=True)
 class SearchState:
-    """Where a search stands after a pseudo-step.
-
-    Attributes:
-        iterations: Newton iterations so far.
-        limit: Newton iterations at which it is given up.
-        steps: pseudo-steps so far.
-        step: length of the next pseudo-step [s].
-        pseudo_time: sum of the pseudo-steps that succeeded [s].
-        residual: unbalanced force over the load.
-        tolerance: that the residual must reach.
-    """
+    """Where a search stands after a pseudo-step: Newton iterations so far and at most,
+    pseudo-steps, the length of the next one [s], the sum of those that succeeded [s], the
+    unbalanced force over the load, and the value that it must reach."""
 
     iterations: int
     limit: int
@@ -43,15 +35,8 @@ class SearchState:
 
 
 class SearchProgress:
-    """Writes lines about a search that takes more than a few seconds, on rank 0.
-
-    A terminal shows one line that changes; any other stream gets a line every ten seconds.
-
-    Args:
-        comm: of the scene.
-        unknowns: of the scene.
-        is_wanted: whether to write at all.
-    """
+    """Writes lines about a search that takes more than a few seconds, on rank 0.  A terminal shows
+    one line that changes; any other stream gets a line every ten seconds."""
 
     def __init__(self, comm: MPI.Intracomm, unknowns: int, is_wanted: bool) -> None:
         self._writes = is_wanted and comm.rank == 0
@@ -84,11 +69,12 @@ class SearchProgress:
         seconds_per_iteration = elapsed / max(state.iterations, 1)
         remaining = seconds_per_iteration * max(state.limit - state.iterations, 0)
         return (
-            f"equilibrium of {self._unknowns} unknowns: residual {state.residual:.1e} of "
-            f"{state.tolerance:.0e}, "
-            f"iteration {state.iterations} of at most {state.limit}, pseudo-step {state.steps} of "
-            f"{state.step:.1e} s, pseudo-time {state.pseudo_time:.1e} s, {elapsed:.0f} s so far, "
-            f"at most {remaining:.0f} s left"
+            f"equilibrium of {self._unknowns} unknowns: "
+            f"residual {state.residual:.1e} of {state.tolerance:.0e}, "
+            f"iteration {state.iterations} of at most {state.limit}, "
+            f"pseudo-step {state.steps} of {state.step:.1e} s, "
+            f"pseudo-time {state.pseudo_time:.1e} s, "
+            f"{elapsed:.0f} s so far, at most {remaining:.0f} s left"
         )
 
     def close(self) -> None:

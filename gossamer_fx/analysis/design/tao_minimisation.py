@@ -11,8 +11,6 @@ quasi-Newton line search of the TAO users manual.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -26,33 +24,11 @@ GRADIENT_REDUCTION = 1e-14
 UNBOUNDED = PETSc.INFINITY
 
 
-@dataclass(frozen=True)
-class TaoResult:
-    """How a search ended.
-
-    Attributes:
-        x: scaled numbers of this rank.
-        iterations: of the method.
-        converged: whether it ended by its tolerance.
-        message: reason in words of TAO.
-    """
-
-    x: Array
-    iterations: int
-    converged: bool
-    message: str
-
-
 class _Layout:
     """Copies numbers between the array of a rank, which has those that all ranks share, and a
     distributed vector, which has each number once."""
 
     def __init__(self, problem: DesignProblem) -> None:
-        """Note which numbers of this rank are in its part of the vector.
-
-        Args:
-            problem: whose variables are numbers that all ranks have, or fields over the ranks.
-        """
         self._comm = problem.comm
         shared = []
         for variable in problem.variables:
@@ -88,19 +64,13 @@ def tao_minimise(
     method: str,
     iterations: int,
     tolerance: float,
-) -> TaoResult:
-    """Minimise by a bounded quasi-Newton method.  Collective.
+) -> tuple[Array, int, bool, str]:
+    """Minimise from `problem.start` by the bounded quasi-Newton method "blmvm" or "bqnls", with
+    bounds (n,), (n,) of this rank's scaled numbers, up to a change of the scaled result.  A search
+    that ends at the limit of iterations is not an error.  Collective.
 
-    The search starts at `problem.start`; each iteration is reported to `problem.note`. A search
-    that ends at the limit of iterations is not an error: `converged` is False.
-
-    Args:
-        problem: what is minimised.
-        bounds: smallest and largest values of the scaled (dimensionless) numbers of this rank, each
-            (n,); infinite for numbers without a bound.
-        method: "blmvm" or "bqnls".
-        iterations: at most.
-        tolerance: change of the scaled result at which the search ends.
+    Returns scaled numbers (n,) of this rank, iterations, whether it ended by its tolerance, and how
+    it ended, in words of TAO.
     """
     layout = _Layout(problem)
     low, high = bounds
@@ -150,14 +120,10 @@ def tao_minimise(
     tao.setMonitor(monitor)
     tao.solve(x)
     reason = tao.getConvergedReason()
-    found = TaoResult(
-        x=layout.numbers(tao.getSolution()),
-        iterations=int(tao.getIterationNumber()),
-        converged=reason > 0,
-        message=f"{method}: {_name_of(reason)}",
-    )
+    solution = layout.numbers(tao.getSolution())
+    used = int(tao.getIterationNumber())
     tao.destroy()
-    return found
+    return solution, used, reason > 0, f"{method}: {_name_of(reason)}"
 
 
 def _name_of(reason: int) -> str:

@@ -1,4 +1,4 @@
-from .model_reduction import reduce as reduce
 from .outside_basis import OutsideBasis as OutsideBasis
 from .recorded_shapes import RecordedShapes as RecordedShapes
-from .snapshots import Snapshots as Snapshots
+from .recorded_shapes import Snapshots as Snapshots
+from .reduced_membrane import reduce as reduce

@@ -79,16 +79,12 @@ TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """The modes of a reduced film, see (1) and (2) of the module; φ_0 = 1.
+    """The modes φ (nodes, r) of a reduced film of mass m [kg], at its owned and ghost nodes, see
+    (1) and (2) of the module; φ_0 = 1.
 
-    Attributes:
-        film: the film that is reduced.
-        values: φ (n, r) at its owned and ghost nodes.
-        mass: m of the film [kg].
-        singular_values: (k,) of the snapshots without the fixed modes, scaled, in the norm of the
-            mass, in falling order.
-        fixed: number of fixed modes: 3, or 4 for a film that is not plane.
-        examples: coefficients (snapshots, r, 3) [m] of some of the snapshots.
+    The first `fixed` of them, 3 or for a film that is not plane 4, represent homogeneous motions.
+    `singular_values` are those of the scaled snapshots without the fixed modes, in the norm of the
+    mass, in falling order; `examples` coefficients (k, r, 3) [m] of some snapshots.
     """
 
     film: Membrane
@@ -104,15 +100,8 @@ class Basis:
         return self.values.shape[1]
 
     def project(self, x: Array) -> tuple[Array, float]:
-        """Nearest coefficients of a vector field in the norm of the mass.  Collective.
-
-        Args:
-            x: values (n, 3) at the n nodes that this rank owns, e.g. positions [m].
-
-        Returns:
-            The coefficients (r, 3) of the r modes, in the unit of x, and the share of ∫ρt |x|² dA
-            that is outside of the basis, from 0 to 1.
-        """
+        """Nearest coefficients (r, 3) of a vector field x (n, 3) at owned nodes, in its unit, and
+        the share of ∫ρt |x|² dA outside of the basis, from 0 to 1.  Collective."""
         product = mass_times(self.film, x[:, :, None])[:, :, 0]
         own_modes = self.values[: len(x)]
         # One message for both sums: the square stands in an additional row.
@@ -131,15 +120,8 @@ class Basis:
 
 
 def mass_times(film: Membrane, x: Array) -> Array:
-    """The product of the mass matrix with k vector fields.  Collective.
-
-    Args:
-        film: the film, with the mass ρt [kg/m²] of its reference area.
-        x: values (n, 3, k) at the owned nodes.
-
-    Returns:
-        M x (n, 3, k) at the owned nodes: for x in m in kg m.
-    """
+    """The product M x (n, 3, k) of the mass matrix with k vector fields at the owned nodes: for x
+    in m in kg m.  Collective."""
     field = fem.Function(film.space)
     test = ufl.TestFunction(film.space)
     form = compile_form(film.area_density * ufl.inner(field, test) * film.mass_dx)
@@ -157,12 +139,8 @@ def mass_times(film: Membrane, x: Array) -> Array:
 
 
 def scalar_mass_times(film: Membrane, fields: Array) -> Array:
-    """The product M f (n, k) [kg] of the mass matrix with k scalar fields.  Collective.
-
-    Args:
-        film: the film, with the mass ρt [kg/m²] of its reference area.
-        fields: dimensionless values (n, k) at the n nodes that this rank owns.
-    """
+    """The product M f (n, k) [kg] of the mass matrix with k dimensionless scalar fields at the
+    owned nodes.  Collective."""
     n, k = fields.shape
     # Three scalars at once, as the components of one vector field
     triples = -(-k // 3)
@@ -177,22 +155,8 @@ def scalar_mass_times(film: Membrane, fields: Array) -> Array:
 
 
 def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
-    """Compute the fixed modes and the `count` strongest modes of snapshots.  Collective.
-
-    Fixed modes are 1 and the coordinates of the stress-free mesh; they represent homogeneous
-    motions.
-
-    Args:
-        film: the film.
-        snapshots: positions (n, 3) [m] of its owned nodes, one array for each shape.
-        count: number of modes in addition to the fixed ones, ≥ 1.
-
-    Returns:
-        the basis: modes φ (nodes, r), dimensionless, orthogonal with respect to the mass.
-
-    Raises:
-        InputError: there are no snapshots, one is of another mesh, or they hold fewer modes.
-    """
+    """Compute the fixed modes, 1 and the coordinates of the stress-free mesh, and the `count`
+    strongest modes of snapshots, positions (n, 3) [m] of owned nodes.  Collective."""
     _check_snapshots(film, snapshots, count)
     comm = film.comm
     n = film.space.dofmap.index_map.size_local
@@ -232,16 +196,7 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
 
 
 def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> None:
-    """Check the arguments of `make_basis`.  Collective.
-
-    Args:
-        snapshots: recorded positions, which should be (n, 3) [m] each.
-
-    Raises:
-        InputError: fewer than one mode is asked for, there are no snapshots, or one is of another
-            mesh.
-    """
-    check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
+    """Refuse no snapshots, and snapshots of another mesh.  Collective."""
     check(
         bool(snapshots),
         "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.",
@@ -264,30 +219,15 @@ def _count_modes(singular_values: Array) -> int:
     return int((singular_values > MIN_SINGULAR_VALUE_RATIO * largest).sum())
 
 
-def _scaled(
-    film: Membrane,
-    snapshots: Sequence[Array],
-    fixed: Array,
-    mass: float,
-) -> Array:
-    """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.  Collective.
-
-    The columns of a snapshot are its components across the mean plane and along two axes in it.
+def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
+    """Components (n, 3 · snapshots) [1/√kg] of the snapshots without the fixed modes, scaled: each
+    snapshot's across the mean plane, and along two axes in it.  Collective.
 
     Displacements in the mean plane of the film are smaller than those across it, by the ratio of
     the height of a wave to its length, but the whole stiffness of the film resists them: a basis
-    without them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
-    the demo `reduced_sail`: 40 modes without scaling predict another flight five times less
-    accurately, and switch at random between taut and wrinkled.
-
-    Args:
-        snapshots: positions (n, 3) [m] each.
-        fixed: modes (n, k), orthogonal with respect to the mass, of modal mass `mass`.
-        mass: of the film [kg].
-
-    Returns:
-        columns [1/√kg]; those across the plane together have the norm 1 with respect to the mass,
-        and so have those in it.  Zeros where no snapshot has such a part.
+    without them locks.  Therefore both parts are brought to the norm 1 with respect to the mass.
+    Measured on the sail of the demo `reduced_sail`: 40 modes without scaling predict another flight
+    five times less accurately, and switch at random between taut and wrinkled.
     """
     times = len(snapshots)
     product = scalar_mass_times(film, fixed)
@@ -308,14 +248,9 @@ def _scaled(
 
 
 def _mean_plane_axes(coefficients: Array) -> Array:
-    """Axes (times, 3 axes, 3) of the mean plane of shapes: its normal, and two directions in it.
-
-    Args:
-        coefficients: (times, k, 3) [m] of the k fixed modes, which are made of 1, X, Y (and Z).
-
-    Returns:
-        unit vectors, one a row; zero vectors where a shape is shrunk to a line or a point.
-    """
+    """Axes (times, 3 axes, 3) of the mean plane of shapes, its normal and two directions in it,
+    from coefficients (times, k, 3) [m] of the fixed modes 1, X, Y (and Z); zero where a shape is
+    shrunk to a line or a point."""
     along_X = coefficients[:, 1]
     along_Y = np.zeros_like(along_X)
     # A film that is a line in X has no mode of Y.
@@ -329,20 +264,12 @@ def _mean_plane_axes(coefficients: Array) -> Array:
 def _unit(vectors: Array) -> Array:
     """Vectors (n, 3) brought to unit length; zero vectors stay."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    result: Array = vectors / np.maximum(lengths, TINY)
-    return result
+    return vectors / np.maximum(lengths, TINY)
 
 
 def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
-    """Gram-Schmidt in the norm of the mass; columns that depend on earlier ones are left out.
-
-    Args:
-        film: the film, with the mass matrix M [kg].
-        columns: scalar fields (n, k) at the owned nodes.
-
-    Returns:
-        columns φ (n, j ≤ k) with φ_iᵀMφ_j = δ_ij.  Collective.
-    """
+    """Columns φ (n, j ≤ k) with φ_iᵀMφ_j = δ_ij, by Gram-Schmidt from columns (n, k) at the owned
+    nodes; those that depend on earlier ones are left out.  Collective."""
     kept: list[Array] = []
     for column in columns.T:
         square = _inner(film, column, column)
@@ -355,24 +282,9 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     return np.column_stack(kept)
 
 
-def _orthonormalised(
-    film: Membrane,
-    modes: Array,
-    fixed: Array,
-    mass: float,
-) -> Array:
-    """Modes (n, k) made orthogonal to the fixed ones and orthonormal to each other.  Collective.
-
-    Orthonormal means φ_iᵀMφ_j = δ_ij with the mass matrix M [kg] of the film.
-
-    Args:
-        modes: scalar fields (n, k) at these nodes.
-        fixed: modes (n, j) with φ_iᵀMφ_j = m δ_ij.
-        mass: m of the film [kg].
-
-    Raises:
-        numpy.linalg.LinAlgError: the modes depend on each other, which `make_basis` excludes.
-    """
+def _orthonormalised(film: Membrane, modes: Array, fixed: Array, mass: float) -> Array:
+    """Modes (n, k) made orthonormal to each other and orthogonal to the fixed ones (n, j), for
+    which φ_iᵀMφ_j = m δ_ij.  Collective."""
     for _ in range(ORTHOGONALISATION_PASSES):
         of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
         modes = modes - fixed @ of_fixed
@@ -383,25 +295,14 @@ def _orthonormalised(
     return modes
 
 
-def _examples(
-    film: Membrane,
-    snapshots: Sequence[Array],
-    values: Array,
-    mass: float,
-) -> Array:
-    """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all.  Collective.
-
-    Args:
-        snapshots: positions (n, 3) [m] each.
-        values: modes φ (n, r) at these nodes, orthogonal, of modal mass `mass`.
-        mass: of the film [kg].
-    """
+def _examples(film: Membrane, snapshots: Sequence[Array], values: Array, mass: float) -> Array:
+    """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all, in the modes φ (n,
+    r). Collective."""
     positions = np.linspace(0, len(snapshots) - 1, MAX_EXAMPLES)
     chosen = np.unique(positions.astype(int))
     shapes = np.stack([snapshots[i] for i in chosen])
     own = np.einsum("ni,tnx->tix", scalar_mass_times(film, values), shapes)
-    examples: Array = film.comm.allreduce(own) / mass
-    return examples
+    return film.comm.allreduce(own) / mass
 
 
 def _inner(film: Membrane, a: Array, b: Array) -> float:
@@ -416,5 +317,4 @@ def _with_ghosts(film: Membrane, fields: Array) -> Array:
     vector = la.vector(film.space.dofmap.index_map, count)
     vector.array[: fields.size] = fields.ravel()
     vector.scatter_forward()
-    result: Array = vector.array.reshape(-1, count).copy()
-    return result
+    return vector.array.reshape(-1, count).copy()

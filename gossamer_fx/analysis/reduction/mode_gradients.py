@@ -44,15 +44,8 @@ def own_cells(film: Membrane) -> Indices:
 
 
 def points_and_areas(film: Membrane) -> tuple[Array, Array]:
-    """Quadrature points of the reference triangle, and the areas that they stand for.
-
-    Args:
-        film: whose strains are integrated, at p points in each cell.
-
-    Returns:
-        points (p, 2), dimensionless, and reference areas dA (cells, p) [m²] of this rank's own
-        cells.
-    """
+    """Quadrature points (p, 2) of the reference triangle, and the reference areas dA (cells, p)
+    [m²] of this rank's own cells that they stand for."""
     degree = film.dx.metadata()["quadrature_degree"]
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     points = np.asarray(points, dtype=np.float64)
@@ -67,13 +60,8 @@ def points_and_areas(film: Membrane) -> tuple[Array, Array]:
 
 
 def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
-    """Gradients ∂φ_i/∂X_a (q, 2, r) [1/m] of modes in the film's frame, at points of own cells.
-
-    Args:
-        film: the film, whose frame are two unit vectors in the plane of each cell.
-        φ: modes (n, r) at the owned and ghost nodes, dimensionless.
-        points: points (p, 2) of the reference triangle; q = cells · p.
-    """
+    """Gradients ∂φ_i/∂X_a (q, 2, r) [1/m] of modes φ (nodes, r) in the film's frame, two unit
+    vectors in the plane of each cell, at points (p, 2) of own cells; q = cells · p."""
     cells = own_cells(film)
     r = φ.shape[1]
     q = len(cells) * len(points)
@@ -96,13 +84,8 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
 
 
 def strain_operator(F: Array) -> Array:
-    """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients of a motion.
-
-    The second index of B is 3 a + i for the gradient ∂x_i/∂X_a.  All is dimensionless.
-
-    Args:
-        F: images of the frame vectors (2, 3, q), F_a = ∂x/∂X_a, at q quadrature points.
-    """
+    """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients ∂x_i/∂X_a, of index
+    3 a + i, where the frame vectors have the images F (2, 3, q)."""
     B = np.zeros((3, 2, 3, F.shape[2]))
     # δE11 = F_1·δF_1 and δE22 = F_2·δF_2
     B[0, 0] = F[0]
@@ -113,26 +96,16 @@ def strain_operator(F: Array) -> Array:
     return B.reshape(3, 6, -1)
 
 
-def stress_derivatives(
-    B_mean: Array,
-    D: Array,
-    B: Array,
-    S: Array,
-) -> Array:
+def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
     """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
     gradients.
 
         T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + S_ac 1) dA
 
     It is the derivative of the forces S_ab F_mean_b dA by the gradients F_c of the iterate: a
-    material part with D = ∂S/∂E, and the geometric part S_ac 1.
-
-    Args:
-        B_mean: derivative (3, 6, q) of the strains by the gradients, at the mean gradients F_mean.
-        D: derivatives of the stress by the strain (3, 3, q) times dA [N/m · m²].
-        B: derivative (3, 6, q) of the strains, at the gradients F of the iterate.
-        S: stress S11, S22, S12 (3, q) times dA [N/m · m²], and times the weight of the iterate in
-            F_mean.
+    material part with D = ∂S/∂E (3, 3, q), and the geometric part of S (3, q), both times dA [N/m ·
+    m²].  S is also times the weight of the iterate in F_mean.  B and B_mean (3, 6, q) are
+    derivatives of the strains at F and at F_mean.
     """
     DB = np.einsum("klq,ljq->kjq", D, B)
     T = np.einsum("kiq,kjq->qij", B_mean, DB)
@@ -145,15 +118,8 @@ def stress_derivatives(
 
 
 def project(T: Array, G: Array) -> Array:
-    """The stiffness K (3r, 3r) of modes, Σ G_aᵀ T_ac G_c over the quadrature points.
-
-    Args:
-        T: stiffness at q points (q, 2, 3, 2, 3) [N m], as `stress_derivatives` returns it.
-        G: gradients of r modes (q, 2, r) [1/m].
-
-    Returns:
-        K [N/m], with the row 3 i + k for component k of the coefficient of mode i.
-    """
+    """The stiffness K (3r, 3r) [N/m] of modes with gradients G (q, 2, r), Σ G_aᵀ T_ac G_c over the
+    points; row 3 i + k is component k of the coefficient of mode i."""
     q, _, r = G.shape
     K: Array = np.zeros((r, 9 * r))
     for a in range(2):

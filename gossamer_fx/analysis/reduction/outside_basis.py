@@ -35,7 +35,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Least stiffness of a node as a share of the mean: a node of slack film has none, and would release
 # any energy.
@@ -74,14 +74,13 @@ class OutsideBasis:
     def __init__(self, body: ReducedMembrane) -> None:
         check(
             isinstance(body, ReducedMembrane),
-            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that "
-            "`reduce` has made.",
+            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; "
+            "give one that `reduce` has made.",
         )
         self.body = body
         self._estimate: _Estimate | None = None
 
-    def __call__(self, run: Run) -> float:
-        """The estimate in the state of a run."""
+    def __call__(self, run: StateView) -> float:
         film = self.body
         # Compiled at the first call: ports are known by then.
         if self._estimate is None:
@@ -94,16 +93,11 @@ class OutsideBasis:
 class _Estimate:
     """The energy ε of (1) for given coefficients, over the stored energy.
 
-    Args:
-        film: the reduced film.
+    It has the mass matrix times the modes, P = MΦ (n, r) [kg]; the compliances w (n,) [m/N] of this
+    rank's nodes across the film and in it; and for each of them (PᵀwP)⁻¹ (r, r).
     """
 
     def __init__(self, film: ReducedMembrane) -> None:
-        """Compile energy and force of the full film, and the weights of its nodes.  Collective.
-
-        It stores `_P` = MΦ (n, r) [kg], the mass matrix times the modes at the n nodes of this
-        rank; `_weights`, the compliances 1/k (n,) [m/N] across the film and in it; `_inverses`, for
-        each of them (PᵀwP)⁻¹ (r, r); and `_b`, a work vector of nodal forces with ghosts."""
         full = film.full
         index_map = full.space.dofmap.index_map
         self._comm = film.comm
@@ -135,17 +129,11 @@ class _Estimate:
         return free
 
     def __call__(self, c: Array) -> float:
-        """Energy that the full film would release outside of the basis, over its stored energy.
+        """Energy that the full film would release outside of the basis, over its stored energy, in
+        the shape of coefficients c (r, 3) [m].  Collective.
 
-        Collective; dimensionless, the same on every rank.
-
-        For each of the directions across the film and in it, the energy is ½ (f·w f - y·(PᵀwP)⁻¹ y)
-        with y = Pᵀ w f: f [N] are the nodal forces, w (n,) [m/N] the compliances of this rank's
-        nodes, P = MΦ (n, r) [kg] mass matrix times modes. A film without stored energy gives a huge
-        ratio, not an error.
-
-        Args:
-            c: coefficients (r, 3) [m] of the modes, which give the shape.
+        Across the film and in it, the energy is ½ (f·w f - y·(PᵀwP)⁻¹ y) with y = Pᵀ w f and the
+        nodal forces f [N].  A film without stored energy gives a huge ratio, not an error.
         """
         f = self._forces(c)
         normal = _normal(c)
@@ -176,19 +164,11 @@ class _Estimate:
         return forces.copy()
 
     def _compliances(self, stiffness: fem.Form, examples: Array) -> tuple[Array, Array]:
-        """Compliances 1/k_n (n,) [m/N] of this rank's n owned nodes, across the film and in it.
-        Collective.
+        """Compliances 1/k_n (n,) [m/N] of this rank's owned nodes, across the film and in it; zero
+        at nodes with ports, which other terms of the scene move or load.  Collective.
 
         k_n is the largest stiffness of the node in all examples, as a film that starts without
         tension has none across; it is at least 0.001 of the mean over the nodes.
-
-        Both are zero at nodes with ports, the nodes that other terms of the scene move or load.
-
-        Args:
-            examples: coefficients (snapshots, r, 3) [m] of shapes.
-
-        Returns:
-            compliances across the mean plane, and in it.
         """
         across = np.zeros(self._n)
         in_plane = np.zeros(self._n)
@@ -218,13 +198,8 @@ class _Estimate:
         return float(self._sum(np.array(values.sum()))) / nodes
 
     def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
-        """Stiffness (n, 3, 3) [N/m] of each owned node for itself: diagonal blocks of the matrix.
-
-        Args:
-            c: coefficients (r, 3) [m] of the shape in which it is evaluated.
-
-        Collective: all ranks call it.
-        """
+        """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of coefficients c
+        (r, 3) [m]: diagonal blocks of the matrix.  Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         K = fem.assemble_matrix(stiffness)
         K.scatter_reverse()
@@ -237,8 +212,7 @@ class _Estimate:
 
     def _sum(self, values: Array) -> Array:
         """Sum over all ranks."""
-        total: Array = self._comm.allreduce(values)
-        return total
+        return self._comm.allreduce(values)
 
 
 def _normal(c: Array) -> Array:

@@ -29,19 +29,10 @@ RESPONSE = 12
 class Points:
     """The quadrature points of a rank's own cells: p in each cell, q in all.
 
-    Args:
-        functions: of the law, compiled.
-        cells: local numbers of the cells.
-        dA: reference areas (cells, p) [m²], times the weights of sampled cells.
-        G: gradients of the modes (q, 2, r) [1/m].
-        may_choose: whether strains may be chosen, see `terms.element_energies`.
-
-    Attributes:
-        past: strains (q, 3) at the start of the last step.
-        start: strains (q, 3) at the start of this step.
-        strain: strains (q, 3) of the iterate.
-        response: mean stress S_mean [N/m] and its derivatives D_mean at start and strain (q, 12).
-        law: the law at these points.
+    They have reference areas dA (cells, p) [m²], times the weights of sampled cells; gradients G
+    (q, 2, r) [1/m] of the modes; strains (q, 3) at the start of the last step, `past`, of this
+    step, `start`, and of the iterate; and as `response` the mean stress S_mean [N/m] with its
+    derivatives at start and strain (q, 12).
     """
 
     def __init__(
@@ -78,11 +69,8 @@ class Points:
         self._stresses = self._struct.pointer
 
     def move(self, c: Array) -> None:
-        """Set the coefficients (r, 3) [m] at the end of the step.
-
-        This sets the gradients `_F` (2q, 3) [-] of the shape. Strains and stresses stay as they are
-        until `linearise` or `set_true_strains`.
-        """
+        """Set the gradients (2q, 3) of the shape with coefficients c (r, 3) [m] at the end of the
+        step. Strains and stresses stay as they are until `linearise` or `set_true_strains`."""
         self._F = self._G @ c
 
     def keep(self) -> None:
@@ -126,28 +114,17 @@ class Points:
         return float(self._density @ self._dA)
 
     def forces(self, α: float) -> Array:
-        """Forces (r, 3) [N] on the coefficients, at the weight α of the rule.
-
-        f = Gᵀ N is the sum over this rank's cells. N (2q, 3) [N m] is the stress times the area and
-        the α-weighted gradients of the shape; G (2q, r) [1/m] are the gradients of the modes.
-        """
+        """Forces f = Gᵀ N (r, 3) [N] on the coefficients, the sum over this rank's cells.  N (2q,
+        3) [N m] is the stress times the area and the gradients of the shape at the weight α of the
+        rule."""
         N = self._c.array("N", self._N, "float64", self._N.shape, writable=True)
         self._c.lib.forces(self._stresses, self._gradients(α).pointer, N)
-        f: Array = self._G.T @ self._N
-        return f
+        return self._G.T @ self._N
 
     def stiffness(self, α: float, share: float) -> Array:
-        """Derivatives (3r, 3r) [N/m] of the forces by the coefficients c of the modes at the end of
-        a step.
-
-        K is the sum over this rank's cells, K = Gᵀ (T G): G (2q, r) [1/m] are the gradients of the
-        r modes, T the stiffness of a point [N m], and `_TG` (2q, 9r) [N] the work array of the
-        products.
-
-        Args:
-            α: weight of the end of the step in the time stepping rule, e.g. 0.5.
-            share: weight of the geometric stiffness (the stress itself), from 0 to α.
-        """
+        """Derivatives K = Gᵀ (T G) (3r, 3r) [N/m] of the forces by the coefficients of the end of a
+        step, which has the weight α in the rule; the geometric stiffness has the weight `share`,
+        from 0 to α."""
         r = self._r
         self._c.lib.stiffness_times(
             self._stresses,

@@ -9,29 +9,32 @@ The stress S and its derivatives D are those of the mixed iteration in strains, 
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 
 Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which
-owns the unknowns.
+owns the unknowns c of the positions x = Σ φ_i c_i.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
-from gossamer_fx.analysis.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.analysis.reduction.mode_gradients import (
     mode_gradients,
     own_cells,
     points_and_areas,
 )
 from gossamer_fx.analysis.reduction.points import Points
+from gossamer_fx.core.algebra.numbering import NumberedBlock
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy, quadrature_element
 from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, law_functions
@@ -41,11 +44,6 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
     """All `ReducedEnergy` terms of a scene, compiled."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
-        """Make the forces of the modes of each term.
-
-        Raises:
-            InputError: the stress rule takes the strain in the middle of the step.
-        """
         check(
             not system.rule.takes_mid_strain,
             f"'{terms[0].name}': a reduced film has forces by its strains at the ends of a step; "
@@ -79,11 +77,8 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
                 values[owned] += self._on_rank_zero(force.forces()).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix.
-        Collective.
-
-        K is the sum over ranks of the stiffness (3r, 3r) of the r modes; on ranks other than 0 it
-        is empty. The matrix is not assembled here."""
+        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix, on rank
+        0. Collective."""
         for body, force in self._forces:
             block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
@@ -118,14 +113,8 @@ def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
 
 @dataclass(frozen=True, eq=False)
 class ReducedEnergy(StoredEnergy):
-    """The stored energy of a reduced film.
-
-    Args:
-        modes: φ (n, r) at the owned and ghost nodes of the body's space.
-        weights: ξ (cells,) of the cells that this rank owns.
-
-    The other arguments are those of `StoredEnergy`.
-    """
+    """The stored energy of a reduced film with modes φ (nodes, r), over cells of weights ξ (cells,)
+    that this rank owns."""
 
     modes: Array | None = None
     weights: Array | None = None
@@ -133,17 +122,7 @@ class ReducedEnergy(StoredEnergy):
 
 
 class ModeForces:
-    """Forces (1) and tangents (2) of the modes on this rank's cells.
-
-    Args:
-        term: the stored energy.
-        at: coordinates of the reduced film.
-        rule: stress rule of the time stepping.
-
-    Attributes:
-        name: of the energy in the energy balance.
-        points: the quadrature points.
-    """
+    """Forces (1) and tangents (2) of the modes on this rank's cells."""
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
         assert term.modes is not None and term.weights is not None
@@ -165,12 +144,9 @@ class ModeForces:
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:
-        """Set the strains at the quadrature points after the end q1 of the step was set.
-
-        Args:
-            linearly: True: strains are linearised about the last iterate of Newton's method, as
-                `terms.element_energies` describes; False: the true strains of q1.
-        """
+        """Set the strains at the quadrature points after the end q1 of the step was set: those of
+        q1, or `linearly` those about the last iterate of Newton's method, see
+        `terms.element_energies`."""
         self.points.move(self._at.end)
         if linearly:
             self.points.linearise(self._at.change)
@@ -193,3 +169,82 @@ def _compiled_law(term: ReducedEnergy, rule: StressRule) -> LawFunctions:
     mesh = film.space.mesh
     Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
     return law_functions(term, rule, start=fem.Function(Q), strain=fem.Function(Q))
+
+
+class ReducedCoordinates(Coordinates):
+    """Coordinates of which rank 0 owns the unknowns c (r, 3), with x = Φ c at the nodes.
+
+    Forms see functions on the mesh as for any body.  An assembled force b becomes Φᵀb, a matrix K
+    becomes ΦᵀKΦ.  Every rank has the coefficients (r, 3) [m] of q1, `end`, and of the increment δ
+    of the iteration, `change`: strains follow from them; no form uses δ.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
+        super().__init__(space, alpha)
+        self._modes = values
+        self._comm = space.mesh.comm
+        self._owned = space.dofmap.index_map.size_local
+        self._matrices: dict[fem.Form, la.MatrixCSR] = {}
+        self.end: Array = np.zeros((values.shape[1], 3))
+        self.change: Array = self.end
+
+    def take(self, function: fem.Function, unknowns: Array) -> None:
+        """Set a function on the mesh [m] from the 3r coefficients of the modes on rank 0; of the
+        increment only the coefficients are stored.  Collective."""
+        c = coefficients(self._comm, unknowns)
+        if function is self.δ:
+            self.change = c
+            return
+        if function is self.q1:
+            self.end = c
+        # Φ is known at ghosts: nothing has to be communicated.
+        function.x.array[:] = (self._modes @ c).ravel()
+
+    def add_forces(self, b: Array, forces: Array) -> None:
+        """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.
+        Collective."""
+        nodal = b.reshape(-1, 3)[: self._owned]
+        total = self._comm.reduce(self._modes[: self._owned].T @ nodal)
+        if total is not None:
+            forces += total.ravel()
+
+    def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
+        """Add the projected matrix ΦᵀKΦ of the sum K of bilinear forms to a block of A, on rank 0.
+        Collective."""
+        n, r = self._modes.shape
+        K: Array = np.zeros((r, 3, r, 3))
+        found = False
+        for form in forms:
+            found = True
+            # Only this rank's own cells are assembled: the ranks' shares add up after the
+            # projection.
+            matrix = self._matrix(form)
+            matrix.set_value(np.float64(0))
+            fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
+            blocks = matrix.data.reshape(-1, *matrix.block_size)
+            # A sparse matrix for each pair of components, as SciPy has no fast product of blocks
+            for i, j in np.ndindex(3, 3):
+                part = csr_matrix((blocks[:, i, j], matrix.indices, matrix.indptr))
+                part.resize(n, n)
+                K[:, i, :, j] += self._modes.T @ (part @ self._modes)
+        if not found:
+            return
+        size = 3 * r
+        total = self._comm.reduce(K.reshape(size, size))
+        if total is not None:
+            A.setValues(block.rows, block.rows, total, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _matrix(self, form: fem.Form) -> la.MatrixCSR:
+        """The sparse matrix of a form, created on the first call: its pattern does not change."""
+        if form not in self._matrices:
+            self._matrices[form] = fem.create_matrix(form)
+        return self._matrices[form]
+
+
+def coefficients(comm: MPI.Intracomm, unknowns: Array) -> Array:
+    """The coefficients (r, 3) of a reduced body, which rank 0 owns, on every rank.  Collective."""
+    own: Array = unknowns.reshape(-1, 3)
+    if comm.size == 1:
+        return own
+    # A copy, since the unknowns may be a view of a vector that changes.
+    return comm.bcast(own.copy())

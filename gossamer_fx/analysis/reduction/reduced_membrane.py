@@ -1,9 +1,14 @@
-"""A reduced film: a film whose shape is a combination of modes."""
+"""A reduced film: a film whose shape is a combination of modes.
+
+`reduce` makes it from recorded motions: 1. check that the film has strains and mass only;
+2. compute the modes (`basis`); 3. choose the cells over which strains are integrated (`sampling`);
+4. make the body.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
@@ -11,10 +16,14 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
-from gossamer_fx.analysis.reduction.basis import Basis
-from gossamer_fx.analysis.reduction.coordinates import ReducedCoordinates, coefficients
-from gossamer_fx.analysis.reduction.reduced_energies import ReducedEnergy
-from gossamer_fx.analysis.reduction.sampling import Sample
+from gossamer_fx.analysis.reduction.basis import Basis, make_basis
+from gossamer_fx.analysis.reduction.reduced_energies import (
+    ReducedCoordinates,
+    ReducedEnergy,
+    coefficients,
+)
+from gossamer_fx.analysis.reduction.sampling import Sample, every_cell, sample_cells
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
@@ -31,12 +40,7 @@ from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 
 class WeightedMeasure:
     """The measure ξ dx with the weights ξ of sampled cells; it multiplies integrands like a UFL
-    measure.
-
-    Args:
-        dx: measure on the sampled cells.
-        weight: ξ, constant in each cell.
-    """
+    measure."""
 
     def __init__(self, dx: ufl.Measure, weight: Expr) -> None:
         self._dx = dx
@@ -54,18 +58,11 @@ class SampledMesh(Mesh):
     """The mesh of the sampled cells, without named groups: the groups' cells may not be in it."""
 
     def group(self, name: str) -> Any:
-        """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones.
-
-        Args:
-            name: of the group, for any name.
-
-        Raises:
-            InputError: always.
-        """
+        """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones."""
         raise InputError(
-            f"A reduced film has no group '{name}': supports, creases and loads on groups need the "
-            "film itself; tie "
-            "points of a reduced one by `port_at`."
+            f"A reduced film has no group '{name}': "
+            "supports, creases and loads on groups need the film itself; "
+            "tie points of a reduced one by `port_at`."
         )
 
 
@@ -77,11 +74,6 @@ class ReducedMembrane(Membrane):
     on rank 0 with the vectors c_0, ..., c_{r-1}; φ_0 = 1, so linear momentum is that of c_0 as in a
     rigid body.
 
-    Args:
-        made_from: the modes.
-        over: the sampled cells.
-        name: name in messages and outputs.
-
     Attributes:
         basis: the modes.
         sample: the sampled cells, with the error of sampling.
@@ -90,8 +82,6 @@ class ReducedMembrane(Membrane):
     """
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
-        """Make a film over the sampled cells whose unknowns are the coefficients of modes.
-        Collective."""
         film = made_from.film
         part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
@@ -150,25 +140,15 @@ class ReducedMembrane(Membrane):
         return self._reduced_start
 
     def reduced(self, values: Array) -> Array:
-        """Owned coefficients nearest to positions or velocities, in the norm of the mass.
-        Collective.
-
-        Args:
-            values: at the owned nodes of the film that was reduced, flattened, in m or m/s.
-
-        Returns:
-            coefficients (3r,) of the r modes on rank 0, an empty array on other ranks.
-        """
+        """Coefficients (3r,) nearest to positions [m] or velocities [m/s] at the owned nodes of the
+        film, in the norm of the mass; on rank 0.  Collective."""
         c, _ = self.basis.project(values.reshape(-1, 3))
         owned = self.block.size * self.block.index_map.size_local
         return c.ravel()[:owned].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield kinetic and stored energy of the reduced film, as functions of the coefficients of
-        its modes.
-
-        The modes φ are orthogonal, φ_iᵀMφ_j = m δ_ij with the mass m [kg] of the film, so that the
-        mass matrix is m times the identity."""
+        """Kinetic and stored energy, as functions of the coefficients of modes.  As φ_iᵀMφ_j = m
+        δ_ij with the mass m [kg] of the film, the mass matrix is m times the identity."""
         mass = self.basis.mass * np.eye(self.basis.size)
         nodes = self.block.index_map.size_local
         yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
@@ -189,22 +169,16 @@ class ReducedMembrane(Membrane):
         return "its modes"
 
     def port(self, group: str) -> Port:
-        """The point of a named group of one vertex of the film.  Collective."""
         node = global_node(self.full, group)
         return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:
-        """The point of the film at the coordinates (3,) [m] of its stress-free shape.
-        Collective."""
         on_film = interpolated(self.full, point)
         return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
-        """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective.
-
-        Returns:
-            the vector as a linear function of the coefficients of all modes.
-        """
+        """The port Σ_k weights[k] x(nodes[k]) as a linear function of the coefficients of all
+        modes. Collective."""
         self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
         own = np.zeros(self.basis.size)
@@ -227,36 +201,25 @@ class ReducedMembrane(Membrane):
 
 
 def check_reducible(film: Membrane) -> None:
-    """Check that a film has strains and mass only, which is what a reduced film can have.
-
-    Args:
-        film: that a user wants to reduce.
-
-    Raises:
-        InputError: it has thermal expansion, bending stiffness, creases or contact.
-    """
+    """Check that a film has strains and mass only, which is what a reduced film can have."""
     check(
         film.thermal is None,
-        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; leave "
-        "thermal out.",
+        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; "
+        "leave thermal out.",
     )
     start = InitialState([film], film.comm)
     has_own_terms = type(film).terms is not Membrane.terms
     check(
         not has_own_terms
         and all(isinstance(term, KineticEnergy | StoredEnergy) for term in film.terms(start)),
-        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those "
-        "cannot be reduced.",
+        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); "
+        "those cannot be reduced.",
     )
 
 
 def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> fem.Function:
-    """A function that is constant in each cell; ghost values come from the owners.  Collective.
-
-    Args:
-        values: (cells,), or (cells, k) of vectors, of owned and ghost cells, in any unit.
-        shape: () or (k,).
-    """
+    """A function of values (cells, *shape) in owned and ghost cells; ghosts get those of the
+    owners. Collective."""
     function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, shape)))
     nodes = cell_nodes(function.function_space).ravel()
     size = function.function_space.dofmap.index_map_bs
@@ -282,3 +245,57 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
         nearest = film_nodes[parent][distance.argmin(axis=1)]
         values[nodes[cell]] = basis.values[nearest]
     return values
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`: positions (n, 3) [m] of this
+    rank's nodes, one array for each shape."""
+
+    positions: Sequence[Array]
+
+
+@check_arguments
+def reduce(
+    body: Membrane,
+    motions: Sequence[Motion],
+    *,
+    modes: Annotated[int, Range(1)],
+    cells: Annotated[int, Range(1)] | None = None,
+) -> ReducedMembrane:
+    """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
+
+    A film that is not plane has 3 · (modes + 4) unknowns.  The modes are mass-weighted singular
+    vectors of all shapes, scalar fields with vectors as unknowns, so that energy, momentum and
+    angular momentum are conserved; see `reduction.basis`.  The reduced film has the initial state,
+    law and name of the film, and replaces it in a new scene.  Collective.
+
+    Args:
+        body: the film; it may not have bending stiffness, creases or contact.
+        motions: `Snapshots` of runs, `RecordedShapes` of their folders, or `ModeShapes`.
+        modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
+        cells: largest number of cells of each rank over which strains are integrated, see
+            `reduction.sampling`; None for all cells.
+
+    Raises:
+        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film
+            has more than strains and mass.
+
+    Example:
+        >>> shapes = gx.reduction.Snapshots(film)
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=5e-3)
+        >>> reduced = gx.reduction.reduce(film, [shapes], modes=2)
+        >>> reduced.block.size
+        15
+    """
+    check_reducible(body)
+    check(
+        isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
+        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
+    )
+    shapes = [shape for motion in motions for shape in motion.positions]
+    basis = make_basis(body, shapes, modes)
+    # Without sampling the strains are integrated over all cells, each with the weight one.
+    sample = every_cell(body) if cells is None else sample_cells(basis, cells)
+    return ReducedMembrane(basis, sample, body.name)

@@ -84,13 +84,10 @@ TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Sampled cells of this rank.
+    """Sampled cells of this rank, in rising order, and their weights ξ > 0.
 
-    Attributes:
-        cells: local numbers of the cells, in rising order.
-        weights: ξ > 0 of each.
-        error: root mean square, over all reduced motions and examples, of the stiffness that the
-            sample misses as a share of the stiffness; the same on every rank.
+    `error` is the root mean square, over all reduced motions and examples, of the stiffness that
+    the sample misses as a share of the stiffness; the same on every rank.
     """
 
     cells: Indices
@@ -105,26 +102,13 @@ def every_cell(film: Membrane) -> Sample:
 
 
 def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
-    """Sample at most `most` cells of each rank, for the examples of a basis.  Collective.
-
-    The sample integrates the energy of a reduced film over few cells with positive weights.
+    """Sample at most `most` cells of each rank with positive weights, for the energy of a basis'
+    examples; all cells if there are no more.  Collective.
 
     The examples give the equations for the weights of this rank's cells; every rank solves its own,
-    and only the stiffness and the error are sums over ranks.
-
-    Args:
-        basis: modes, with the coefficients of examples, the shapes for which the weights are
-            fitted.
-        most: largest number of cells of a rank.
-        seed: of the random motions; the same on every rank.
-
-    Returns:
-        cells and weights of this rank, and the error of the stiffness; all cells if there are no
-        more than `most`.
-
-    Raises:
-        numpy.linalg.LinAlgError: the stiffness of an example, plus its shift, is not positive
-            definite, e.g. that of a buckled shape.
+    and only the stiffness and the error are sums over ranks.  The seed of the random motions is the
+    same on every rank.  An example whose stiffness plus its shift is not positive definite, e.g. of
+    a buckled shape, raises `LinAlgError`.
     """
     film = basis.film
     comm = film.comm
@@ -148,17 +132,10 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
 
 
 def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
-    """Error of the sampled stiffness: the root mean square of ‖L⁻¹ (K_sampled - K) L⁻ᵀ‖/√(3r).
+    """Error of the sampled stiffness: the root mean square of ‖L⁻¹ (K_sampled - K) L⁻ᵀ‖/√(3r) over
+    the examples, with weights (cells,).
 
-    K = LLᵀ is the stiffness of the r modes over all cells, K_sampled that with weights; the mean is
-    over the examples of the basis.  Collective; dimensionless, the same on every rank.
-
-    Args:
-        weights: of this rank's cells (n,); zero for a cell that is not sampled.
-
-    Raises:
-        numpy.linalg.LinAlgError: the stiffness of an example is not positive definite (see
-            `_factor`).
+    K = LLᵀ is the stiffness of the r modes over all cells.  Collective, the same on every rank.
     """
     comm = basis.film.comm
     squares = []
@@ -176,26 +153,14 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
 
 
 def _equations(
-    cells: CellEnergies,
-    basis: Basis,
-    c: Array,
-    random: np.random.Generator,
-    count: int,
+    cells: CellEnergies, basis: Basis, c: Array, random: np.random.Generator, count: int
 ) -> Iterator[Array]:
-    """Yield energies and work (2k, cells) of `count` random motions, k at a time.  Collective.
+    """Yield energies and work (2k, cells) of `count` random motions, k at a time, about the shape
+    of coefficients c (r, 3) [m].  Collective.
 
     Motions are z = L⁻ᵀ ζ, with the stiffness Σ k_e = LLᵀ and random ζ.  The rows z·k_e z and z·f_e,
     stiffness and forces of cell e, are those of the equations that the weights of cells have to
     fulfil; they are dimensionless by the scaling.
-
-    Args:
-        c: coefficients (r, 3) [m] of the shape about which the film moves.
-
-    Returns:
-        energies and work of k motions in this rank's cells, as rows of an array (2k, cells).
-
-    Raises:
-        numpy.linalg.LinAlgError: the stiffness K is not positive definite (see `_factor`).
     """
     r = basis.size
     cells.take(c)
@@ -216,16 +181,9 @@ def _equations(
 
 
 def _factor(K: Array) -> Array:
-    """Cholesky factor L of K plus a multiple of 1, so that rigid motions have a stiffness too.
-
-    The multiple is the smallest eigenvalue of K after those of the six rigid motions, and at
-    least a small share of the largest one.
-
-    K is the stiffness (3r, 3r) [N/m] of r modes; L is lower triangular, with K + shift = L Lᵀ.
-
-    Raises:
-        numpy.linalg.LinAlgError: K has a negative eigenvalue that the shift does not outweigh.
-    """
+    """Cholesky factor L (3r, 3r) of a stiffness K [N/m] plus a multiple of 1, so that rigid motions
+    have a stiffness too: the smallest eigenvalue of K after those of the six rigid motions, and at
+    least a small share of the largest one."""
     symmetric = (K + K.T) / 2
     eigenvalues = np.linalg.eigvalsh(symmetric)
     shift = max(eigenvalues[RIGID_MOTIONS], MIN_STIFFNESS_RATIO * eigenvalues[-1])
@@ -236,7 +194,8 @@ def _factor(K: Array) -> Array:
 
 
 def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
-    """Weights w ≥ 0, at most `most` of them positive, such that Y w is near `wanted`.
+    """Weights w (n,) ≥ 0, at most `most` of them positive, such that Y w is near `wanted`
+    (equations,). Each rank solves for its own cells.
 
     The active set method of Lawson and Hanson (Solving Least Squares Problems, 1974, ch. 23,
     doi:10.1137/1.9781611971217), ended early; `scipy.optimize.nnls` cannot be.
@@ -246,17 +205,6 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
     3. If weights are negative, go from the last weights towards the solution until the first of
        them vanishes, leave it out, and repeat step 2.
     4. Repeat from step 1 until enough columns are taken or none reduces the residual.
-
-    Each rank solves for its own cells; the call is not collective. There may be fewer positive
-    weights than `most`, or none.
-
-    Args:
-        Y: matrix (equations, n), in any unit.
-        wanted: right-hand side (equations,), in the same unit.
-        most: largest number of positive weights.
-
-    Returns:
-        The weights (n,).
     """
     sizes = np.maximum(np.linalg.norm(Y, axis=0), TINY)
     taken: list[int] = []
@@ -284,24 +232,10 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
 
 
 def _solve(
-    taken: Sequence[int],
-    weights: Array,
-    Y: Array,
-    wanted: Array,
+    taken: Sequence[int], weights: Array, Y: Array, wanted: Array
 ) -> tuple[list[int], Array]:
-    """Solve for the weights of the taken columns, and remove columns until all are positive.
-
-    These are steps 2 and 3 of `fewest_weights`.
-
-    Args:
-        taken: numbers of the columns (k).
-        weights: their present weights (k,), zero for the new one.
-        Y: the matrix (equations, columns).
-        wanted: right-hand side (equations,).
-
-    Returns:
-        the columns that remain, and their weights; both may be empty.
-    """
+    """Steps 2 and 3 of `fewest_weights` for the taken columns (k) of Y and their weights, zero for
+    the new one: the columns that remain, and their weights; both may be empty."""
     taken = list(taken)
     while taken:
         part = Y[:, taken]
@@ -331,14 +265,8 @@ def _solve(
 
 
 class CellEnergies:
-    """Forces f_e and stiffness k_e of each own cell of a film, about given coefficients.
-
-    Args:
-        basis: modes.
-
-    Attributes:
-        count: number of own cells.
-        areas: reference areas (count,) [m²].
+    """Forces f_e and stiffness k_e of each own cell of a film, about given coefficients of its
+    modes.
 
     Sizes below: q quadrature points of all own cells, r modes, k motions.
     """
@@ -364,12 +292,9 @@ class CellEnergies:
         self._state = compile_expression(ufl.as_vector(components), points)
 
     def take(self, c: Array) -> None:
-        """Evaluate the film in the shape of the coefficients (r, 3) [m].
-
-        This sets, for the q points of this rank's cells, `_F` (2, 3, q) [-], the images of the two
-        frame vectors; `_S` (3, q) [N m], the membrane stress S11, S22, S12 times the area of the
-        point; and `_D` (3, 3, q) [N m], its derivatives by the strain, times the area.
-        """
+        """Evaluate the film in the shape of coefficients c (r, 3) [m]: at the points, the images
+        `_F` (2, 3, q) of the frame vectors, and times the area the stress `_S` (3, q) [N m] and its
+        derivatives `_D` (3, 3, q) [N m] by the strain."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         values = evaluate(self._state, self._film.space.mesh, own_cells(self._film))
         by_component = values.reshape(-1, 18).T
@@ -379,11 +304,8 @@ class CellEnergies:
         self._D = by_component[9:].reshape(3, 3, -1) * self._dA
 
     def stiffness(self, weights: Array) -> Array:
-        """Σ ξ_e k_e (3r, 3r) for weights ξ (count,).
-
-        The sum over this rank's cells [N/m], in the shape that `take` has set; AttributeError
-        before the first `take`.
-        """
+        """Σ ξ_e k_e (3r, 3r) [N/m] for weights ξ of this rank's cells, in the shape that `take` has
+        set."""
         # Only points of cells that count
         on = np.repeat(weights > 0, self._points)
         ξ = np.repeat(weights, self._points)[on]
@@ -395,17 +317,8 @@ class CellEnergies:
         return project(stress_derivatives(B, D, B, S), self._G[on])
 
     def motions(self, z: Array) -> tuple[Array, Array]:
-        """Energies z·k_e z [J] and work z·f_e [J] of motions in each cell, to second and first
-        order.
-
-        `take` has set the shape about which the film moves.
-
-        Args:
-            z: coefficients (k, r, 3) [m] of k motions.
-
-        Returns:
-            energies (k, count) and work (k, count) in the cells of this rank.
-        """
+        """Energies z·k_e z and work z·f_e, (k, cells) [J] each, of motions with coefficients z (k,
+        r, 3) [m] about the shape that `take` has set, to second and first order."""
         # F1, F2 (3, q): images of the frame vectors; S11, S22, S12 (1, q) [N m]: stress times area;
         # H1, H2 (q, k, 3): gradients of the motions along the frame vectors.
         F1, F2 = self._F

@@ -92,18 +92,11 @@ TINY = 1e-300  # against division by zero
 class BackwardSteps:
     """Carries derivatives backwards through the steps of a tape, one at a time.
 
-    Args:
-        tape: of the run.
-
-    Attributes:
-        μ: the adjoint vector of the last step.
-        inertia: z = c (q1 - q0 - h v0) [m/s²] of the last step, of which M z is in (1).
-        residual: the largest residual of the steps so far, over the inertia in it.
-        scalars: adjoints of the scalar unknowns.
+    `μ` is the adjoint vector of the last step, and `inertia` its z = c (q1 - q0 - h v0) [m/s²], of
+    which M z is in (1); `residual` is the largest one of the steps so far, over the inertia in it.
     """
 
     def __init__(self, tape: RunTape) -> None:
-        """Make the adjoint vectors, which `solve` fills.  Collective."""
         self._tape = tape
         self._system: System = tape.system
         numbering = self._system.numbering
@@ -136,16 +129,8 @@ class BackwardSteps:
     # ---- the step itself -------------------------------------------------------------------------
 
     def repeat(self, start: Node, end: Node) -> None:
-        """Make the system stand at the end of a recorded step that it has not accepted.
-        Collective.
-
-        Args:
-            start: state at the start of the step, with its history variables.
-            end: state at its end, with the length of the step and its contact pairs.
-
-        Raises:
-            StepFailure: the recorded states do not solve the equations of the scene as it is now.
-        """
+        """Make the system stand at the end of a recorded step that it has not accepted.  `start`
+        has the history variables at its start, `end` its length and contact pairs.  Collective."""
         system = self._system
         h = end.h
         self._tape.restore(start)
@@ -170,12 +155,8 @@ class BackwardSteps:
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
     def _check_residual(self, start: Node, end: Node) -> None:
-        """Compare the residual of the repeated step [N] to the change of momentum in it over its
-        length.
-
-        Raises:
-            StepFailure: the residual is more than `MAX_RESIDUAL` of that, as after an event that
-                changed the scene between two steps.
+        """Raise `StepFailure` if the residual of the repeated step [N] is more than `MAX_RESIDUAL`
+        of the change of momentum in it over its length, as after an event that changed the scene.
         """
         system = self._system
         forces, _ = system.imbalance(self._scratch)
@@ -186,28 +167,17 @@ class BackwardSteps:
         self.residual = max(self.residual, forces / max(scale, TINY))
         if forces > MAX_RESIDUAL * max(scale, TINY):
             raise StepFailure(
-                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual "
-                f"is {forces / max(scale, TINY):.1e} of its momenta; an event or a change of a "
-                "parameter between steps "
-                "has no gradient."
+                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, "
+                f"its residual is {forces / max(scale, TINY):.1e} of its momenta; "
+                "an event or a change of a parameter between steps has no gradient."
             )
 
     # ---- its adjoint -----------------------------------------------------------------------------
 
     def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Repeat a step and solve (3), with scalar unknowns (7), for the adjoint vector μ.
-        Collective.
-
-        Args:
-            start, end: states at both ends of the step.
-            a, b: derivatives of the result with respect to positions [1/m] and velocities [s/m] at
-                the end of the step, times the unit of the result.  What later steps give through
-                history variables is added to `a`.
-
-        Raises:
-            StepFailure: the recorded states do not solve the step.
-            InputError: the tangent is singular.
-        """
+        Derivatives of the result by positions [1/m] and velocities [s/m] at the end of the step,
+        times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
         system = self._system
         self.repeat(start, end)
         for kind in system.differentiable:
@@ -223,12 +193,8 @@ class BackwardSteps:
             self._solve_with_scalars(end.h)
 
     def _solve_with_scalars(self, h: float) -> None:
-        """Replace μ, the solution without scalar unknowns (e.g. pressures of gas), by that of (7).
-        Collective.
-
-        Args:
-            h: length of the step [s].
-        """
+        """Replace μ, the solution of a step of length h [s] without scalar unknowns (e.g. pressures
+        of gas), by that of (7).  Collective."""
         assert self._solver is not None
         system = self._system
         scalars = self.scalars
@@ -317,19 +283,8 @@ class BackwardSteps:
 
 
 class ScalarParts:
-    """The adjoints of all scalar unknowns of a scene, one after the other.
-
-    Args:
-        system: the compiled scene.
-
-    Attributes:
-        parts: the adjoints.
-        size: number of scalar unknowns.
-        c: derivatives of the result by them at the end of the present step (size,).
-
-    Raises:
-        InputError: scalar unknowns without derivatives.
-    """
+    """The adjoints of all scalar unknowns of a scene, one after the other; `c` (size,) are
+    derivatives of the result by them at the end of the present step."""
 
     def __init__(self, system: System) -> None:
         self.parts: list[GasAdjoint] = []
@@ -338,8 +293,8 @@ class ScalarParts:
             adjoint = scalars.adjoint()
             check(
                 adjoint is not None,
-                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it "
-                "out.",
+                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; "
+                "leave it out.",
             )
             self.parts.append(adjoint)
             self._sizes.append(scalars.size)

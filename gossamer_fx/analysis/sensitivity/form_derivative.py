@@ -59,14 +59,11 @@ def depends_on(form: ufl.Form, coefficient: Coefficient) -> bool:
 
 
 class FormDerivative:
-    """The derivative of an integral with respect to one coefficient, compiled.
+    """The derivative of a sum of integrals with respect to one coefficient, a constant, a function
+    or the nodes of the mesh, compiled.
 
     A constant is replaced by a function that is constant in each cell, of which the derivatives are
     added up: UFL takes derivatives with respect to functions only.
-
-    Args:
-        forms: whose sum is derived; those without the coefficient do not count.
-        coefficient: a constant, a function, or the nodes of the mesh.
     """
 
     def __init__(self, forms: Sequence[ufl.Form], coefficient: Coefficient) -> None:

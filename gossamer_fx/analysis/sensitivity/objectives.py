@@ -26,6 +26,7 @@ from gossamer_fx.solve.system.system import System
 if TYPE_CHECKING:
     # A scene without gas does not load it.
     from gossamer_fx.mechanics.gas.contract import ChamberState
+    from gossamer_fx.mechanics.gas.volumes import Chamber
 
 
 class HasScene(Protocol):
@@ -39,11 +40,7 @@ class HasScene(Protocol):
 
 @runtime_checkable
 class Objective(Protocol):
-    """A result with derivatives.  All methods are collective.
-
-    Attributes:
-        unit: SI unit of the result.
-    """
+    """A result with derivatives, in the SI unit `unit`.  All methods are collective."""
 
     unit: str
 
@@ -100,15 +97,8 @@ class Integral:
         self._compiled: tuple[fem.Form, fem.Form] | None = None
 
     def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
-        """Return the forms of the integral and of its derivative, which read the present positions.
-        Collective.
-
-        Returns:
-            both forms, compiled at the first use.
-
-        Raises:
-            InputError: the body is not in the scene.
-        """
+        """The forms of the integral and of its derivative, which read the present positions;
+        compiled at the first use.  Collective."""
         check(
             self.body in system.bodies,
             f"Integral: '{self.body.name}' is not in the scene; add it.",
@@ -122,20 +112,13 @@ class Integral:
         return self._compiled
 
     def __call__(self, run: HasScene) -> float:
-        """The integral in the present state of a run."""
         value, _ = self._prepare(run.system)
         return float(run.system.comm.allreduce(fem.assemble_scalar(value)))
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the positions.  Collective.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which the derivative is added [unit/m].
-            by_velocity: vector of the system; the integral does not depend on velocities.
-        """
+        """Add the derivative by the positions; the integral does not depend on velocities."""
         _, derivative = self._prepare(system)
         dofs = self.body.space.dofmap
         b = la.vector(dofs.index_map, dofs.index_map_bs)
@@ -193,22 +176,14 @@ class Energy:
     unit = "J"
 
     def __call__(self, run: HasScene) -> float:
-        """The energy in the present state of a run."""
         totals = run.system.totals()
         return float(totals.kinetic + sum(totals.stored.values()))
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add ψ'(q), the forces of stored energies in a step of no length, and M v.
-
-        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.  Collective.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which forces [N] are added.
-            by_velocity: vector of the system, to which momenta [kg m/s] are added.
-        """
+        """Add ψ'(q) [N], the forces of stored energies in a step of no length, and M v [kg m/s].
+        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q."""
         forces = system.stored_forces()
         by_position.axpy(1.0, forces)
         with by_position as values:
@@ -272,8 +247,8 @@ class CrossingTime:
     def __call__(self, run: HasScene) -> float:
         """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
         raise InputError(
-            "CrossingTime: one state does not know when a value was passed; use it in "
-            "gx.analysis.gradient(tape, ...)."
+            "CrossingTime: one state does not know when a value was passed; "
+            "use it in gx.analysis.gradient(tape, ...)."
         )
 
     def add_derivative(
@@ -292,19 +267,12 @@ class CrossingTime:
     def found(
         self, times: Sequence[float], values: Sequence[float]
     ) -> tuple[float, dict[int, float]]:
-        """The time, and its derivative with respect to the observed result at each of the states.
-
-        Args:
-            times: of the states up to the crossing, which is in the last step [s].
-            values: of the observed result in them.
-
-        Raises:
-            InputError: the value was not passed in the last step.
-        """
+        """The time, and its derivative with respect to the observed result at each of the states up
+        to the crossing, which is to be in the last step."""
         check(
             self.has_passed(values),
-            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is "
-            f"between {min(values):.6g} and {max(values):.6g}.",
+            f"CrossingTime: the result does not pass {self.value!r}; "
+            f"in the recorded steps it is between {min(values):.6g} and {max(values):.6g}.",
         )
         last = len(times) - 1
         before, after = np.asarray(values[-2:]) - self.value
@@ -351,22 +319,12 @@ class Functional:
         self.unit = unit
 
     def __call__(self, run: HasScene) -> float:
-        """The value in the present state of a run."""
         return float(self._value(run))
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative that the function of the user returns.
-
-        Args:
-            system: the compiled scene in its present state.
-            by_position: vector of the system, to which the derivative is added.
-            by_velocity: vector of the system; the result does not depend on velocities.
-
-        Raises:
-            InputError: an array has not one entry for each coordinate of its body on this rank.
-        """
+        """Add the derivative that the function of the user returns, by coordinates."""
         found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():
@@ -375,8 +333,7 @@ class Functional:
                 check(
                     len(given) == owned.stop - owned.start,
                     f"Functional: the derivative by '{body.name}' has {len(given)} entries; give "
-                    "one for each of the "
-                    f"{owned.stop - owned.start} coordinates of this rank.",
+                    f"one for each of the {owned.stop - owned.start} coordinates of this rank.",
                 )
                 values[owned] += given
 
@@ -386,3 +343,42 @@ class SceneView:
 
     def __init__(self, system: System) -> None:
         self.system = system
+
+
+@check_arguments
+class ChamberPressure:
+    """Pressure [Pa] of the gas in a chamber or tank.
+
+    Args:
+        chamber: the chamber.
+
+    Example:
+        >>> pressure = gx.analysis.ChamberPressure(tank)
+        >>> pressure.unit
+        'Pa'
+    """
+
+    unit = "Pa"
+
+    def __init__(self, chamber: Chamber) -> None:
+        self.chamber = chamber
+
+    def _index(self, system: System) -> int:
+        chambers = [gas.chamber for gas in chambers_of(system)]
+        check(
+            any(one is self.chamber for one in chambers),
+            f"ChamberPressure: '{self.chamber.name}' is not in the scene; add it.",
+        )
+        return next(k for k, one in enumerate(chambers) if one is self.chamber)
+
+    def __call__(self, run: HasScene) -> float:
+        return float(chambers_of(run.system)[self._index(run.system)].pressure)
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add nothing: it is one of the unknowns, which `add_scalar_derivative` derives by."""
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add the derivative by itself."""
+        by_scalars[self._index(system)] += 1.0

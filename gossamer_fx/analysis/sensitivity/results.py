@@ -41,14 +41,8 @@ class Derivative:
     comm: MPI.Intracomm | None = None
 
     def along(self, change: Array | float) -> float:
-        """The change of the result, to first order, for a change of the parameter.
-
-        Args:
-            change: of the entries of `values`, or of all of them alike.
-
-        Returns:
-            on every rank the sum over all ranks.
-        """
+        """The change of the result over all ranks, to first order, for a change of the parameter:
+        of the entries of `values`, or of all of them alike."""
         share = float(np.sum(self.values * change))
         comm = self.comm
         if comm is None and self.function is not None:
@@ -107,14 +101,7 @@ def collected(
     growth: float | None = None,
     notes: Sequence[str] = (),
 ) -> Gradient:
-    """The gradient that variables have summed up.  Collective.
-
-    Args:
-        value, unit: of the result.
-        variables: with their sums.
-        comm: of the scene.
-        growth, notes: as `Gradient` has them.
-    """
+    """The gradient that variables have summed up.  Collective."""
     derivatives = []
     for variable in variables:
         values = variable.sum.copy()

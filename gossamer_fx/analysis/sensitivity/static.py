@@ -53,31 +53,21 @@ class SolvedEquilibrium(Protocol):
 
 class StaticGradients:
     """Gradients of results of one equilibrium, by the same variables; it may be found again in
-    between.
-
-    Args:
-        equilibrium: of the scene.
-        by: names of the variables.
-
-    Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, gas that
-            flows through openings, or the shape of a film with gas, on which its amount depends.
-    """
+    between."""
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient at an equilibrium, and find the variables.
-        Collective."""
         system = equilibrium.system
         for scalars in system.scalar_unknowns:
             check(
                 scalars.is_closed,
-                "gradient: the gas of chambers with openings depends at equilibrium on how it got "
-                "there; leave the openings out, or take the gradient of a run.",
+                "gradient: "
+                "the gas of chambers with openings depends at equilibrium on how it got there; "
+                "leave the openings out, or take the gradient of a run.",
             )
             check(
                 not any(name.endswith(f".{SHAPE}") for name in by),
-                "gradient: the amount of gas in a chamber depends on the shape of its film; give "
-                "the pressure as Pressure, or leave the shape out.",
+                "gradient: the amount of gas in a chamber depends on the shape of its film; "
+                "give the pressure as Pressure, or leave the shape out.",
             )
         self._equilibrium = equilibrium
         self._system = system
@@ -92,11 +82,7 @@ class StaticGradients:
         self._by_velocity = system.numbering.vector()
 
     def factorise(self) -> None:
-        """Take the tangent of the present equilibrium.  Collective.
-
-        Raises:
-            InputError: no equilibrium was found, or the tangent is singular.
-        """
+        """Take the tangent of the present equilibrium.  Collective."""
         self._equilibrium.need("gradient")
         system = self._system
         system.set_end(system.q0)
@@ -113,12 +99,7 @@ class StaticGradients:
         self._solver.add_to_inverse(self._gas)
 
     def of(self, objective: Objective) -> Gradient:
-        """Return the gradient of one result at the equilibrium of the last `factorise`.
-        Collective.
-
-        Args:
-            objective: the result, with its derivatives by the coordinates.
-        """
+        """The gradient of one result at the equilibrium of the last `factorise`.  Collective."""
         system = self._system
         assert self._solver is not None
         self._by_position.set(0.0)
@@ -152,12 +133,8 @@ class StaticGradients:
             self._by_position.array[:] -= by_scalars[k] * stiffness * gradient
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
-        """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.
-
-        Returns:
-            for each variable the derivatives of the forms of J, compiled at the first use; empty
-            where J does not depend on the variable directly.
-        """
+        """The direct derivatives ∂J/∂θ of a result J by each variable θ, as forms that are compiled
+        at the first use; empty where J does not depend on the variable directly."""
         known = self._explicit.get(id(objective))
         if known is not None:
             return known

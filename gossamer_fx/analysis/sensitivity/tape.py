@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check, check_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
@@ -59,18 +59,12 @@ class RunToRecord(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """An accepted state of a run.
+    """An accepted state of a run, after `index` steps and at a time [s]; `h` [s] is the length of
+    the step that led to it, zero for the first node.
 
-    Attributes:
-        index: number of steps before it.
-        time: [s].
-        h: length of the step that led to it [s]; zero for the first node.
-        q: this rank's coordinates and multipliers (n,).
-        v: this rank's velocities (n,).
-        histories: what kinds with history variables saved, in their order.
-        scalars: states of the scalar unknowns, in their order.
-        active_sets: of the step that led to it, by kind; empty for the first node.
-        bytes: memory that it takes on this rank.
+    Coordinates with multipliers q and velocities v (n,) are this rank's; `bytes` is what the node
+    takes on it.  Histories and scalars are in the order of the kinds and scalar unknowns that saved
+    them; `active_sets` are those of the step that led to it.
     """
 
     index: int
@@ -114,15 +108,15 @@ class RunTape:
         11
     """
 
-    def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
-        """Check the arguments, and record every step from now on.  Collective."""
+    def __init__(
+        self, run: RunToRecord, *, memory: Annotated[float, positive("bytes")] = DEFAULT_MEMORY
+    ) -> None:
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
-            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use "
-            "Midpoint(dt=...).",
+            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; "
+            "use Midpoint(dt=...).",
         )
-        check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
         self.system = run.system
         self.memory = memory
         self.stride = 1
@@ -131,8 +125,8 @@ class RunTape:
         check_on_all(
             self.system.comm,
             FEWEST_STATES * first.bytes <= memory,
-            f"RunTape: memory is {memory:.3g} bytes; four states need "
-            f"{FEWEST_STATES * first.bytes} bytes on a rank.",
+            f"RunTape: memory is {memory:.3g} bytes; "
+            f"four states need {FEWEST_STATES * first.bytes} bytes on a rank.",
         )
         self.nodes: list[Node] = [first]
         # Counted along with the states: a sum over all of them in every step would grow with the
@@ -163,11 +157,7 @@ class RunTape:
             scalars.set_state(state)
 
     def _present(self, index: int, h: float) -> Node:
-        """Return the accepted state of the system as a node of the tape.
-
-        Args:
-            h: length of the step that led to it [s]; zero for the first node.
-        """
+        """The accepted state of the system, after a step of length h [s], as a node of the tape."""
         system = self.system
         active_sets = []
         if h > 0:
@@ -239,11 +229,9 @@ class RunTape:
             yield last
 
     def backwards(self, last: int) -> Iterator[tuple[Node, Node]]:
-        """Start and end of the first `last` steps, last step first.  Collective.
-
-        The system may be changed in between.  States that were dropped are made again, within the
-        memory of the tape.
-        """
+        """Start and end of the first `last` steps, last step first.  The system may be changed in
+        between. States that were dropped are made again, within the memory of the tape.
+        Collective."""
         if self.stride > 1:
             # Room for the states that are made again.
             self._thin_out(self.memory / 2)
@@ -282,11 +270,7 @@ class RunTape:
 
     def _advance(self, node: Node, index: int) -> Node:
         """Make the recorded steps again from a known state to a later one, and return that one.
-        Collective.
-
-        Raises:
-            StepFailure: a step of the run cannot be made again.
-        """
+        Collective."""
         system = self.system
         recorders = system.recorders
         supplied = system.supplied_energy

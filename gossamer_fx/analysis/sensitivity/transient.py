@@ -44,19 +44,9 @@ GROWTH_TO_WARN_OF = 1e3
 
 
 class TransientGradients:
-    """Gradients of results at the end of a recorded run.
-
-    Args:
-        tape: of the run, which stands at its last step.
-        by: names of the variables.
-
-    Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, or no
-            step.
-    """
+    """Gradients of results at the end of a recorded run, which stands at its last step."""
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
         system = tape.system
         check(
             tape.steps > 0,
@@ -74,15 +64,8 @@ class TransientGradients:
         self.norms: list[float] = []
 
     def of(self, objective: Objective) -> Gradient:
-        """Return the gradient of one result; the system is as before afterwards.  Collective.
-
-        Args:
-            objective: the result at the last step of the tape, or a `CrossingTime`.
-
-        Raises:
-            InputError: a result that was never reached.
-            StepFailure: a step of the tape cannot be repeated.
-        """
+        """The gradient of one result at the last step of the tape, or of a `CrossingTime`; the
+        system is as before afterwards.  Collective."""
         system = self._system
         present = self._tape.nodes[-1]
         remainder = system.increment.remainder.copy()
@@ -129,15 +112,8 @@ class TransientGradients:
         )
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
-        """Return the value of a result, and which states of the tape it depends on.
-
-        Returns:
-            the value; the result that is observed in these states; and the derivative of the value
-            by the observed result, by the number of the state.
-
-        Raises:
-            InputError: a value that was never passed.
-        """
+        """The value of a result; the result that is observed in states of the tape; and the
+        derivative of the value by the observed result, by the number of the state."""
         view = SceneView(self._system)
         if not isinstance(objective, CrossingTime):
             return objective(view), objective, {self._tape.steps: 1.0}
@@ -207,9 +183,7 @@ class TransientGradients:
 
     def _add_masses(self) -> None:
         """Add what forces that depend on the masses of bodies give for densities and thicknesses.
-
-        The mass of a body is v·M v of the unit velocity v along x.
-        """
+        The mass of a body is v·M v of the unit velocity v along x."""
         system = self._system
         for kind in system.differentiable:
             for body, by_mass in kind.derivatives_by_mass().items():
@@ -223,18 +197,15 @@ class TransientGradients:
                         variable.sum += by_mass * variable.inertia_derivative()
 
     def _warn(self, growth: float, duration: float) -> None:
-        """Log for how long the gradient predicts finite changes, if that is shorter than the run.
-
-        Args:
-            duration: of the run [s].
-        """
+        """Log for how long the gradient predicts finite changes, if that is shorter than the run
+        [s]."""
         if growth < GROWTH_TO_WARN_OF:
             return
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g "
-                "t); a relative change of 1e-4 is predicted for about %.3g s",
+                "gradient: changes of the motion grow by a factor of %.1e in this run, "
+                "as exp(%.3g t); a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,
                 math.log(1e4) / rate,
@@ -242,11 +213,9 @@ class TransientGradients:
 
 
 def growth_of(norms: Sequence[float]) -> float:
-    """Growth of the adjoint over a run from its norms, last step first, as a factor.
-
-    It is the square of the growth over the earlier half of the run, so that a linear growth, which
-    predicts finite changes well, counts as 4.
-    """
+    """Growth of the adjoint over a run from its norms, last step first, as a factor: the square of
+    that over the earlier half of the run, so that a linear growth, which predicts finite changes
+    well, counts as 4."""
     middle = norms[len(norms) // 2]
     if len(norms) < 3 or middle == 0:
         return 1.0

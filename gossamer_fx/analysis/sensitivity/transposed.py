@@ -18,11 +18,7 @@ MAX_RESIDUAL = 1e-13
 
 
 class TransposedSolver:
-    """Solves Aᵀ x = b by factors of A; matrices of one pattern share the ordering of the first.
-
-    Args:
-        A: the first matrix.
-    """
+    """Solves Aᵀ x = b by factors of A; matrices of one pattern share the ordering of the first."""
 
     def __init__(self, A: PETSc.Mat) -> None:
         # A scene of gas between rigid walls has no coordinates, and MUMPS factorises no empty
@@ -37,14 +33,8 @@ class TransposedSolver:
         self._border: tuple[Array, Array, Array] | None = None
 
     def factorise(self, A: PETSc.Mat) -> None:
-        """Factorise a matrix.  Collective.
-
-        Args:
-            A: matrix with the pattern of the first one, square.
-
-        Raises:
-            InputError: it is singular.
-        """
+        """Factorise a matrix with the pattern of the first one; `InputError` if it is singular.
+        Collective."""
         self._A = A
         if self._is_empty:
             return
@@ -52,17 +42,13 @@ class TransposedSolver:
         problem = factorisation.set_up(self._pc)
         if problem:
             raise InputError(
-                f"gradient: the tangent cannot be factorised, {problem}; hold the rigid motions of "
-                "the scene, or give "
-                "slack film a residual stiffness."
+                f"gradient: the tangent cannot be factorised, {problem}; "
+                "hold the rigid motions of the scene, or give slack film a residual stiffness."
             )
 
     def add_to_inverse(self, stiffnesses: Sequence[tuple[Array, float]]) -> None:
-        """Solve with A + Σ κ g⊗g from now on, by its factors of A.  Collective.
-
-        Args:
-            stiffnesses: (g, κ), with this rank's part (n,) of g; κ is not zero.
-        """
+        """Solve with A + Σ κ g⊗g from now on, κ ≠ 0, by its factors of A and this rank's parts of g
+        (n,). Collective."""
         self._border = None
         if not stiffnesses:
             return

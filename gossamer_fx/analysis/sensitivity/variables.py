@@ -46,12 +46,7 @@ VELOCITY = "velocity"
 
 class AdjointFields:
     """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms
-    read.
-
-    Attributes:
-        of: the function of each body on a mesh.
-        inertia: functions z, of which M z is the inertia of the step.
-    """
+    read; `inertia` has functions z, of which M z is the inertia of the step."""
 
     def __init__(self, system: System) -> None:
         self._system = system
@@ -96,27 +91,14 @@ class AdjointFields:
 
 
 class Variable(ABC):
-    """One variable of a gradient.
-
-    Attributes:
-        name: "item.parameter".
-        unit: SI unit.
-        is_distributed: whether each rank has its own part of the values; otherwise all have all.
-    """
+    """One variable "item.parameter" of a gradient, with its SI unit.  If it is distributed each
+    rank has its own part of the values; otherwise all have all."""
 
     name: str
     unit: str
     is_distributed: bool
 
     def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
-        """Begin with a derivative of zero.
-
-        Args:
-            name: "item.parameter".
-            unit: SI unit.
-            is_distributed: whether each rank has its own part of the values.
-            size: number of values on this rank.
-        """
         self.name = name
         self.unit = unit
         self.is_distributed = is_distributed
@@ -153,14 +135,8 @@ class FormVariable(Variable):
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
     ) -> None:
-        """Differentiate the forces by the coefficients.
-
-        Args:
-            name: of the variable.
-            unit: of the variable.
-            coefficients: constants or fields that are the variable; all have the same values.
-            adjoint: fields of the adjoint problem.
-        """
+        """Differentiate the forces by constants or fields that are the variable; all have the same
+        values."""
         first = coefficients[0]
         is_constant = isinstance(first, fem.Constant)
         super().__init__(name, unit, not is_constant, size_of(first))
@@ -171,18 +147,14 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
-        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the
-        mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
         if isinstance(first, fem.Constant):
             return np.array(np.ravel(first.value), dtype=float)
-        values: Array = first.x.array[: size_of(first)].copy()
-        return values
+        return first.x.array[: size_of(first)].copy()
 
     def set(self, values: Array) -> None:
-        """Give the coefficients the values (k,), on this rank and on ghosts."""
         for one in self.coefficients:
             if isinstance(one, MeshNodes):
                 one.set(values)
@@ -210,7 +182,6 @@ class FormVariable(Variable):
         return found
 
     def function(self, values: Array) -> fem.Function | None:
-        """Values (k,) as a function on the mesh, for output; None for a constant."""
         first = self.coefficients[0]
         if isinstance(first, fem.Constant):
             return None
@@ -222,18 +193,9 @@ class PointVariable(Variable):
     """Numbers of terms that are not forms: of springs, ropes, creases and point forces."""
 
     def __init__(
-        self,
-        name: str,
-        unit: str,
-        uses: Sequence[tuple[Differentiable, Any, Parameter]],
+        self, name: str, unit: str, uses: Sequence[tuple[Differentiable, Any, Parameter]]
     ) -> None:
-        """Count the values of a parameter that terms without forms share.
-
-        Args:
-            name: "item.parameter".
-            unit: SI unit.
-            uses: the compiled kind, the term and its parameter, for each term that has it.
-        """
+        """Count the values of a parameter of terms without forms, each with its compiled kind."""
         self._uses = uses
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         kind, term, first = uses[0]
@@ -271,14 +233,8 @@ class InitialVariable(Variable):
     """Coordinates or velocities of a body at the start of a run."""
 
     def __init__(self, name: str, body: Body, system: System, is_velocity: bool) -> None:
-        """Take as many values as this rank has unknowns of the body.
-
-        Args:
-            name: "body.parameter".
-            body: whose initial state it is.
-            system: the compiled scene.
-            is_velocity: whether the variable is the velocities [m/s], else the coordinates [m].
-        """
+        """Take as many velocities [m/s] or coordinates [m] as this rank has unknowns of the
+        body."""
         unit = "m/s" if is_velocity else "m"
         owned = system.block(body).owned
         super().__init__(name, unit, True, owned.stop - owned.start)
@@ -308,19 +264,10 @@ class InitialVariable(Variable):
 
 
 class RigidMotionVariable(Variable):
-    """Velocity or angular velocity (3,) of a rigid body at the start of a run.
-
-    The body's director d has the velocity ω × d, so that dJ/dω = Σ d × dJ/dḋ.
-    """
+    """Velocity or angular velocity (3,) of a rigid body at the start of a run.  The body's director
+    d has the velocity ω × d, so that dJ/dω = Σ d × dJ/dḋ."""
 
     def __init__(self, name: str, body: RigidBody, system: System) -> None:
-        """Tell velocity and angular velocity apart by the name.
-
-        Args:
-            name: "body.velocity" or "body.spin".
-            body: the rigid body.
-            system: the compiled scene.
-        """
         self._is_spin = name.rpartition(".")[2] == SPIN
         super().__init__(name, "rad/s" if self._is_spin else "m/s", False, 3)
         self._body = body
@@ -348,14 +295,8 @@ class ScalarVariable(Variable):
     """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
 
     def __init__(self, name: str, adjoint: GasAdjoint, item: Any, system: System) -> None:
-        """Take the unit of the parameter from the adjoint.
-
-        Args:
-            name: "item.parameter".
-            adjoint: sums the derivative over the steps of a run.
-            item: chamber, opening, wall or reservoir of the scene.
-            system: the compiled scene.
-        """
+        """Take the unit of the parameter of a chamber, opening, wall or reservoir from the adjoint,
+        which sums the derivative over the steps of a run."""
         self._what = name.rpartition(".")[2]
         self._item = item
         self._adjoint = adjoint
@@ -394,19 +335,8 @@ def find_variables(
     in_time: bool,
     scalars: Sequence[GasAdjoint] = (),
 ) -> list[Variable]:
-    """Return the variables of a scene with these names.  Collective.
-
-    Args:
-        system: the compiled scene.
-        names: "item.parameter" of each.
-        adjoint: fields of the adjoint vector, which derivatives of forms read.
-        in_time: whether the result is one of a run, which also has initial conditions.
-        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
-
-    Raises:
-        InputError: a name that the scene has not, with those that it has; a part of the scene
-            without a gradient.
-    """
+    """The variables "item.parameter" of a scene, with initial conditions if the result is one of a
+    run, `in_time`.  `InputError` names what the scene has.  Collective."""
     check(
         bool(names) and not isinstance(names, str),
         f"gradient: by is {names!r}; give a list of names, e.g. by=['film.thickness'].",
@@ -416,31 +346,22 @@ def find_variables(
 
 
 def refuse_unknown_kinds(system: System) -> None:
-    """Check that the derivatives of all forces of a scene are known.  Collective.
-
-    Args:
-        system: the compiled scene.
-
-    Raises:
-        InputError: names the first part of the scene without a gradient.
-    """
+    """Raise `InputError` if the derivatives of some forces of a scene are unknown, with the name of
+    the first.  Collective."""
     for kind in system.compiled:
         if isinstance(kind, Differentiable):
             words = kind.without_gradient()
         else:
             words = (
-                f"'{brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
-                "are not known; "
-                "leave it out of the scene"
+                f"'{brought_by(system, kind)}' has no gradient, "
+                "as the derivatives of its forces are not known; leave it out of the scene"
             )
         check_on_all(system.comm, not words, f"gradient: {words}.")
 
 
 def brought_by(system: System, kind: object) -> str:
-    """Return the name of the first item of a scene that has a term of a compiled kind.
-
-    The name of the class stands for an item without a name, and for a kind without an item.
-    """
+    """The first item of a scene that has a term of a compiled kind: its name, else its class; that
+    of the kind if no item has one."""
     for item in system.items:
         for term in system.terms_of(item):
             if type(kind) is term.compiler:
@@ -449,18 +370,10 @@ def brought_by(system: System, kind: object) -> str:
 
 
 def _find(
-    system: System,
-    name: str,
-    adjoint: AdjointFields,
-    in_time: bool,
-    scalars: Sequence[GasAdjoint],
+    system: System, name: str, adjoint: AdjointFields, in_time: bool, scalars: Sequence[GasAdjoint]
 ) -> Variable:
-    """Return the variable of a parameter.
-
-    Raises:
-        InputError: a name without a dot, an item that the scene has not or has twice, or a
-            parameter that the item has not; the message lists what there is.
-    """
+    """The variable of a parameter; what the scene does not have is refused with a list of what it
+    has."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -471,8 +384,8 @@ def _find(
     check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
     check(
         len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different "
-        "names.",
+        f"gradient: {len(items)} items of the scene are called '{item_name}'; "
+        "give them different names.",
     )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
@@ -492,8 +405,8 @@ def _find(
     ]
     check(
         bool(found),
-        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
-        f"has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
+        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; "
+        f"it has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
@@ -532,16 +445,13 @@ def _has_shape(item: object) -> bool:
 
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
-    """Return the variable of the stress-free positions [m] of the nodes of a body.
-
-    Raises:
-        InputError: a part of the scene measures the stress-free shape in another way than by forms.
-    """
+    """The variable of the stress-free positions [m] of the nodes of a body; refused if a part of
+    the scene measures the stress-free shape in another way than by forms."""
     for kind in system.compiled:
         if not (isinstance(kind, Differentiable) and kind.has_shape_derivative):
             raise InputError(
-                f"gradient: '{brought_by(system, kind)}' is measured on the mesh when the scene "
-                "is made, so that "
-                f"there is no derivative by '{name}'; leave it out of the scene."
+                "gradient: "
+                f"'{brought_by(system, kind)}' is measured on the mesh when the scene is made, "
+                f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

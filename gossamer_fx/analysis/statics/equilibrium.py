@@ -42,10 +42,10 @@ import logging
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -64,7 +64,7 @@ from gossamer_fx.analysis.statics.remedies import (
     remedies,
 )
 from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
@@ -73,10 +73,11 @@ from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.records.fields.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import LOAD_PARAMETER, Account
 
 # What stays constant in the chambers, see `gas.static_processes`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
@@ -157,40 +158,21 @@ class Continuation:
     """
 
     _: KW_ONLY
-    tolerance: float = 1e-8
-    first_step: float = 2e-3
-    growth_factor: float = 1.6
+    tolerance: Annotated[float, positive()] = 1e-8
+    first_step: Annotated[float, positive("s")] = 2e-3
+    growth_factor: Annotated[float, Range(1.0, above=True)] = 1.6
     fast_iterations: int = 12
-    cut_factor: float = 0.5
+    cut_factor: Annotated[float, positive()] = 0.5
     cap_growth: float = 1.1
-    inner_tolerance: float = 0.1
+    inner_tolerance: Annotated[float, positive()] = 0.1
     max_iterations: int = 25
     total_iterations: int = 1000
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
-        limits = ("cap_growth", "fast_iterations", "max_iterations", "total_iterations")
-        for name in ("tolerance", "first_step", "inner_tolerance", *limits):
+        # With a tolerance of 1 or more, the first guess would already be an equilibrium.
+        for name in ("tolerance", "inner_tolerance", "cut_factor"):
             value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"Continuation: {name} is {value!r}; give a positive number.",
-            )
-        # With a fraction of 1 or more, the first guess would already be an equilibrium.
-        for name in ("tolerance", "inner_tolerance"):
-            value = getattr(self, name)
-            check(
-                value < 1,
-                f"Continuation: {name} is {value!r}; give a number below 1.",
-            )
-        check(
-            self.growth_factor > 1,
-            f"Continuation: growth_factor is {self.growth_factor!r}; give a factor above 1.",
-        )
-        check(
-            0 < self.cut_factor < 1,
-            f"Continuation: cut_factor is {self.cut_factor!r}; give a factor between 0 and 1.",
-        )
+            check(value < 1, f"Continuation: {name} is {value!r}; give a number below 1.")
 
 
 @check_arguments
@@ -279,6 +261,8 @@ class Equilibrium:
         gas: process of the gas in all chambers.
 
     Attributes:
+        axis: what `find` calls `at`, for records, see `outputs.record`.
+        step: number of searches that were made.
         result: of the last `find`; None if it failed or was not called.
         compile_seconds: wall time of the compilation [s].
 
@@ -295,13 +279,8 @@ class Equilibrium:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        search: Continuation = Continuation(),
-        *,
-        gas: GasProcess = "adiabatic",
+        self, scene: Scene, search: Continuation = Continuation(), *, gas: GasProcess = "adiabatic"
     ) -> None:
-        """Check the arguments, and compile the scene.  Collective."""
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
@@ -323,6 +302,10 @@ class Equilibrium:
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
         )
         self._prestress = PrestressOfScene(self.system)
+        self.axis = LOAD_PARAMETER
+        self.step = 0
+        self._all_iterations = 0  # of all searches
+        self._all_seconds = 0.0  # CPU time [s] of all searches
         # Norm of the external forces, of all equilibria found so far [N]
         self._largest_load = 0.0
         self.result: EquilibriumResult | None = None
@@ -353,6 +336,7 @@ class Equilibrium:
         self._iterations = 0
         self._steps = 0
         self._cuts = 0
+        self.step += 1
         self.result = None
         self.system.q0.copy(self._start)
         if self.system.active_sets:
@@ -388,6 +372,8 @@ class Equilibrium:
             within_tolerance=is_within_tolerance,
             prestress=self._prestress.reached(),
         )
+        self._all_iterations += self.result.iterations
+        self._all_seconds += self.result.seconds
         self._warn_of_quality(self.result)
         return self.result
 
@@ -396,34 +382,17 @@ class Equilibrium:
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,)
-        each.
-
-        Supports that hold the same coordinate of a node, e.g. of a corner, bear equal parts of its
-        force.
-
-        Args:
-            support: an item of the scene that fixes or prescribes coordinates.
-            about: point to which the moment refers [m].
-
-        Raises:
-            InputError: no equilibrium was found yet, or the support is not in the scene.
-        """
+        """Force [N] and moment [N m] about a point [m] that an item which fixes or prescribes
+        coordinates exerts in the equilibrium found last, (3,) each.  Supports that hold the same
+        coordinate of a node, e.g. of a corner, bear equal parts of its force."""
         self.need("reaction")
         return support_force(self.system, support, about)
 
     def joint_force(
         self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] that a joint exerts on its side `b`, (3,) each.
-
-        Args:
-            joint: an item of the scene.
-            about: point to which the moment refers [m].
-
-        Raises:
-            InputError: no equilibrium was found yet, or the joint is not in the scene.
-        """
+        """Force [N] and moment [N m] about a point [m] that a joint exerts on its side `b`, (3,)
+        each."""
         self.need("joint_force")
         return joint_force(self.system, joint, about)
 
@@ -445,6 +414,46 @@ class Equilibrium:
         return self.system.totals()
 
     @property
+    def account(self) -> Account:
+        """How the present state was found; of a search that was stopped there is no result."""
+        method = {"kind": "Continuation", "tolerance": self.search.tolerance}
+        result = self.result
+        if result is None:
+            return Account(
+                kind="equilibrium",
+                method=method,
+                until=self.time,
+                compile_seconds=self.compile_seconds,
+                caption="not an equilibrium: the search was stopped",
+            )
+        caption = f"equilibrium, residual {result.residual:.1e}"
+        if self.time or self.step > 1:
+            caption = f"equilibrium at {self.axis.words(self.time, digits=4)}"
+        return Account(
+            kind="equilibrium",
+            method=method,
+            until=self.time,
+            iterations=self._all_iterations,
+            last_iterations=result.iterations,
+            rejected=result.cuts,
+            seconds=self._all_seconds,
+            compile_seconds=self.compile_seconds,
+            solver=self.newton.summary(),
+            caption=caption,
+            details={
+                "result": {
+                    "residual": result.residual,
+                    "within tolerance": result.within_tolerance,
+                    "regular": result.regular,
+                    "free motions": ", ".join(result.free) or "none",
+                    "iterations": result.iterations,
+                    "pseudo-steps": result.steps,
+                },
+                "prestress": {name: asdict(one) for name, one in result.prestress.items()},
+            },
+        )
+
+    @property
     def chambers(self) -> dict[str, Any]:
         """States of the gas chambers and tanks by name."""
         found: dict[str, Any] = {}
@@ -453,11 +462,7 @@ class Equilibrium:
         return found
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`.
-
-        Raises:
-            InputError: the scene has no chamber or tank of this name.
-        """
+        """State of the gas in one chamber or tank, see `gas.contract.ChamberState`."""
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
         check(
@@ -469,12 +474,7 @@ class Equilibrium:
     # ---- the search ------------------------------------------------------------------------------
 
     def _continue(self, at: float, signals: Listener) -> None:
-        """Make pseudo-steps until the residual without inertia is small.
-
-        Raises:
-            NoEquilibrium: too many iterations, or too short a pseudo-step.
-            Interrupted: a signal came.
-        """
+        """Make pseudo-steps until the residual without inertia is small."""
         search = self.search
         tolerances = Tolerances(
             search.inner_tolerance,
@@ -532,22 +532,16 @@ class Equilibrium:
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
             if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
-                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} "
-                    "pseudo-steps: the "
-                    f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
-                    f"largest in {self.system.locate(self._residual)}; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
+                    f"No equilibrium after {self._iterations} Newton iterations "
+                    f"in {self._steps} pseudo-steps: "
+                    f"the unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
+                    f"largest in {self.system.locate(self._residual)}; last failure: "
+                    f"{reason}.{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
-        """End the search if a signal has come.  Collective.
-
-        Args:
-            residual: unbalanced force over the load [-], for the warning in the log.
-
-        Raises:
-            Interrupted: with the state of the last pseudo-step in the system.
-        """
+        """End the search if a signal has come, with the state of the last pseudo-step in the
+        system; `residual`, over the load, is for the log.  Collective."""
         number = signals.heard(self.comm)
         if not number:
             return
@@ -555,9 +549,9 @@ class Equilibrium:
         interrupted = Interrupted(number)
         if self.comm.rank == 0:
             LOG.warning(
-                "The search for an equilibrium was stopped by %s after %d Newton iterations in %d "
-                "pseudo-steps, with "
-                "%.1e of the load unbalanced; the system has the state of the last pseudo-step.",
+                "The search for an equilibrium was stopped by %s after %d Newton iterations "
+                "in %d pseudo-steps, with %.1e of the load unbalanced; "
+                "the system has the state of the last pseudo-step.",
                 interrupted.signal.name,
                 self._iterations,
                 self._steps,
@@ -574,25 +568,24 @@ class Equilibrium:
             LOG.warning("%s", lost)
         if not result.within_tolerance:
             LOG.warning(
-                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the "
-                "inner forces have a "
-                "round-off of %.1e N.",
+                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: "
+                "the inner forces have a round-off of %.1e N.",
                 result.residual,
                 self.search.tolerance,
                 self.newton.round_off,
             )
         if result.free:
             LOG.warning(
-                "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must "
-                "not move.",
+                "The equilibrium is not unique: nothing resists %s; "
+                "hold it by gx.Fixed if it must not move.",
                 listed(result.free),
             )
         elif not result.regular:
             LOG.warning(
-                "The equilibrium is not regular: its tangent is singular or Newton's iteration "
-                "without inertia does "
-                "not converge, as in slack film or at a limit load; shape and modes of such parts "
-                "are not unique."
+                "The equilibrium is not regular: "
+                "its tangent is singular or Newton's iteration without inertia does not converge, "
+                "as in slack film or at a limit load; "
+                "shape and modes of such parts are not unique."
             )
 
     @cached_property
@@ -602,11 +595,8 @@ class Equilibrium:
         return measure_pressed_films(self.system)
 
     def _warn_of_inward_normals(self, at: float) -> None:
-        """Warn of films that a pressure of time `at` [s] turns inside out.
-
-        Such a search takes hundreds of iterations, and may end in an equilibrium of the film turned
-        inside out.
-        """
+        """Warn of films that a pressure of time `at` [s] turns inside out: such a search takes
+        hundreds of iterations."""
         for pressure in collapsing_pressures(self._pressed_films, at):
             if pressure.is_inwards and self.comm.rank == 0:
                 LOG.warning("%s", pressure.words)
@@ -630,16 +620,9 @@ class Equilibrium:
             active_set.set_static_load(load)
 
     def _step(self, h: float, at: float, tolerances: Tolerances) -> int:
-        """Make one pseudo-step (1) of length h [s], under the loads of time `at` [s].
-
-        An infinite h leaves out the inertia.
-
-        Returns:
-            The number of Newton iterations.
-
-        Raises:
-            NotConverged: the state of the system is unchanged.
-        """
+        """Make one pseudo-step (1) of length h [s], infinite for no inertia, under the loads of
+        time `at` [s]; return the number of Newton iterations.  If it fails the state of the system
+        is unchanged."""
         system = self.system
         # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they
         # do not count.
@@ -663,11 +646,9 @@ class Equilibrium:
         return used
 
     def _unbalanced(self) -> tuple[float, float]:
-        """Residual without inertia over the external force, and the external force [N], now.
-
-        If that force is less than a thousand times the round-off of the inner forces, this replaces
-        it: a scene without loads is in equilibrium when only round-off is left.
-        """
+        """Residual without inertia over the external force, and the external force [N].  A thousand
+        times the round-off of the inner forces replaces a smaller force: a scene without loads is
+        in equilibrium when only round-off is left."""
         system = self.system
         system.set_inertia(0.0)
         system.residual(self._y, self._residual)
@@ -677,21 +658,17 @@ class Equilibrium:
         return unbalanced / load, load
 
     def _warn_of_lost_loads(self) -> None:
-        """Warn if the loads are so small that the round-off of the inner forces hides them.
-
-        The residual is then small wherever the scene is, so that an equilibrium is found that is
-        too stiff by any factor: a plate bends with the cube of its thickness, and round-off is that
-        of its membrane forces.
-        """
+        """Warn if the round-off of the inner forces hides the loads.  The residual is then small
+        wherever the scene is, so that what is found is too stiff by any factor: a plate bends with
+        the cube of its thickness, and round-off is that of its membrane forces."""
         load = float(self.system.load_forces().norm())
         round_off = self.newton.round_off
         if 0 < load < LOST_LOAD * round_off and self.comm.rank == 0:
             LOG.warning(
-                "The equilibrium does not show the loads: their %.1e N are far below the round-off "
-                "of the inner "
-                "forces, %.1e N, so that displacements may be too small by any factor; a plate "
-                "this thin needs cells "
-                "of aspect near one, or is a Membrane.",
+                "The equilibrium does not show the loads: "
+                "their %.1e N are far below the round-off of the inner forces, "
+                "%.1e N, so that displacements may be too small by any factor; "
+                "a plate this thin needs cells of aspect near one, or is a Membrane.",
                 load,
                 round_off,
             )
@@ -707,11 +684,7 @@ class Equilibrium:
 
     def _check_displacement(self) -> None:
         """Check that nothing flies off: what is not held moves the farther, the longer the
-        pseudo-step.
-
-        Raises:
-            NoEquilibrium: names the body that has moved farthest.
-        """
+        pseudo-step."""
         system = self.system
         displacement = np.abs(system.q0.array_r - self._start.array_r)
         farthest = np.array(
@@ -721,22 +694,17 @@ class Equilibrium:
         k = int(farthest.argmax())
         if farthest[k] > MAX_RELATIVE_DISPLACEMENT * self._scene_size:
             raise NoEquilibrium(
-                f"No equilibrium: '{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and "
-                "moves on; hold it, or "
-                "let the loads on it balance each other."
+                "No equilibrium: "
+                f"'{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves on; "
+                "hold it, or let the loads on it balance each other."
             )
 
     # ---- uniqueness ------------------------------------------------------------------------------
 
     def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
-        """Whether the equilibrium that was found is unique, with the loads of the time `at` [s].
-
-        Newton's method is started once more without inertia, from the solution.
-
-        Returns:
-            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the
-            tangent without inertia is regular.
-        """
+        """Rigid motions that nothing resists, in words, and whether the tangent without inertia is
+        regular under the loads of time `at` [s]: Newton's iteration starts once more from the
+        solution."""
         converges = self._solve_without_inertia(at)
         system = self.system
         unbalanced, load = self._unbalanced()
@@ -773,14 +741,8 @@ class _TensionOnly:
 
     It is tried after a failure.  The first time that it helps, it is dropped after one pseudo-step;
     each further failure doubles the number of pseudo-steps, up to `MAX_DELAY_STEPS`.  If it has
-    never helped, it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.
-
-    Args:
-        is_possible: whether the scene has terms that resist compression; otherwise there is no
-            difference.
-
-    Attributes:
-        is_active: whether the next pseudo-step has the geometric stiffness of tension only.
+    never helped, it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.  Without terms that
+    resist compression it makes no difference, and is not possible.
     """
 
     def __init__(self, is_possible: bool) -> None:

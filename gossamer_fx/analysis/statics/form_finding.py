@@ -23,14 +23,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
@@ -65,17 +65,9 @@ class Prestress(IsotropicFilm):
     """
 
     _: KW_ONLY
-    tension: float
+    tension: Annotated[float, positive("N/m")]
 
     quadratic = True
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        super().__post_init__()
-        check(
-            math.isfinite(self.tension) and self.tension > 0,
-            f"Prestress: tension is {self.tension!r} N/m; give a positive number.",
-        )
 
     # Its stress is the same at every strain.
     taut_strain = FilmLaw.taut_strain
@@ -122,15 +114,10 @@ class EdgeCable:
     body: Membrane
     edges: str
     _: KW_ONLY
-    force: float
+    force: Annotated[float, positive("N")]
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check(
-            math.isfinite(self.force) and self.force > 0,
-            f"EdgeCable: force is {self.force!r} N; give a positive number.",
-        )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 
@@ -138,14 +125,8 @@ class EdgeCable:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b.
-
-        N [N] is the force of the cable, L [m] the length of an edge, x_a and x_b the positions [m]
-        of its ends.
-
-        Raises:
-            InputError: the mesh has no edges of this name, or one of them has no length.
-        """
+        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge of length L [m] with
+        ends at x_a and x_b [m]."""
         # The law of the tape is not used, only its edges and their lengths.
         bars = Tape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name

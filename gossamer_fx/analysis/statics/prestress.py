@@ -103,11 +103,7 @@ class ReachedPrestress:
 
 
 class PrestressOfScene:
-    """Compares the prestress of all parts of a scene with the accepted state.
-
-    Args:
-        system: the compiled scene.
-    """
+    """Compares the prestress of all parts of a scene with the accepted state."""
 
     def __init__(self, system: System) -> None:
         """Compile the comparison for each part with prestress; none for other parts.
@@ -131,12 +127,6 @@ class _PrestressOfPart:
     """The comparison of one film, cable or beam."""
 
     def __init__(self, system: System, body: MeshBody) -> None:
-        """Compile the forms of the stress that was asked for and of the one reached.  Collective.
-
-        Args:
-            system: the compiled scene.
-            body: with an initial stress, strain or tension.
-        """
         self._comm = system.comm
         self._shape = BodyShape(system, body)
         part: Any = self._shape.body
@@ -190,11 +180,7 @@ class _PrestressOfPart:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the parts that have lost more than a tenth of their prestress; else empty.
-
-    Args:
-        found: prestress by the names of parts.
-    """
+    """A warning of the parts that have lost more than a tenth of their prestress; else empty."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""
@@ -209,8 +195,8 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
     if any(one.unit == "Pa" for one in lost.values()):
         remedy += "; a straight free edge of a film bears no stress, an arc with a cord does"
     return (
-        "The prestress that was asked for is not reached, as supports give way or loads relieve "
-        f"it: {', '.join(words)}; {remedy}."
+        "The prestress that was asked for is not reached, "
+        f"as supports give way or loads relieve it: {', '.join(words)}; {remedy}."
     )
 
 

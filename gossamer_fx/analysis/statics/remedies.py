@@ -1,21 +1,35 @@
-"""Advice for scenes whose equilibrium was not found: likely causes, from what the scene
-contains."""
+"""Advice for scenes whose equilibrium was not found or is not stable: likely causes, from what the
+scene contains.
+
+A compressed beam buckles at N = π² EI/(β L)², with β = 1 between hinges, 2 for a cantilever with a
+force of constant direction at its tip, ½ between clamps (Timoshenko and Gere, Theory of Elastic
+Stability, 2nd ed., 1961, sections 2.1 and 2.2).  The advice compares the mean compression of each
+beam with the load for β = 1; supports of real beams are between the others.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.enclosed_volume import Enclosed, enclosed_by
+from gossamer_fx.core.mesh.quality import corner_points, sizes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.loads.pressure import Pressure
 from gossamer_fx.solve.system.system import System
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.beam import Beam
 
 # Residual stiffness below which the wrinkles of a film of order 2 have no equilibrium on many
 # meshes.
@@ -39,12 +53,8 @@ class PressedFilm:
 
 @dataclass(frozen=True)
 class CollapsingPressure:
-    """A pressure that presses a film together.
-
-    Attributes:
-        words: a sentence with the cause and the remedy.
-        is_inwards: whether the normals of the film point inwards.
-    """
+    """A pressure that presses a film together: the cause and the remedy in words, and whether the
+    normals of the film point inwards."""
 
     words: str
     is_inwards: bool
@@ -53,13 +63,8 @@ class CollapsingPressure:
 def remedies(
     system: System, chambers: Mapping[str, Any], pressed_films: Iterable[PressedFilm]
 ) -> str:
-    """Sentences about likely causes and what to do; empty if none is known.  Collective.
-
-    Args:
-        system: the compiled scene, in the state that was reached last.
-        chambers: states of its gas by name.
-        pressed_films: of the scene, from `measure_pressed_films`.
-    """
+    """Sentences about likely causes, in the state that was reached last, and what to do; empty if
+    none is known.  Collective."""
     found = [
         *_unsupported(system),
         *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
@@ -84,8 +89,8 @@ def _unsupported(system: System) -> Iterator[str]:
     total: Array = system.comm.allreduce(sums, op=MPI.SUM)
     if np.linalg.norm(total[:3]) > BALANCED * total[3]:
         yield (
-            "Nothing in the scene is supported, and its loads do not balance each other: hold it "
-            "by gx.Fixed."
+            "Nothing in the scene is supported, and its loads do not balance each other: "
+            "hold it by gx.Fixed."
         )
 
 
@@ -102,12 +107,7 @@ def measure_pressed_films(system: System) -> list[PressedFilm]:
 def collapsing_pressures(
     pressed_films: Iterable[PressedFilm], at: float
 ) -> Iterator[CollapsingPressure]:
-    """Pressures at a time on films with an inside that press them together.  Collective.
-
-    Args:
-        pressed_films: of the scene, from `measure_pressed_films`.
-        at: time [s], for pressures that are functions of it.
-    """
+    """Pressures at a time [s] that press films with an inside together.  Collective."""
     for pressed in pressed_films:
         item = pressed.pressure
         enclosed = pressed.enclosed
@@ -123,15 +123,15 @@ def collapsing_pressures(
         if is_inwards:
             cause = "the normals of its mesh point inwards"
             remedy = (
-                "turn all its triangles (orient=True when the mesh is made or read, or "
-                "model.mesh.reverse() of gmsh), or change the sign of the pressure"
+                "turn all its triangles (orient=True when the mesh is made or read, "
+                "or model.mesh.reverse() of gmsh), or change the sign of the pressure"
             )
         else:
             cause = "the pressure is negative and the normals of its mesh point outwards"
             remedy = "change the sign of the pressure"
         words = (
-            f"'{item.name}' presses the {kind} '{film.name}' together, as {cause} "
-            f"(mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
+            f"'{item.name}' presses the {kind} '{film.name}' together, "
+            f"as {cause} (mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
         )
         yield CollapsingPressure(words, is_inwards)
 
@@ -152,11 +152,8 @@ def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
         if state.temperature < COOLED * before:
             yield (
                 f"The gas of '{name}' expands adiabatically and has cooled from {before:.0f} K to "
-                f"{state.temperature:.0f} K, its pressure is {state.pressure:.4g} Pa: it does not "
-                "fill the film.  "
-                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, '
-                'gas="held pressure" if a blower '
-                "holds its pressure, or more gas."
+                f"{state.temperature:.0f} K, so that it does not fill the film: "
+                'give Equilibrium(..., gas="isothermal"), gas="held pressure", or more gas.'
             )
 
 
@@ -168,7 +165,99 @@ def _soft_films(system: System) -> Iterator[str]:
         stiffness = getattr(body.law, "residual_stiffness", None)
         if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
             yield (
-                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
-                "stiffness only: take "
-                f"order=1 with a finer mesh, or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
+                f"'{body.name}' is of order 2 and resists compression "
+                f"by {stiffness:.0e} of its stiffness only: take order=1 with a finer mesh, "
+                f"or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
             )
+
+
+# ---- equilibria that are not stable --------------------------------------------------------------
+
+Displacements = Mapping[str, npt.NDArray[np.complex128]]
+
+# Residual stiffness that is recommended in place of a law that resists compression fully.
+SMALL_RESIDUAL_STIFFNESS = 1e-4
+
+
+def advice(system: System, displacements: Displacements) -> str:
+    """Sentences about what has buckled, in the state of the equilibrium, from the displacements (n,
+    3) of the mode that grows fastest, by the names of bodies.  Collective."""
+    sentences = []
+    largest = {}
+    for name, values in displacements.items():
+        own = float(np.abs(values).max(initial=0.0))
+        largest[name] = system.comm.allreduce(own, op=MPI.MAX)
+    if len(largest) > 1:
+        moved_most = max(largest, key=lambda name: largest[name])
+        sentences.append(f"The fastest mode moves '{moved_most}' most.")
+    sentences += _compressed_films(system, largest)
+    sentences += loaded_beams(system)
+    return " ".join(sentences)
+
+
+def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[str]:
+    """Films that resist compression, and which the mode moves as far as anything."""
+    most = max(largest.values(), default=0.0)
+    for body in system.bodies:
+        if not isinstance(body, Membrane) or body.bends or largest.get(body.name, 0.0) < most:
+            continue
+        stiffness = getattr(body.law, "residual_stiffness", 0.0)
+        # A law whose energy is quadratic makes no difference between tension and compression.
+        if body.law.quadratic:
+            yield (
+                f"Film '{body.name}' resists compression with its full stiffness "
+                "but has no bending stiffness, so that it buckles: "
+                f"take a law with a residual_stiffness of {SMALL_RESIDUAL_STIFFNESS:g} or less, "
+                "or stretch the film more."
+            )
+        elif stiffness > 0:
+            # Imported here: few equilibria need it.
+            from gossamer_fx.records.fields.film_states import AreaFractions
+
+            _, _, taut = AreaFractions([body])(system)
+            yield (
+                f"Film '{body.name}' is not taut on {100 * (1 - taut):.0f} % of its area, "
+                f"where it resists compression with {stiffness:.0e} of its stiffness "
+                "but has no bending stiffness, so that it buckles: "
+                "stretch it more, or take a smaller residual_stiffness."
+            )
+
+
+def loaded_beams(system: System) -> Iterator[str]:
+    """Deflection and compression of each beam, and what to change if these are large."""
+    from gossamer_fx.mechanics.bodies.beam import Beam
+
+    beams = [body for body in system.bodies if isinstance(body, Beam)]
+    for beam in beams:
+        length = system.comm.allreduce(float(sizes(corner_points(beam.space.mesh)).sum()))
+        stiffness = min(beam.section.EI2, beam.section.EI3)
+        pinned_load = math.pi**2 * stiffness / length**2
+        compression = -_mean_tension(system, beam, length)
+        yield (
+            f"Beam '{beam.name}' is deflected by up to {_deflection(system, beam):.3g} m "
+            f"and bears a compression of {compression:.3g} N; "
+            f"it buckles at {pinned_load:.3g} N between hinges, "
+            "and at a quarter of that as a cantilever."
+        )
+    if beams:
+        yield (
+            "If beams give way, take a stiffer section, softer springs, "
+            "or a larger length of the cables."
+        )
+
+
+def _deflection(system: System, beam: Beam) -> float:
+    """Largest displacement of a beam from its mesh [m]."""
+    mesh_positions = beam.space.tabulate_dof_coordinates()[: beam.block.index_map.size_local]
+    moved = system.state[beam].positions() - mesh_positions
+    own = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    return system.comm.allreduce(own, op=MPI.MAX)
+
+
+def _mean_tension(system: System, beam: Beam, length: float) -> float:
+    """Mean of EA ε along a beam of a length [m], [N]; ε is small in a beam that buckles."""
+    q = fem.Function(beam.space)
+    system.coordinates[beam].take(q, system.q0.array_r[system.block(beam).owned])
+    tension = beam.constants.EA * beam.measure(q)[0] * beam.mass_dx
+    own = float(fem.assemble_scalar(compile_form(tension)))
+    return system.comm.allreduce(own) / length

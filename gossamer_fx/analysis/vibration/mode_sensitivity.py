@@ -11,7 +11,7 @@ energy forms along φ, from which UFL derives the rest.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -21,7 +21,7 @@ from ufl.algorithms import expand_derivatives
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Mode, modes
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
@@ -58,8 +58,7 @@ class Frequency:
 
     unit = "Hz"
 
-    def __init__(self, equilibrium: Equilibrium, *, number: int = 0) -> None:
-        check(number >= 0, f"Frequency: number is {number!r}; the lowest mode is 0.")
+    def __init__(self, equilibrium: Equilibrium, *, number: Annotated[int, Range(0)] = 0) -> None:
         self.number = number
         self._equilibrium = equilibrium
         self._forms: list[ufl.Form] | None = None
@@ -69,20 +68,14 @@ class Frequency:
         self._by_position: dict[MeshBody, list[fem.Form]] = {}
 
     def __call__(self, run: Any) -> float:
-        """The frequency [Hz] at the present equilibrium."""
         return self._mode().frequency
 
     def _mode(self) -> Mode:
-        """The mode, which is to be the only one of its frequency.  Collective.
-
-        Raises:
-            InputError: the scene has gas chambers, the mode has no frequency, or a neighbouring
-                mode has the same one.
-        """
+        """The mode, which is to be the only one of its frequency.  Collective."""
         check(
             not self._equilibrium.system.scalar_unknowns,
-            "Frequency: the scene has gas chambers, by whose state it is not derived; give their "
-            "pressure as Pressure.",
+            "Frequency: the scene has gas chambers, by whose state it is not derived; "
+            "give their pressure as Pressure.",
         )
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
@@ -97,22 +90,14 @@ class Frequency:
                 check(
                     distance > SMALLEST_DISTANCE,
                     f"Frequency: modes {self.number} and {k} have the same frequency, "
-                    f"{mode.frequency:.6g} Hz, which "
-                    "has no derivative; choose another mode, or break the symmetry.",
+                    f"{mode.frequency:.6g} Hz, which has no derivative; "
+                    "choose another mode, or break the symmetry.",
                 )
         return mode
 
     def forms(self, system: System) -> list[ufl.Form]:
-        """φ·(K - ω² M) φ/(8π² f), whose derivatives at a given φ are those of f; the mode is that
-        of the last `add_derivative`.
-
-        The forms are made at the first call and kept. For each body, φ is its part of the mode with
-        φ·M φ = 1 [1/√kg], q its coordinates, w a test function, ω2 = ω² [1/s²]; f is the frequency
-        [Hz], K the stiffness, M the mass.
-
-        Raises:
-            InputError: forces act on or between points, see `_check_made_of_forms`.
-        """
+        """φ·(K - ω² M) φ/(8π² f) of the mode φ that `add_derivative` found last, whose derivatives
+        at a given φ are those of f; made at the first call."""
         if self._forms is not None:
             return self._forms
         _check_made_of_forms(system)
@@ -144,22 +129,8 @@ class Frequency:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Find the mode, and add the derivative ∂f/∂q of its frequency f [Hz] by the coordinates
-        q [m].  Collective.
-
-        φ is the mode normalised by φ·M φ = 1, with the mass matrix M, ω = 2π f [1/s], and b a work
-        vector of nodal derivatives with ghosts. The mode and its frequency are stored in the
-        constants of `forms`.
-
-        Args:
-            system: the compiled scene, at its equilibrium.
-            by_position: vector of the system to which ∂f/∂q [Hz/m] is added.
-            by_velocity: stays as it is, since the frequency does not depend on velocities.
-
-        Raises:
-            InputError: the mode does not exist, another one has the same frequency, forces act on
-                or between points, or the stiffness is not symmetric.
-        """
+        """Find the mode, and add ∂f/∂q [Hz/m] at a given φ; velocities change no frequency.  Mode
+        and frequency are then constants of `forms`."""
         self.forms(system)
         mode = self._mode()
         shape = system.numbering.vector()
@@ -193,19 +164,14 @@ def _check_made_of_forms(system: System) -> None:
     for kind in system.compiled:
         check(
             isinstance(kind, Differentiable) and kind.forces_are_forms,
-            f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not "
-            "known; leave out what "
-            "acts on points.",
+            f"Frequency: the scene has {type(kind).__name__}, "
+            "whose second derivatives are not known; leave out what acts on points.",
         )
 
 
 def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
-    """Raise `InputError` if the stiffness of the present equilibrium acts on a mode as an
-    unsymmetric one.
-
-    K is the tangent without inertia; |K φ - Kᵀ φ| may be 1e-8 of |K φ| for the mode φ = `shape`.
-    Side effect: the inertia of the system is set to zero. Collective.
-    """
+    """Raise `InputError` if |K φ - Kᵀ φ| is more than 1e-8 of |K φ| for a mode φ.  Sets the inertia
+    of the system to zero.  Collective."""
     system.set_inertia(0.0)
     K = system.tangent()
     force = shape.duplicate()
@@ -215,7 +181,6 @@ def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
     transposed.axpy(-1.0, force)
     check(
         transposed.norm() <= MAX_ASYMMETRY * force.norm(),
-        "Frequency: loads make the stiffness unsymmetric, so that its frequencies have no "
-        "derivative here; hold the "
-        "rim of what is under pressure.",
+        "Frequency: loads make the stiffness unsymmetric, "
+        "so that its frequencies have no derivative here; hold the rim of what is under pressure.",
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.natural_modes import Mode
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -53,19 +54,18 @@ class ModeShapes:
     """
 
     def __init__(
-        self, body: Membrane, equilibrium: Equilibrium, *, modes: Sequence[Mode], height: float
+        self,
+        body: Membrane,
+        equilibrium: Equilibrium,
+        *,
+        modes: Sequence[Mode],
+        height: Annotated[float, positive("m")],
     ) -> None:
-        """Compute the shapes x0 ± h φ (nodes, 3) [m], which the class describes.
-
-        x0 (nodes, 3) [m] are this rank's nodes at the equilibrium, φ the displacements of a mode,
-        scaled so that the largest coordinate of h φ is `height` over all ranks. A part of a mode in
-        which the film does not move gives no shape. Collective."""
         system = equilibrium.system
         check(
             body in system.bodies,
             f"ModeShapes: '{body.name}' is not in the equilibrium's scene; give its film.",
         )
-        check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
         owned = system.block(body).owned
         x0 = system.state[body].positions()
         self.positions: list[Array] = []

@@ -38,15 +38,17 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.remedies import advice, loaded_beams
 from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import DIFFERENT_PATTERN, Spectrum, is_symmetric
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -147,10 +149,10 @@ class Mode:
 @check_arguments
 def modes(
     equilibrium: Equilibrium,
-    count: int,
+    count: Annotated[int, Range(1)],
     *,
     spin: tuple[float, float, float] = AT_REST,
-    above: float = 0.0,
+    above: Annotated[float, not_negative("Hz")] = 0.0,
 ) -> list[Mode]:
     """The `count` modes whose frequencies are nearest to `above`, in ascending order.
 
@@ -181,8 +183,6 @@ def modes(
         [0.48, 0.48, 1.59]
     """
     system = equilibrium.system
-    check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
-    check(count > 0, f"modes: count is {count!r}; ask for one or more.")
     equilibrium.need("modes")
     system.set_inertia(0.0)
     K = system.tangent()
@@ -209,8 +209,8 @@ def modes(
         found = _modes_in_turning_frame(K, G, M, count, shift)
     if len(found) < count:
         raise NoEquilibrium(
-            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the "
-            "equilibrium."
+            f"Only {len(found)} of {count} modes converged; "
+            "ask for fewer, or check the equilibrium."
         )
 
     nearest = sorted(found, key=lambda mode: _distance(mode, ω))[:count]
@@ -230,15 +230,10 @@ def _distance(mode: Mode, ω: float) -> float:
 
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
-    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
-
-    Modes of different frequencies are orthogonal, but of several modes of one frequency, as of a
-    symmetric structure or of free rigid motions, the solver finds any independent combinations.
-    Their effective masses would not add up.  Collective.
-
-    Args:
-        least: square of a frequency [rad²/s²] that is round-off.
-    """
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass;
+    `least` is the square of a frequency [rad²/s²] that is round-off.  Of several modes of one
+    frequency the solver finds any independent combinations, whose effective masses do not add up.
+    Collective."""
 
     def square(mode: Mode) -> float:
         """Of λ [1/s²]: -ω² of a vibration."""
@@ -290,22 +285,15 @@ def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
 
 
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
-    """Return the stiffness κ g⊗g that the gas gives each closed film.
-
-    Returns:
-        for each closed film the derivative g (n,) [m²] of its volume by this rank's coordinates,
-        zero where these are fixed, and κ [Pa/m³].
-
-    Raises:
-        InputError: scalar unknowns that are not gas, or gas in a frame that turns.
-    """
+    """The stiffness κ g⊗g that the gas gives each closed film: the derivative g (n,) [m²] of its
+    volume by this rank's coordinates, zero where these are fixed, and κ [Pa/m³]."""
     found = []
     for scalars in system.scalar_unknowns:
         stiffnesses = scalars.vibration_stiffness()
         check(
             stiffnesses is not None,
-            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
-            "out.",
+            "modes: the scene has scalar unknowns whose stiffness is not known here; "
+            "leave them out.",
         )
         for gradient, stiffness in stiffnesses or ():
             values = gradient.copy()
@@ -313,9 +301,8 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
             found.append((values, stiffness))
     check(
         not (found and is_turning),
-        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give "
-        "their pressure as "
-        "Pressure, or leave spin out.",
+        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; "
+        "give their pressure as Pressure, or leave spin out.",
     )
     return found
 
@@ -338,21 +325,14 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies that are zero within round-off: slack film and free motions have them.
-    Collective.
-
-    Args:
-        least: square of an angular frequency [rad²/s²] that round-off explains.
-    """
+    """Warn of frequencies whose squares are below `least` [rad²/s²], that is round-off: slack film
+    and free motions have them.  Collective."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
     zeros = sum(mode.frequency <= limit for mode in found)
     if not zeros or result.regular:
         return
-    # Imported here, as for equilibria that are not stable.
-    from gossamer_fx.analysis.statics.instability import loaded_beams
-
     # Booms that are bent too far slacken the film between them; without film nothing is slack.
     beams = ""
     if any(isinstance(body, Membrane) for body in equilibrium.system.bodies):
@@ -363,8 +343,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
             reason = f"nothing resists {listed(result.free)}, or film is slack"
         LOG.warning(
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
-            "prestress the film, give it a residual stiffness, hold what is free, or ask for modes "
-            "above a frequency.%s",
+            "prestress the film, give it a residual stiffness, "
+            "hold what is free, or ask for modes above a frequency.%s",
             zeros,
             len(found),
             limit,
@@ -374,20 +354,12 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than round-off explains: the equilibrium is not stable.
-    Collective.
-
-    Args:
-        found: the modes, with their growth [1/s].
-        least: square of an angular frequency [rad²/s²] that round-off explains.
-    """
+    """Warn of modes that grow faster than √`least` [1/s], which is round-off: the equilibrium is
+    not stable.  Collective."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
         return
-    # Imported here: stable equilibria do not need it, nor scenes without beams those.
-    from gossamer_fx.analysis.statics.instability import advice
-
     fastest = max(growing, key=lambda mode: mode.growth)
     words = advice(equilibrium.system, fastest.displacements)
     if equilibrium.comm.rank == 0:
@@ -401,12 +373,8 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
 
 
 class ModalMasses:
-    """Scales modes to unit modal mass, and finds participation factors and effective masses.
-
-    Args:
-        system: in the state of the equilibrium.
-        M: mass matrix, with fixed coordinates taken out.
-    """
+    """Scales modes to unit modal mass of M, the mass matrix without fixed coordinates, and finds
+    participation factors and effective masses at an equilibrium."""
 
     def __init__(self, system: System, M: PETSc.Mat) -> None:
         self._system = system
@@ -488,14 +456,8 @@ class _ShiftedInverse:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
-        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
-
-        Args:
-            K: tangent stiffness.
-            M: mass matrix, of the same rows.
-            σ: shift [rad²/s²].
-            stiffnesses: (g, κ) of each chamber, with this rank's part of g.
-        """
+        """Factorise K - σ M at a shift σ [rad²/s²], and solve with it for g of each chamber, see
+        (3).  Collective."""
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M
@@ -561,8 +523,8 @@ def _check_inverse(problem: str) -> None:
     """Raise `NoEquilibrium` if a factorisation has failed."""
     if problem:
         raise NoEquilibrium(
-            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose "
-            "another."
+            f"modes: the stiffness is singular at the frequency asked for, {problem}; "
+            "choose another."
         )
 
 
@@ -576,11 +538,8 @@ def _modes_at_rest(
     least: float,
 ) -> list[Mode]:
     """The modes of equation (2) of the module that are nearest to the angular frequency ω [rad/s],
-    and perhaps others.  Collective.
-
-    The shift [rad²/s²] is ω², or a number near it at which K - σ M is regular; `least` [rad²/s²] is
-    round-off.
-    """
+    and perhaps others.  The shift [rad²/s²] is near ω², with K - σ M regular; `least` [rad²/s²] is
+    round-off.  Collective."""
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
     operator.setUp()
@@ -597,8 +556,8 @@ def _modes_at_rest(
         found += _search(operator, missing, shift)
     else:
         raise NoEquilibrium(
-            f"modes: {missing} modes below the last one were not found, though the stiffness has "
-            "them; ask for more modes."
+            f"modes: {missing} modes below the last one were not found, "
+            "though the stiffness has them; ask for more modes."
         )
     return found
 
@@ -615,10 +574,7 @@ def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
 
 def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, least: float) -> int:
     """Number of modes nearer to the angular frequency ω [rad/s] than the last wanted one that were
-    not found.  Collective.
-
-    Logs a warning if the wanted modes are a part only of a group of one frequency.
-    """
+    not found; warns if the wanted modes cut a group of one frequency.  Collective."""
     distances = sorted(_distance(mode, ω) for mode in found)
     last = distances[count - 1]
     # Within round-off of zero there may be any number of modes, as of slack film.
@@ -656,9 +612,8 @@ def _squares(ω: float, distance: float) -> tuple[float, float]:
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
-    """Yield the eigenvalues of largest magnitude, and this rank's parts of their vectors.
-
-    Collective, by SLEPc.  There may be more or fewer of them than asked for."""
+    """Yield about `count` eigenvalues of largest magnitude, and this rank's parts of their vectors,
+    by SLEPc.  Collective."""
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 
@@ -680,16 +635,8 @@ def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[compl
 def _modes_in_turning_frame(
     K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
 ) -> list[Mode]:
-    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a shift.
-
-    Of each conjugate pair only the one with positive frequency is returned.  Collective.
-
-    Args:
-        shift: `real` or `imaginary` part of the shift [1/s].
-
-    Raises:
-        InputError: the shifted matrix is singular.
-    """
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a real or
+    imaginary shift [1/s]; of each conjugate pair the one with positive frequency.  Collective."""
     # Imported here, as scenes at rest must not pay for it.
     from gossamer_fx.analysis.vibration.turning_modes import Inverse
 

@@ -74,14 +74,9 @@ TINY = 1e-300  # against division by zero
 
 @dataclass
 class _Nodes:
-    """The nodes of one body that this rank has; each has s vectors: a position, and directors if s
-    > 1.
-
-    Attributes:
-        unknowns: indices of the unknowns in the numbering of this rank, (n, s, 3).
-        vectors: positions [m] and directors, (n, s, 3).
-        part: of each node, -1 if it is fixed, (n,).
-    """
+    """The nodes of one body on this rank.  Each has s vectors (n, s, 3): a position [m], and
+    directors if s > 1, with their unknowns in the numbering of this rank (n, s, 3) and the part of
+    each node, -1 if it is fixed."""
 
     unknowns: Labels
     vectors: Array
@@ -102,22 +97,11 @@ class _Nodes:
 
 
 def free_motions(
-    system: System,
-    K: PETSc.Mat,
-    unbalanced: float,
-    stiffnesses: Sequence[tuple[Array, float]] = (),
+    system: System, K: PETSc.Mat, unbalanced: float, stiffnesses: Sequence[tuple[Array, float]] = ()
 ) -> tuple[str, ...]:
-    """Rigid motions that nothing resists, in words.
-
-    Args:
-        system: compiled scene in equilibrium.
-        K: tangent without inertia, with fixed coordinates taken out.
-        unbalanced: norm of the residual [N], which K R c cannot be distinguished from.
-        stiffnesses: pairs (g, κ) of a stiffness κ g⊗g in addition to K, as of gas; this rank's part
-            of g.
-
-    Returns:
-        Descriptions such as "translation z of 'film'"; the same on every rank.
+    """Rigid motions that nothing resists, in words such as "translation z of 'film'", the same on
+    every rank.  K is the tangent at equilibrium without inertia and fixed coordinates, to which
+    `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero within the residual `unbalanced` [N].
     """
     part, count = parts(system, K)
     found: list[str] = []
@@ -137,16 +121,9 @@ def free_motions(
 
 
 def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
-    """Divide the unknowns of a scene into parts that no stiffness connects.  Collective.
-
-    Args:
-        system: the compiled scene.
-        K: its tangent; an entry that is not negligible connects two unknowns.
-
-    Returns:
-        the part (n,) of every unknown of this rank, numbered from 0 and -1 where it is fixed, and
-        the number of parts on all ranks.
-    """
+    """Divide the unknowns of a scene into parts that no entry of the tangent K connects: the part
+    (n,) of each unknown of this rank, -1 where it is fixed, and the number of parts on all ranks.
+    Collective."""
     numbering = system.numbering
     n = numbering.size_local
     rows, columns, _ = _entries(K)
@@ -180,18 +157,9 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     return part, len(known)
 
 
-def _edges_within_nodes(
-    system: System,
-    is_fixed: npt.NDArray[np.bool_],
-) -> tuple[Labels, Labels]:
-    """Return edges of a graph that connect the free components of each node with each other.
-
-    Args:
-        is_fixed: mask (n,) of this rank's unknowns.
-
-    Returns:
-        indices (m,) of the unknowns at the first and at the second end of m edges.
-    """
+def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tuple[Labels, Labels]:
+    """Edges of a graph that connect the free components of each node with each other: unknowns (m,)
+    at their first and second ends."""
     sources: list[Labels] = []
     targets: list[Labels] = []
     for body in system.bodies:
@@ -207,20 +175,9 @@ def _edges_within_nodes(
     return np.concatenate(sources), np.concatenate(targets)
 
 
-def _common_labels(
-    system: System,
-    component: Labels,
-    count: int,
-    others: Labels,
-) -> Labels:
-    """Labels of the parts that agree on all ranks: the smallest index of an unknown in the part.
-
-    Args:
-        component: of this rank's unknowns (n,) and of those of other ranks in its rows.
-
-    Returns:
-        The label of each unknown of this rank, (n,).
-    """
+def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
+    """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
+    of an unknown in the part.  `component` has those of other ranks in its rows, too."""
     n = system.numbering.size_local
     own_indices = system.numbering.start + np.arange(n)
     smallest = np.full(count, np.iinfo(np.int64).max)
@@ -264,19 +221,9 @@ def _motions(
     unbalanced: float,
     stiffnesses: Sequence[tuple[Array, float]],
 ) -> Iterator[tuple[list[str], Array, Array]]:
-    """Yield the free motions of each part, at most `MAX_PARTS` of them.  Collective.
-
-    Args:
-        K: its tangent [N/m].
-        part: number (n,) of the part of each of this rank's unknowns, -1 where it is fixed.
-        unbalanced: force [N] that the equilibrium leaves, below which a stiffness is not known.
-        stiffnesses: of gas, as `natural_modes` has them: g (n,) and κ of κ g⊗g for each closed
-            film.
-
-    Yields:
-        Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
-        angular velocity.
-    """
+    """Yield the free motions of each part, at most `MAX_PARTS` of them: names of the bodies, centre
+    (3,) [m], and k motions (6, k), velocity of the centre and angular velocity.  A stiffness below
+    the force `unbalanced` [N] is not known.  Collective."""
     # Where all unknowns are fixed, nothing can move.
     if count == 0:
         return
@@ -354,8 +301,7 @@ def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
     comm.Allreduce(MPI.IN_PLACE, sums)
     # A part of multipliers only has no node; its centre is not used.
     node_counts = np.maximum(sums[:, 3:], 1)
-    centres: Array = sums[:, :3] / node_counts
-    return centres
+    return sums[:, :3] / node_counts
 
 
 def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array:
@@ -369,23 +315,11 @@ def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array
     return np.where(radius > 0, radius, 1.0)
 
 
-def _rigid_motions(
-    system: System,
-    nodes: Sequence[_Nodes],
-    centre: Array,
-    radius: Array,
-) -> Array:
-    """Six rigid motions of each part: three translations by one along x, y, z, and three rotations
-    about these axes through the centre, which move the farthest node by one.
-
-    Args:
-        centre: of each part, (parts, 3) [m].
-        radius: largest distance of a node of each part from its centre, (parts,) [m].
-
-    Returns:
-        Rᵀ (6, n) for the n unknowns of this rank: dimensionless for positions, [1/m] for directors,
-        and zero for multipliers and fixed nodes.
-    """
+def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radius: Array) -> Array:
+    """Six rigid motions Rᵀ (6, n) of each part at this rank's unknowns: three translations by one,
+    and three rotations about the centres (parts, 3) [m], which move the farthest node, at `radius`
+    (parts,) [m], by one.  They are in [1/m] for directors, and zero for multipliers and fixed
+    nodes."""
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
@@ -403,23 +337,11 @@ def _rigid_motions(
 
 
 def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
-    """Error of each row of K R: the numbers D of equation (1) of the module.
-
-    K is the tangent.  The columns of R are six rigid motions, of which each moves the farthest node
-    of a part by one: a translation by one, and a rotation by the angle 1/radius [1/m].  K R is the
-    change of the forces by such a motion, in N/m for rows of positions.
-
-    Args:
-        K: tangent [N/m] without inertia, with fixed coordinates taken out.
-        unbalanced: norm of the residual [N] over the radius of the smallest part, of at most 1 m,
-            in N/m.  A rotation turns the inner forces of a part with it, and changes a residual f
-            by the angle times f, so that K R is not zero where the equilibrium is not exact.
-
-    Returns:
-        D (n,) of the n unknowns of this rank, in the units of the rows of K R: [N/m] for positions,
-        [N] for directors, [1] for constraints in m and [1/m] for those of directions.  All are
-        positive; 1 for a row of zeros.
-    """
+    """Error of each row of K R: the numbers D (n,) of equation (1) of the module, positive, in the
+    units of K R: [N/m] for positions, [N] for directors, [1] for constraints in m and [1/m] for
+    those of directions.  `unbalanced` [N/m] is the norm of the residual over the radius of the
+    smallest part, of at most 1 m: a rotation turns the inner forces of a part with it, and changes
+    a residual f by the angle times f."""
     rows, _, values = _entries(K)
     sum_of_row = np.zeros(system.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
@@ -436,9 +358,7 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
     """The factor R (6, 6) of the QR decomposition of a matrix (n, 6) whose rows are distributed.
-
-    In contrast to a Cholesky factor of the product with its transpose, it loses no digits.
-    """
+    In contrast to a Cholesky factor of the product with its transpose, it loses no digits."""
     # Six rows of zeros, as a rank may have fewer than six rows.
     padded = np.vstack([columns, np.zeros((6, 6))])
     own = np.asarray(np.linalg.qr(padded, mode="r"))
@@ -447,17 +367,9 @@ def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
 
 
 def _null_space(forces: Array, moved: Array, n: int) -> Array:
-    """The free motions of a part: combinations c of its six rigid motions that satisfy equation (1)
-    of the module.
-
-    Args:
-        forces: triangular factor (6, 6) of D⁻¹ K R, with the tangent K, the rigid motions R and the
-            round-off D of the rows of K R.
-        moved: triangular factor (6, 6) of R.
-
-    Returns:
-        c (6, k), of which each of the k columns is a free motion.
-    """
+    """The free motions of a part: the combinations c (6, k) of its six rigid motions that satisfy
+    equation (1) of the module, from the triangular factors (6, 6) of D⁻¹ K R, `forces`, and of R,
+    `moved`."""
     # Combinations of the six motions that satisfy the second condition of (1).
     moved_svd = np.linalg.svd(moved)
     σ = moved_svd.S
@@ -466,24 +378,15 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
     # Among these, the combinations that satisfy the first one.
     forces_svd = np.linalg.svd(forces @ unit_motions)
     is_free = n > forces_svd.S**2
-    found: Array = unit_motions @ forces_svd.Vh[is_free].T
-    return found
+    return unit_motions @ forces_svd.Vh[is_free].T
 
 
 # ---- words ---------------------------------------------------------------------------------------
 
 
 def _describe(motions: Array, centre: Array) -> list[str]:
-    """Return descriptions of translations and rotations that span some motions, along the
-    coordinate axes if possible.
-
-    Args:
-        motions: k motions (6, k) of a part: velocity of its centre, then angular velocity.
-        centre: (3,) [m].
-
-    Returns:
-        one text for each, e.g. "translation x" or "rotation z about (1, 0, 0)".
-    """
+    """Translations and rotations in words that span k motions (6, k) of a part, its velocity at the
+    centre (3,) [m] and its angular velocity; along the coordinate axes if possible."""
     # Combinations whose angular velocity is zero are translations, all others rotations.
     ω = motions[3:]
     svd = np.linalg.svd(ω, full_matrices=True)
@@ -511,20 +414,9 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     return words
 
 
-def _describe_rotation(
-    velocity: Array,
-    axis: Array,
-    centre: Array,
-    span: Array,
-) -> str:
-    """A rotation in words, with a point on its axis.
-
-    Args:
-        velocity: of the centre, (3,).
-        axis: angular velocity, (3,).
-        centre: of the part, (3,) [m].
-        span: directions of free translations, (3, k).
-    """
+def _describe_rotation(velocity: Array, axis: Array, centre: Array, span: Array) -> str:
+    """A rotation in words, with a point on its axis.  Its axis is the angular velocity (3,),
+    `velocity` that of the centre, `span` (3, k) the directions of free translations."""
     words = f"rotation {_direction(axis)}"
     if span.size:
         # A free translation may be added to the rotation: take the smallest velocity.
@@ -548,10 +440,8 @@ def _describe_rotation(
 
 
 def _aligned(motions: Array) -> Array:
-    """Combinations (6, k) of k motions whose rotations are along coordinate axes, if possible.
-
-    Gauss-Jordan elimination with pivots among the rotations.
-    """
+    """Combinations (6, k) of k motions whose rotations are along coordinate axes, if possible:
+    Gauss-Jordan elimination with pivots among the rotations."""
     rows = motions.T.copy()
     pivots: list[int] = []
     for i in range(len(rows)):
@@ -568,8 +458,7 @@ def _aligned(motions: Array) -> Array:
                 rows[other] -= rows[other, 3 + pivot] * rows[i]
         pivots.append(pivot)
     order = np.argsort(pivots)
-    aligned: Array = rows[order].T
-    return aligned
+    return rows[order].T
 
 
 def _reduced(vectors: Array) -> list[Array]:

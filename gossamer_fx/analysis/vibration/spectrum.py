@@ -44,13 +44,9 @@ def is_symmetric(K: PETSc.Mat) -> bool:
 
 
 class Spectrum:
-    """Counts the modes of K φ = ω² M φ between two squares of frequencies.
-
-    Args:
-        K: symmetric stiffness; rows of fixed coordinates are those of the unit matrix.
-        M: mass matrix, zero in these rows.
-        stiffnesses: (g, κ) of each gas chamber, with this rank's part of g.
-    """
+    """Counts the modes of K φ = ω² M φ between two squares of frequencies.  K is symmetric, with
+    the gas chambers' κ g⊗g in addition; rows of fixed coordinates are those of the unit matrix in K
+    and zero in M."""
 
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]
@@ -61,11 +57,8 @@ class Spectrum:
         self._below: dict[float, int] = {}
 
     def count(self, low: float, high: float) -> int:
-        """Number of modes with ω² between two shifts [rad²/s²].  Collective.
-
-        Raises:
-            RuntimeError: MUMPS could not factorise the matrix at a shift.
-        """
+        """Number of modes with ω² between two shifts [rad²/s²]; `RuntimeError` if MUMPS could not
+        factorise the matrix at one of them.  Collective."""
         for shift in (low, high):
             if shift not in self._below:
                 self._below[shift] = self._negative_pivots(shift)

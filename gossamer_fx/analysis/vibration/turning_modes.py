@@ -37,28 +37,13 @@ Shape = npt.NDArray[np.complex128]
 
 
 class Inverse:
-    """The operator (1) for a real shift, or its real part for an imaginary one.
-
-    Args:
-        K, G, M: tangent, Coriolis and mass matrix, with fixed coordinates taken out.
-        real: σ [1/s], if `imaginary` is zero.
-        imaginary: ω [1/s] of the shift σ = iω.
-
-    Attributes:
-        problem: why Q(σ) could not be factorised; empty if it was.
-        n: unknowns of this rank in φ.
-    """
+    """The operator (1) for the shift σ = `real` [1/s], or its real part for σ = i `imaginary`, from
+    tangent, Coriolis and mass matrix without fixed coordinates.  `problem` says why Q(σ) could not
+    be factorised, and is empty if it was."""
 
     def __init__(
         self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
     ) -> None:
-        """Assemble and factorise the shifted matrix.  Collective; `problem` tells a failure.
-
-        The class describes the arguments. Stored are `_G` [kg/s] and `_M` [kg], the shift `_σ` + i
-        `_ω` [1/s], `_pc`, the factorised Q(σ) = K + σ G + σ² M [N/m], and work vectors: `_right`,
-        `_u` (of twice the size for an imaginary shift), `_x`, `_y` and `_product`. A singular Q
-        raises no error.
-        """
         self._G = G
         self._M = M
         self._σ = real
@@ -76,12 +61,8 @@ class Inverse:
         self.n = self._x.getLocalSize()
 
     def _shifted_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Q(σ) of (2), or (4) for an imaginary shift.
-
-        Q = K + σ G + σ² M [N/m], with K the tangent, G the Coriolis matrix [kg/s] and M the mass
-        matrix [kg]. For σ = iω it is the real matrix [[K - ω² M, -ω G], [ω G, K - ω² M]] of twice
-        the size. K, G and M are not changed.
-        """
+        """Q(σ) = K + σ G + σ² M [N/m] of (2), or (4) for σ = iω: the real matrix [[K - ω² M, -ω G],
+        [ω G, K - ω² M]] of twice the size."""
         Q = K.copy()
         Q.axpy(self._σ**2 - self._ω**2, self._M, DIFFERENT_PATTERN)
         if self._ω:
@@ -105,12 +86,8 @@ class Inverse:
         return operator
 
     def mult(self, matrix: PETSc.Mat, z: PETSc.Vec, result: PETSc.Vec) -> None:
-        """Set result to (1) for z = (x, y), or to its real part; called by SLEPc.
-
-        The result is (u, x + σ u) with Q(σ) u = -(M y + G x + σ M x); M and G are mass and Coriolis
-        matrix, `_pc` is the factorised Q. `problem` must be empty. For an imaginary shift iω the
-        second half of `_u` is the imaginary part of u. Collective.
-        """
+        """Set result to (u, x + σ u) with Q(σ) u = -(M y + G x + σ M x) for z = (x, y), see (1), or
+        to its real part; called by SLEPc.  Collective."""
         n = self.n
         self._x.array[:] = z.array_r[:n]
         self._y.array[:] = z.array_r[n:]

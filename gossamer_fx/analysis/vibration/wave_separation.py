@@ -82,9 +82,8 @@ def travelling_waves(
     b = np.asarray(sine, dtype=float)
     check(
         t.ndim == 1 and len(t) >= LEAST_SAMPLES and t.shape == a.shape == b.shape,
-        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, {a.shape} and "
-        f"{b.shape}; give "
-        f"{LEAST_SAMPLES} or more values of each.",
+        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, "
+        f"{a.shape} and {b.shape}; give {LEAST_SAMPLES} or more values of each.",
     )
     check(
         bool(np.all(np.diff(t) > 0)),
@@ -110,16 +109,8 @@ def travelling_waves(
 
 
 def _strongest(lines: Array) -> tuple[float, float]:
-    """Find the strongest wave of a one-sided spectrum under a Hann window, also between two lines.
-
-    Args:
-        lines: sizes (n,) of the spectrum, in the unit of the waves; line k has k periods in the
-            window.
-
-    Returns:
-        amplitude of the wave, in the same unit, and its number of periods in the window, which
-        need not be whole; zeros if the spectrum is zero.
-    """
+    """Amplitude and number of periods in the window, which need not be whole, of the strongest wave
+    of a one-sided spectrum (n,) under a Hann window; zeros if the spectrum is zero."""
     # Line 0 is the mean, which was removed.
     peak = 1 + int(np.argmax(lines[1:-1]))
     height = float(lines[peak])

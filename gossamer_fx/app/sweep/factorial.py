@@ -197,8 +197,8 @@ def _draw_panel(
     number: str,
 ) -> None:
     """Draw one number over the first factor that varies."""
+    from gossamer_fx.records.fields.units import plain_text
     from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
-    from gossamer_fx.records.plot.units import plain_text
 
     varied = [name for name, values in sweep.over.items() if len(set(values)) > 1]
     first = (varied or list(sweep.over))[0]

@@ -1,4 +1,4 @@
-from .driven import Driven as Driven
+from .fixed import Driven as Driven
 from .fixed import Fixed as Fixed
 from .joint import BallJoint as BallJoint
 from .joint import CylindricalJoint as CylindricalJoint

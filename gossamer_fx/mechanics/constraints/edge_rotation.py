@@ -1,28 +1,32 @@
 """Clamped edges: edges of plates whose slope is fixed or prescribed.
 
 The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's
-bending energy; the work of what turns the edge counts as supplied.
+bending energy; the work of what turns or heats the edge, by which the quadratic form of
+that energy changes with time, counts as supplied.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import meshtags
+from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import EDGE_DEGREE
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.plate import Plate
-from gossamer_fx.mechanics.constraints.moving_energies import MovingEnergy
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 # Smallest sine of the angle between a clamped edge and the direction of the plate across it: 6
@@ -50,17 +54,9 @@ class EdgeRotation:
     direction: Vector | Callable[[Array, float], Array] | None
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies by which Nitsche's method keeps a plate tangent to a direction at an edge.
-
-        Yields:
-            One quadratic energy [J] for a constant direction; one that changes with time for a
-            direction that does, or in addition for a plate with a difference of temperature across
-            its thickness.
-
-        Raises:
-            InputError: the direction lies along the edge, or it turns with time on a plate with
-                such a difference of temperature.
-        """
+        """The energies [J] by which Nitsche's method keeps a plate tangent to a direction at an
+        edge: one that changes with time for a direction that does, and another for a plate with a
+        difference of temperature across its thickness."""
         # X (3, n) [m] are nodes of the edge, d the direction; x and w trial and test functions.
         clamp = self.plate.bending.clamp
         ds = self._measure()
@@ -71,9 +67,9 @@ class EdgeRotation:
             self._check_is_across(start, lambda midpoints: self._directions(midpoints, 0.0))
             check(
                 not self.plate.has_thermal_curvature,
-                f"'{self.name}' turns with time, but '{self.plate.name}' has a gradient of "
-                "temperature; clamp it in a "
-                "constant direction, or leave the gradient out.",
+                f"'{self.name}' turns with time, "
+                f"but '{self.plate.name}' has a gradient of temperature; "
+                "clamp it in a constant direction, or leave the gradient out.",
             )
 
             def set_directions(directions: fem.Function, t: float) -> None:
@@ -100,11 +96,8 @@ class EdgeRotation:
             yield self._thermal_moment(name, d, ds)
 
     def _thermal_moment(self, name: str, d: Expr, ds: ufl.Measure) -> Term:
-        """The energy that the thermal curvature of the plate adds at the clamped edge, as a term.
-
-        Args:
-            d: unit vector (3,) to which the plate is tangent at the edge.
-        """
+        """The energy that the thermal curvature of a plate adds at the clamped edge, where it is
+        tangent to the unit vector d (3,)."""
         from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
         thermal = thermal_curvature(self.plate)
@@ -122,15 +115,8 @@ class EdgeRotation:
         )
 
     def _directions(self, X: Array, t: float) -> Array:
-        """Unit directions (n, 3) at points of the edge, from the user's function.  Collective.
-
-        Args:
-            X: points (3, n) [m] of the stress-free shape.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if a direction is not finite or zero, or the shape is another.
-        """
+        """Unit directions (n, 3) at points X (3, n) [m] of the stress-free edge at a time [s], from
+        the user's function.  Collective."""
         # d (3, n): the directions, of any length.
         assert callable(self.direction)
         d = np.asarray(self.direction(X, t), dtype=float)
@@ -138,26 +124,15 @@ class EdgeRotation:
         check_on_all(
             self.plate.comm,
             is_right and bool(np.linalg.norm(d, axis=0).all()),
-            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or "
-            f"of shape {d.shape} instead of {X.shape}; correct its function.",
+            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, "
+            f"somewhere, or of shape {d.shape} instead of {X.shape}; correct its function.",
         )
-        unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
-        return unit_directions
+        return (d / np.linalg.norm(d, axis=0)).T
 
     def _check_is_across(self, start: State, directions: Callable[[Array], Array]) -> None:
         """Refuse a direction that lies along the edge, to which the plate is tangent there in any
-        case.
-
-        Collective.
-
-        Args:
-            directions: function of midpoints (3, n) [m] of edges of the stress-free mesh that
-                returns unit directions (n, 3).
-
-        Raises:
-            InputError: on all ranks, if the sine of the angle between both is below `MIN_SINE` at
-                some edge.
-        """
+        case; `directions` gives unit directions (n, 3) at midpoints (3, n) [m] of edges.
+        Collective."""
         mesh = self.plate.mesh
         edges = mesh.curve(self.edges, "Fixed")
         edges = edges[edges < mesh.edges.owned]
@@ -186,16 +161,13 @@ class EdgeRotation:
         sine, direction, point = min(self.plate.comm.allgather(worst))
         check(
             sine >= MIN_SINE,
-            f"'{self.name}': its direction ({_three(direction)}) lies along the edge at "
-            f"({_three(point)}) m; give the "
-            "direction across the edge, to which the plate is tangent there.",
+            f"'{self.name}': "
+            f"its direction ({_three(direction)}) lies along the edge at ({_three(point)}) m; "
+            "give the direction across the edge, to which the plate is tangent there.",
         )
 
     def _measure(self) -> ufl.Measure:
-        """The measure over the lengths [m] of the clamped edge, for UFL forms.
-
-        It integrates over the named group of edges on the rim of the plate.
-        """
+        """The measure over the lengths [m] of the clamped edge, for UFL forms."""
         domain = self.plate.mesh.domain
         # Integrals over edges need the triangles next to them.
         domain.topology.create_connectivity(1, 2)
@@ -217,3 +189,112 @@ class EdgeRotation:
 
 def _three(vector: list[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in vector)
+
+
+class MovingEnergies(CompiledTerms["MovingEnergy"]):
+    """All `MovingEnergy` terms of a scene.
+
+    With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the
+    form supplies ¼ (q1·(K1 - K0) q1 + q0·(K1 - K0) q0), and both together change the energy
+    exactly.
+    """
+
+    def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
+        self._system = system
+        self._compiled = []
+        # Where forces act at the end, so does the matrix; else it is the mean of both ends.
+        at_end = system.rule.acts_at_end
+        for term in terms:
+            # The symbols of a step: coordinates q0 at its start, q1 at its end and mid = (1 - α) q0
+            # + α q1, where the forces act; test function w and trial function dq.
+            at = system.coordinates[term.body]
+            before = fem.Function(term.space)
+            after = fem.Function(term.space)
+            share = constant(term.body.space.mesh, 1.0 if at_end else 0.5)
+            ends = (after,) if at_end else (before, after)
+            residual = sum(share * term.form(at.mid, at.w, d) for d in ends)
+            tangent = sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)
+            # With the matrix K of a, a(d; q, q) = q·K q.  The sum of q·(K1 - K0) q at both ends of
+            # the step is four times the supplied work; `energy` is twice the stored energy.
+            energy = term.form(at.q0, at.q0, before)
+            change_at_start = term.form(at.q0, at.q0, after) - energy
+            change_at_end = term.form(at.q1, at.q1, after) - term.form(at.q1, at.q1, before)
+            compiled = _Compiled(
+                term=term,
+                before=before,
+                after=after,
+                force=la.vector(term.body.block.index_map, term.body.block.size),
+                residual=compile_form(residual),
+                tangent=compile_form(tangent),
+                work=compile_form(change_at_start + change_at_end),
+                energy=compile_form(energy),
+            )
+            self._compiled.append(compiled)
+
+    def begin_step(self, t: float) -> None:
+        self.take_time(self._system.time + self._system.h)
+
+    def take_time(self, t: float) -> None:
+        for c in self._compiled:
+            c.term.set(c.after, t)
+
+    def commit(self) -> None:
+        # Copied, not evaluated again: a user's function may be expensive.
+        for c in self._compiled:
+            c.before.x.array[:] = c.after.x.array
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for c in self._compiled:
+            c.force.array[:] = 0
+            fem.assemble_vector(c.force.array, c.residual)
+            c.force.scatter_reverse(la.InsertMode.add)
+            owned = self._system.block(c.term.body).owned
+            with r as values:
+                values[owned] += c.force.array[: owned.stop - owned.start]
+
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [c.tangent for c in self._compiled if c.term.body is body]
+
+    def supplied(self) -> float:
+        return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
+
+    def energies(self) -> dict[str, float]:
+        # The clamps of a plate have one name, and that of its bending.
+        found: dict[str, float] = {}
+        for c in self._compiled:
+            energy = float(fem.assemble_scalar(c.energy)) / 2
+            found[c.term.name] = found.get(c.term.name, 0.0) + energy
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class MovingEnergy:
+    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), with a
+    function d of time.
+
+    `set` gives a function of `space` the values of d at a time [s].  The work of what changes d is
+    supplied.
+    """
+
+    name: str
+    body: MeshBody
+    form: Callable[[Expr, Expr, Expr], ufl.Form]
+    space: fem.FunctionSpace
+    set: Callable[[fem.Function, float], None]
+    compiler: ClassVar[Compiler] = MovingEnergies
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """A term with its compiled forms: before and after are d at the start and at the end of the
+    step, `work` is four times the work [J] that the change of d supplies, and `energy` is a(d; q,
+    q) [J] at the start of the step, twice the stored energy."""
+
+    term: MovingEnergy
+    before: fem.Function
+    after: fem.Function
+    force: la.Vector
+    residual: fem.Form
+    tangent: fem.Form
+    work: fem.Form
+    energy: fem.Form

@@ -1,24 +1,29 @@
-"""Supports: nodes whose position or rotation is fixed or prescribed."""
+"""Supports: nodes whose position or rotation is fixed or prescribed, also that of the sections of
+beams, and rigid bodies that a motor turns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.algebra.rotations import cross_matrices, rotations
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.core.model.body import Array, Indices, Port, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.meshed import Meshed
-from gossamer_fx.mechanics.constraints.supported_nodes import check_support, dofs_of
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.beam import Beam
+    from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 
 ALL_COMPONENTS = (0, 1, 2)
 
@@ -87,15 +92,6 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments of the support, and name it if it has no name.  Collective.
-
-        A support fixes or prescribes positions and rotations of the nodes of a named group.
-
-        Raises:
-            InputError: a group that the mesh does not have or that is empty, components other than
-                0, 1, 2, a normal or direction of length zero, both normal and motion, or a rotation
-                of a body that has none.
-        """
         object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
         # A direction or a twist is a rotation: it need not be asked for twice.
@@ -110,14 +106,14 @@ class Fixed:
             )
             check(
                 self.motion is None,
-                f"'{self.name}': normal and motion are given; leave one of them out, or give "
-                "components.",
+                f"'{self.name}': normal and motion are given; "
+                "leave one of them out, or give components.",
             )
         if self.direction is not None and not callable(self.direction):
             check(
                 any(self.direction),
-                f"'{self.name}': direction is {self.direction!r}; give three numbers, not all "
-                "zero.",
+                f"'{self.name}': direction is {self.direction!r}; "
+                "give three numbers, not all zero.",
             )
         if self.rotation:
             self._check_rotation()
@@ -136,60 +132,46 @@ class Fixed:
         return f"{where} fixed {self.components}"
 
     def _check_rotation(self) -> None:
-        """Check that the body has the rotation that is to be fixed.  Collective for a plate.
-
-        Raises:
-            InputError: the body is neither beam nor plate, a plate has a twist or edges that are
-                not on its rim, or a beam has components or a normal.
-        """
+        """Check that the body has the rotation that is to be fixed.  Collective for a plate."""
         # Imported here: a scene without clamps does not load beams, plates and their forms.
         from gossamer_fx.mechanics.bodies.beam import Beam
         from gossamer_fx.mechanics.bodies.plate import Plate
 
         check(
             isinstance(self.body, Beam | Plate),
-            f"'{self.name}': '{self.body.name}' has no stiffness in bending, so its rotation "
-            "cannot be fixed; use a "
-            "Beam or a Plate, or leave rotation, direction and twist out.",
+            f"'{self.name}': "
+            f"'{self.body.name}' has no stiffness in bending, so its rotation cannot be fixed; "
+            "use a Beam or a Plate, or leave rotation, direction and twist out.",
         )
         if isinstance(self.body, Plate):
             from gossamer_fx.mechanics.constraints.edge_rotation import check_is_rim
 
             check(
                 not callable(self.twist) and self.twist == 0,
-                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; turn its edge "
-                "by direction.",
+                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; "
+                "turn its edge by direction.",
             )
             check_is_rim(self.body, self.group)
         else:
             check(
                 self.components == ALL_COMPONENTS and self.normal is None,
-                f"'{self.name}': components or normal are given, but a clamped section of a beam "
-                "has all of its "
-                "coordinates fixed; leave them out.",
+                f"'{self.name}': components or normal are given, "
+                "but a clamped section of a beam has all of its coordinates fixed; "
+                "leave them out.",
             )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support, or the constraints of sections and slopes where rotations are fixed.
-
-        Yields:
-            What the item adds to the equations: fixed coordinates, constraints for a normal
-            direction, and energies that clamp the edge of a plate.
-
-        Raises:
-            InputError: the direction of a plate lies along its edge.
-        """
+        """Fixed coordinates, constraints for a normal direction, and energies that clamp the edge
+        of a plate."""
         nodes = self.body.nodes(self.group)
         if self.rotation:
             from gossamer_fx.mechanics.bodies.beam import Beam
             from gossamer_fx.mechanics.bodies.plate import Plate
 
             if isinstance(self.body, Beam):
-                from gossamer_fx.mechanics.constraints.section_rotation import SectionRotation
-
                 sections = SectionRotation(
                     name=self.name,
                     beam=self.body,
@@ -214,12 +196,8 @@ class Fixed:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
 
     def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
-        """The constraint that nodes stay in the planes through their initial positions.
-
-        Args:
-            nodes: local nodes (n,), owned and ghost.
-            normal: unit normal (3,) of the planes.
-        """
+        """The constraint that nodes (n,), owned and ghost, stay in the planes with a unit normal
+        (3,) through their initial positions."""
         index_map = self.body.block.index_map
         # A multiplier holds the height of each node; a support could hold coordinates only.
         own = nodes[nodes < index_map.size_local]
@@ -232,18 +210,9 @@ class Fixed:
     def _path(
         self, nodes: Indices, motion: Callable[[Array, float], Array]
     ) -> Callable[[float], Array]:
-        """Prescribed coordinates of nodes as a function of time.
-
-        Args:
-            nodes: local nodes (n,), owned and ghost.
-            motion: user's function of the points (3, n) [m] of the stress-free shape and time [s]
-                that returns displacements (3, n) [m].
-
-        Returns:
-            Function of time [s] that returns the chosen components of the positions [m], node by
-            node.  It is collective, and raises `InputError` on all ranks for a result of another
-            form.
-        """
+        """Prescribed coordinates of nodes (n,), owned and ghost: a function of time [s] that
+        returns the chosen components of the positions [m], node by node, from the user's
+        displacements (3, n) [m].  It is collective."""
         # Displacements count from the mesh, which is the same wherever the scene starts.
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
@@ -255,3 +224,174 @@ class Fixed:
             return (X + u).T[:, components].ravel()
 
         return positions
+
+
+PointMotion = Callable[[Array, float], Array]
+
+# 1 + cosine of two directions below which they are opposite: no rotation between them is the
+# shortest.
+OPPOSITE = 1e-6
+
+
+@dataclass(frozen=True)
+class SectionRotation:
+    """How the sections at nodes of a beam move and turn: by the shortest rotation from their normal
+    to `direction`, then about it by `twist`, see `Fixed`."""
+
+    name: str
+    beam: Beam
+    nodes: Indices
+    direction: Vector | PointMotion | None
+    twist: float | Callable[[float], float]
+    motion: PointMotion | None
+
+    def support(self) -> Support:
+        """The support of all coordinates of the sections, positions and directors."""
+        size = self.beam.block.size
+        # Directors too: three numbers of a position and six of two directors.
+        dofs = (size * self.nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
+        is_still = self.direction is None and self.motion is None and self.twist == 0
+        return Support(self.name, self.beam, dofs, None if is_still else self._path())
+
+    def _path(self) -> Callable[[float], Array]:
+        """Prescribed coordinates of the sections of a beam: a function of time [s] that returns
+        positions [m] and two directors of the n nodes, (9 n,), node by node.  It is collective."""
+        # X (3, n) [m] are the nodes of the stress-free shape.
+        X = self.beam.space.tabulate_dof_coordinates()[self.nodes].T
+        start = self.beam.stress_free(self.nodes)
+        motion = self.motion
+
+        def path(t: float) -> Array:
+            # Coordinates (n, 3, 3) of the nodes: position and two directors as rows.
+            q = start.copy()
+            if motion is not None:
+                what = f"Motion of '{self.name}' at t = {t:.6g} s"
+                q[:, 0] += ask_points(self.beam.comm, what, lambda: motion(X, t), X.shape).T
+            # From the stress-free section, not from the last step: errors do not add up.
+            normals = np.cross(q[:, 1], q[:, 2])
+            turns = self._rotations(X, normals, t)
+            q[:, 1:] = np.einsum("nij,nkj->nki", turns, q[:, 1:])
+            return q.ravel()
+
+        return path
+
+    def _rotations(self, X: Array, normals: Array, t: float) -> Array:
+        """Rotations (n, 3, 3) at a time [s] of the sections with unit normals (n, 3) at nodes X (3,
+        n) [m] of the stress-free shape.  Collective."""
+        when = f"of '{self.name}' at t = {t:.6g} s"
+        wanted = self._directions(X, normals, t, when)
+        length = np.linalg.norm(wanted, axis=1, keepdims=True)
+        # The check below refuses a length of zero, on all ranks at once.
+        wanted = wanted / np.where(length > 0, length, 1.0)
+        cosine = np.einsum("ni,ni->n", normals, wanted)
+        check_on_all(
+            self.beam.comm,
+            bool((length > 0).all() and (cosine > OPPOSITE - 1).all()),
+            f"The direction {when} is zero, or opposite to that of the section, "
+            "so that no turn is the shortest; go there by a function of time.",
+        )
+        # Rodrigues' formula with sine and cosine taken from the two directions; v (n, 3, 3) is the
+        # skew matrix of their cross product.
+        v = cross_matrices(np.cross(normals, wanted))
+        shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
+        return rotations(wanted, self._angle(t, when)) @ shortest
+
+    def _directions(self, X: Array, normals: Array, t: float, when: str) -> Array:
+        """Directions (n, 3), of any length, that the unit normals (n, 3) of sections at nodes X (3,
+        n) [m] of the stress-free shape are to have at a time [s].  Collective."""
+        given = self.direction
+        if given is None:
+            return normals
+        if callable(given):
+            return ask_points(self.beam.comm, f"Direction {when}", lambda: given(X, t), X.shape).T
+        return np.broadcast_to(np.asarray(given, dtype=float), normals.shape)
+
+    def _angle(self, t: float, when: str) -> float:
+        """The twist [rad] at time t [s]."""
+        angle = self.twist
+        if callable(angle):
+            return float(ask_numbers(self.beam.comm, f"Twist {when}", lambda: angle(t)))
+        return float(angle)
+
+
+def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
+    """Raise `InputError`, on all ranks, if a support would hold nothing: components other than x,
+    y, z (0, 1, 2), a group that the mesh does not have, or one without nodes of the body.
+    Collective."""
+    check(
+        set(components) <= {0, 1, 2} and bool(components),
+        f"{kind}: components are {components!r}; choose from 0, 1, 2.",
+    )
+    body.mesh.group(group)
+    # Owned nodes are counted once; a group may have no node on this rank, but not on all.
+    nodes = body.nodes(group)
+    owned = int((nodes < body.block.index_map.size_local).sum())
+    check(
+        body.comm.allreduce(owned) > 0,
+        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; "
+        "name another group.",
+    )
+
+
+def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
+    """Scalar indices (n · components,) of components of the positions of nodes (n,), node by
+    node."""
+    # The position is the first vector of a node, whatever else it has.
+    dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel()
+    return dofs.astype(np.int32)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on
+    a motor.
+
+    The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor counts as supplied.  The
+    scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference
+    stays, as of `Fixed` with a motion.
+
+    Args:
+        body: what turns.
+        axis: direction in space through its centre of mass, of any length.
+        angle: [rad] as a function of time [s], zero at the start.
+        name: name in messages and output.
+
+    Raises:
+        InputError: an axis of length zero; during a run: an angle that is not finite.
+
+    Example:
+        >>> gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 5.0 * t).name
+        'motor'
+    """
+
+    body: RigidBody
+    axis: Vector
+    _: KW_ONLY
+    angle: Callable[[float], float]
+    name: str = "motor"
+
+    def __post_init__(self) -> None:
+        check(
+            any(self.axis),
+            f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        body = self.body
+        axis = unit(self.axis)
+        first = start[body].coordinates().copy()
+
+        def path(t: float) -> Array:
+            """Coordinates of the body on this rank at a time t [s]."""
+            source = f"Angle of '{self.name}' at t = {t:.6g} s"
+            angle = ask_numbers(body.comm, source, lambda: self.angle(t))
+            # From the first state, not from the last step: errors do not add up.
+            turned = first.copy()
+            turned[:, 1:] = first[:, 1:] @ rotations(axis, float(angle)).T
+            return turned.ravel()
+
+        yield Support(self.name, body, np.arange(first.size, dtype=np.int32), path)

@@ -47,29 +47,14 @@ from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 COINCIDE = 1e-8
 
 
-def check_coincide(
-    name: str,
-    a: Attached,
-    b: Attached,
-    start: State,
-) -> None:
+def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
     """Check that the two points of a joint coincide in the initial state, within `COINCIDE`.
-
-    Collective.
-
-    Args:
-        name: of the joint, for the message.
-        a, b: the points, as ports of bodies or of the ground.
-        start: initial state of the scene.
-
-    Raises:
-        InputError: their distance exceeds `COINCIDE`, 1e-8 m.
-    """
+    Collective."""
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
-        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them "
-        "coincide.",
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
+        "let them coincide.",
     )
 
 
@@ -90,22 +75,10 @@ def coincidence(name: str, *pairs: tuple[Attached, Attached]) -> PointConstraint
     return PointConstraint(name, measure)
 
 
-def same_rotation(
-    name: str,
-    a: Frame,
-    b: Frame,
-    start: State,
-) -> Iterable[PointConstraint]:
-    """Constrain the relative rotation of two frames to that of the start: three equations.
-
-    Each equation holds the product of a vector of one frame and a vector of the other at zero.
-
-    Args:
-        name: of the joint, which names the constraints.
-        a, b: the frames, each an origin with two or three orthonormal directors; one of them has
-            three.
-        start: state in which the joint is made.
-    """
+def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
+    """Constrain the relative rotation of two frames to that of the start, by three equations: each
+    holds the product of a vector of one frame and a vector of the other at zero.  One of the frames
+    has three orthonormal directors, the other two or three."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
     # g2, g3 are directors of the other frame; e2, e3 their values (3,) at the start; p1, p3 vectors
     # of the full frame that are e2 × e3 and e3 at the start.
@@ -122,24 +95,11 @@ def same_rotation(
 
 
 def same_axis(
-    name: str,
-    n: Array,
-    full: Frame,
-    other: Frame,
-    start: State,
+    name: str, n: Array, full: Frame, other: Frame, start: State
 ) -> Iterable[PointConstraint]:
-    """Constrain a direction n to be the same in two frames: two equations.
-
-    Args:
-        name: of the joint, which names the constraints.
-        n: the direction at the start, a unit vector (3,).
-        full: a frame with three directors (orthonormal vectors that move with a body).
-        other: the other frame, whose directors contain n or are all normal to it.
-        start: state in which the joint is made.
-
-    Raises:
-        InputError: the other frame has two directors, to which n is oblique.
-    """
+    """Constrain a direction n, a unit vector (3,) at the start, to be the same in two frames, by
+    two equations.  One frame has three directors; those of the other contain n or are all normal to
+    it."""
     # The axis is a vector of one frame, and two of the other (p, q) stay normal to it.  A beam's
     # section has no vector along its normal, but two across it.
     if is_normal(n, other, start.vector):
@@ -153,28 +113,11 @@ def same_axis(
 
 
 def on_axis(
-    kind: str,
-    name: str,
-    n: Array,
-    a: Frame,
-    b: Frame,
-    start: State,
+    kind: str, name: str, n: Array, a: Frame, b: Frame, start: State
 ) -> Iterable[PointConstraint]:
-    """Constrain a point of b to the straight line through a point of a: two equations.
-
-    The line has the direction n at the start and turns with a: (x_b - x_a)·p = 0 for two vectors p
-    of a that are normal to n.  Collective.
-
-    Args:
-        kind, name: class and name of the joint, for messages.
-        n: direction of the line at the start, a unit vector (3,).
-        a: frame that carries the line, through its origin.
-        b: frame whose origin stays on the line.
-        start: state in which the joint is made.
-
-    Raises:
-        InputError: the point of b is off the line at the start, by more than 1e-8 m.
-    """
+    """Constrain the origin of b to the straight line through the origin of a of direction n at the
+    start, which turns with a: two equations (x_b - x_a)·p = 0 for vectors p of a that are normal to
+    n.  Collective."""
     gap = start.vector(b.origin) - start.vector(a.origin)
     check(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
@@ -248,15 +191,8 @@ class Link(Between):
     name: str = "link"
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that the distance of the two points stays that of the initial state.
-        Collective.
-
-        Yields:
-            One constraint (|x_a - x_b|² - l²)/2l = 0, whose multiplier is the force of the rod [N].
-
-        Raises:
-            InputError: the points coincide in the initial state.
-        """
+        """One constraint (|x_a - x_b|² - l²)/2l = 0, whose multiplier is the force of the rod [N];
+        l is the initial distance.  Collective."""
         length = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             length > 0,
@@ -301,7 +237,6 @@ class FixedJoint(FrameJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """The frames, one of which has three directors."""
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -348,7 +283,6 @@ class RevoluteJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """A frame with three directors, and one that holds the axis or is normal to it."""
         full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
         n = unit(self.axis)
         # Two directors of a section span all vectors in it.  An axis that is neither in the section
@@ -391,7 +325,6 @@ class PrismaticJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """The frames: one has three directors, the first holds the normals of the axis."""
         # A section across the axis has both its normals already.
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
@@ -430,7 +363,6 @@ class CylindricalJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        """A frame with three directors, and one that holds the axis or is normal to it."""
         n = unit(self.axis)
         # As of `RevoluteJoint`: a third director only for an oblique axis.
         if lies_in(n, self.b) or is_normal(n, self.b):

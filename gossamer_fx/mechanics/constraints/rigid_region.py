@@ -35,8 +35,8 @@ from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody, RigidPiece, fitted
+from gossamer_fx.mechanics.constraints.fixed import check_support
 from gossamer_fx.mechanics.constraints.joint import coincidence
-from gossamer_fx.mechanics.constraints.supported_nodes import check_support
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 from gossamer_fx.mechanics.terms.supports import Support
 
@@ -78,15 +78,6 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the rigid region, and name it after its group if it has no name.  Collective.
-
-        A rigid region is a named group of nodes of a body that move as one rigid piece, or slide in
-        its plane.
-
-        Raises:
-            InputError: the body is a beam, the group does not exist or has one point, a component
-                is not 0, 1 or 2, or a sliding region fills space or is fixed to a rigid body.
-        """
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
@@ -105,8 +96,8 @@ class RigidRegion:
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")
         check(
             not (self.sliding and count == 3),
-            f"'{self.name}' slides, but its nodes are not in one plane; leave sliding out, or name "
-            "a plane edge.",
+            f"'{self.name}' slides, but its nodes are not in one plane; "
+            "leave sliding out, or name a plane edge.",
         )
 
     # ---- what it is loaded and joined by ---------------------------------------------------------
@@ -119,37 +110,26 @@ class RigidRegion:
 
     @cached_property
     def frame(self) -> Frame:
-        """Its centre and axes, for torques, joints and probes.  Collective at the first use.
-
-        Returns:
-            An oriented point of the rigid body, or of the piece without mass, that the nodes are
-            tied to.
-
-        Raises:
-            InputError: its nodes are on one line, about which it has no rotation: see `line`.
-        """
+        """Its centre and axes, for torques, joints and probes; a region on one line has no rotation
+        about it, see `line`.  Collective at the first use."""
         if self.rigid_body is not None:
             return self.rigid_body.frame_at(self._centre)
         directors = self.piece.directors
         check(
             len(directors) > 1,
-            f"The nodes of '{self.name}' are on one line, about which it has no rotation; apply "
-            "torques to its line.",
+            f"The nodes of '{self.name}' are on one line, about which it has no rotation; "
+            "apply torques to its line.",
         )
         return Frame(self.piece.port(), directors, name=self.name)
 
     @cached_property
     def line(self) -> Line:
         """Centre and direction of a straight region, for torques across it.  Collective at the
-        first use.
-
-        Raises:
-            InputError: its nodes are not on one line, or are fixed to a rigid body.
-        """
+        first use."""
         check(
             self.rigid_body is None and len(self.piece.directors) == 1,
-            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; apply "
-            "torques to its frame.",
+            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; "
+            "apply torques to its frame.",
         )
         return Line(self.piece.port(), self.piece.directors)
 
@@ -172,9 +152,8 @@ class RigidRegion:
     def piece(self) -> RigidPiece:
         """The piece without mass that the nodes of the region are tied to, if not to a rigid body.
 
-        It has a position [m] and one director (a unit vector that turns with it) for each dimension
-        of the set of nodes; nodes that slide in a plane have the normal as third director.
-        Collective at the first use.
+        It has a position [m] and one director for each dimension of the set of nodes; nodes that
+        slide in a plane have the normal as third director.  Collective at the first use.
         """
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:
@@ -198,8 +177,7 @@ class RigidRegion:
     def _own(self) -> Array:
         """Local nodes (n,) of the region that this rank owns."""
         nodes = self.body.nodes(self.group)
-        own: Array = nodes[nodes < self.body.block.index_map.size_local]
-        return own
+        return nodes[nodes < self.body.block.index_map.size_local]
 
     @cached_property
     def _fit(self) -> tuple[Array, Array, Array]:
@@ -214,17 +192,14 @@ class RigidRegion:
     def _centre(self) -> list[float]:
         """Mean position [m] of the nodes at the start."""
         frame, _, _ = self._fit
-        centre: list[float] = frame[0].tolist()
-        return centre
+        return frame[0].tolist()
 
     def _nodes(self) -> Sequence[int]:
         """Global numbers of this rank's nodes."""
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes of the region, each with the point that it is tied to, as ports.
-
-        A port is a point of a body: here of the rigid body, or of a piece without mass."""
+        """This rank's nodes of the region, each with the point that it is tied to, as ports."""
         # ξ (k,) [m] are the coordinates of a node along the directors of the piece.
         if self.rigid_body is None:
             _, _, coordinates = self._fit
@@ -253,15 +228,9 @@ class RigidRegion:
         yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints that couple the nodes to a rigid piece, and the support of that piece.
-
-        The piece is a rigid body, or has no mass.  Nodes that slide in a plane stay in the plane of
-        the piece; in all other cases each node coincides with its point of the piece.  Collective.
-
-        Yields:
-            What the region adds to the equations: constraints with multipliers, and fixed
-            coordinates if `fixed_components` are given.
-        """
+        """The constraints that couple the nodes to a rigid piece, and the support of that piece if
+        components are fixed.  Nodes that slide stay in the plane of the piece; others coincide with
+        their points of it.  Collective."""
         if self.fixed_components:
             piece = self._carrier
             # The components of the position and of all directors.

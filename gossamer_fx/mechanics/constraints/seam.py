@@ -28,12 +28,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
@@ -84,20 +84,10 @@ class Seam:
     edge_b: str
     _: KW_ONLY
     closing: tuple[float, float] | None = (0.0, 1.0)
-    max_ease: float = 0.02
+    max_ease: Annotated[float, not_negative()] = 0.02
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges and numbers of the seam, and name it if it has no name.  Collective.
-
-        A seam draws two edges of films together from the first to the second time `closing` [s].
-        `max_ease` (dimensionless) is the allowed difference of their lengths, over the shorter one.
-
-        Raises:
-            InputError: an edge is sewn to itself, is not one line, or is closed while the other is
-                open; times that are negative or do not rise; or lengths that differ by more than
-                `max_ease`.
-        """
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)
@@ -109,25 +99,21 @@ class Seam:
             begin, end = self.closing
             check(
                 0 <= begin < end,
-                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; give two times that "
-                "rise, from 0 on.",
+                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; "
+                "give two times that rise, from 0 on.",
             )
-        check(
-            self.max_ease >= 0,
-            f"Seam '{self.name}': max_ease is {self.max_ease!r}; give none or a positive number.",
-        )
         line_a, line_b = self._lines
         check(
             line_a.is_closed == line_b.is_closed,
-            f"Seam '{self.name}': one of its edges is closed and the other is open; cut both "
-            "alike.",
+            f"Seam '{self.name}': one of its edges is closed and the other is open; "
+            "cut both alike.",
         )
         # Relative to the shorter line, so that the order of the edges does not matter.
         difference = max(self.ease, 1 / (1 + self.ease) - 1)
         check(
             difference <= self.max_ease,
-            f"Seam '{self.name}': its edges are {line_a.length:.4g} m and {line_b.length:.4g} m "
-            "long, "
+            f"Seam '{self.name}': "
+            f"its edges are {line_a.length:.4g} m and {line_b.length:.4g} m long, "
             f"{difference:.1%} apart; cut them alike, or allow it by max_ease={difference:.2g}.",
         )
 
@@ -164,15 +150,8 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that nodes of the finer edge meet their points of the other one, during
-        `closing`.
-
-        It is x_a - x_b = (1 - s(t)) (X_a - X_b) for each pair of points, with the initial positions
-        X [m] and s rising from 0 to 1.  Collective.
-
-        Raises:
-            InputError: both edges consist of the same nodes.
-        """
+        """The constraint x_a - x_b = (1 - s(t)) (X_a - X_b) for each node of the finer edge and its
+        point of the other one, with s from 0 to 1 during `closing`.  Collective."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
@@ -183,15 +162,8 @@ class Seam:
         yield PointConstraint(self.name, measure, closing=closing, may_repeat=True)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """Nodes of the edge with more nodes, each with its point of the other edge, as ports.
-        Collective.
-
-        They belong together by the fraction of arc length.  Nodes that both edges have are left
-        out.
-
-        Raises:
-            InputError: no pair remains, as both edges consist of the same nodes.
-        """
+        """Nodes of the edge with more nodes, each with its point of the other edge by the fraction
+        of arc length, as ports; nodes that both edges have are left out.  Collective."""
         line_a, line_b = self.lines(start)
         # Nodes of the finer line on the coarser one: the other way round nodes of the finer line
         # would stay free, and gaps would open between those that are sewn.

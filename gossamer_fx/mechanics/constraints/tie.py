@@ -65,14 +65,6 @@ class Tie:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check bodies and groups, and name the tie after them if it has no name.
-
-        The nodes of any group of `a` may be tied, to points of one line of `b`.
-
-        Raises:
-            InputError: a body that cannot be tied, a group that does not exist, or a line that is
-                tied to itself.
-        """
         sides = ((self.a, self.group_a), (self.b, self.group_b))
         for body, group in sides:
             check(
@@ -104,17 +96,8 @@ class Tie:
         yield coincidence(self.name, *self._pairs(start))
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes of the first line, each with its point of the second line.  Collective.
-
-        A tie connects the nodes of a line of one film or cable to points of a line of another.
-
-        Returns:
-            Pairs of a node and a point, as ports (points of bodies).
-
-        Raises:
-            InputError: on all ranks, if a line is empty, or nodes are further than `COINCIDE` (1e-8
-                m) from the second line in the initial state.
-        """
+        """This rank's nodes of the first line, each with its point of the second line, as ports.
+        Collective."""
         comm = self.a.comm
         index_map = self.a.block.index_map
         nodes = np.arange(index_map.size_local)
@@ -126,22 +109,23 @@ class Tie:
         ends, segments = self._segments(start)
         check(
             len(ends) > 0,
-            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of "
-            f"'{self.b.name}'.",
+            f"'{self.name}': the group '{self.group_b}' has no edges; "
+            f"name a line of '{self.b.name}'.",
         )
         count = comm.allreduce(len(own))
         check(
             count > 0,
-            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of "
-            f"'{self.a.name}'.",
+            f"'{self.name}': the group '{self.group_a}' has no nodes; "
+            f"name a line of '{self.a.name}'.",
         )
         which, fractions, distance = _nearest(x, segments)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
             comm,
             far <= COINCIDE,
-            f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at "
-            "the start; let them lie on it.",
+            f"'{self.name}': "
+            f"nodes of the first are up to {far:.3g} m away from the second line at the start; "
+            "let them lie on it.",
         )
         numbers = index_map.local_to_global(own)
         pairs = []
@@ -151,12 +135,8 @@ class Tie:
         return pairs
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
-        """The straight pieces of the second line of a tie, on every rank.  Collective.
-
-        Returns:
-            Global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] in the
-            state.
-        """
+        """The straight pieces of the second line, on every rank: global nodes (n, 2) of their ends,
+        and initial positions (n, 2, 3) [m].  Collective."""
         body = self.b
         space = body.space
         mesh = space.mesh
@@ -185,15 +165,8 @@ class Tie:
 
 
 def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """Find the nearest segment of each point.
-
-    Args:
-        x: points (n, 3) [m]; n may be zero.
-        segments: ends (m, 2, 3) [m] of at least one segment, none without length.
-
-    Returns:
-        For each point (n,): index of the segment, position on it from 0 to 1, and distance [m].
-    """
+    """The nearest of the segments (m, 2, 3) [m] of each point x (n, 3) [m]: its index, the position
+    on it from 0 to 1, and the distance [m], (n,) each."""
     # Starts a and differences d (m, 3) of the ends; s (m,): nearest position on each segment.
     a = segments[:, 0]
     d = segments[:, 1] - a

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector, combine
 from gossamer_fx.core.model.parameters import Parameter
@@ -70,12 +69,8 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
 
 
 class _ControlTorque(Couple):
-    """The torque of an `AttitudeControl`, whose gains are its numbers.
-
-    Args:
-        control: which computes the torque.
-        reference: the frame's vectors at the start of the run, (k, 3).
-    """
+    """The torque of an `AttitudeControl`, whose gains are its numbers; `reference` has the frame's
+    vectors (k, 3) at the start of the run."""
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
@@ -92,12 +87,7 @@ class _ControlTorque(Couple):
 
 class _SampledTorque(_ControlTorque, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
-    between.
-
-    Args:
-        control: which computes the torque.
-        reference: the frame's vectors at the start, (k, 3).
-    """
+    between."""
 
     # The force follows the position, by a torque that is a history variable.
     depends_on_position_only = True
@@ -110,17 +100,8 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         # Of a backward pass: sum of w·∂force/∂torque (3,) over the later steps with this torque.
         self._by_torque: Array = np.zeros(3)
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
-        """Start a step, and compute a new torque if a sample is due.
-
-        A new torque replaces the attribute `torque` (3,) [N m] and the angles and torques of the
-        control; otherwise the last one is held."""
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Start a step, and compute a new torque (3,) [N m] if a sample is due."""
         # The reversed step of a gradient has the torque of the step.
         if lag < 0:
             return
@@ -138,10 +119,9 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         self._by_torque = np.zeros(3)
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
-        """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.
-
-        A backward pass in time calls it in every step: the whole derivative is returned in the step
-        that took the sample, zero in the others."""
+        """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.  A
+        backward pass calls it in every step: the step that took the sample gives all of it, the
+        others zero."""
         if self._sampled is None:
             return np.zeros(3)
         control = self._control
@@ -151,15 +131,12 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
             by_gain = wrapped(control.target - angles)
         axes = euler_axes(angles) @ control.axes.T
         by_torque = self._by_torque + self.forces_by_torque(X).T @ w
-        found: Array = (axes @ by_torque) * by_gain
-        return found
+        return (axes @ by_torque) * by_gain
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
-        """Derivatives of the work w·force by the frame's vectors and rates at the start of a step.
-
-        The work is that of all steps with the torque of one sample.  A backward pass in time calls
-        this in each step; the sum over the steps is kept in this object, and is reset in the step
-        that took the sample."""
+        """Derivatives of the work w·force of all steps with one sampled torque by the frame's
+        vectors and rates at the start of a step.  A backward pass calls it in each step: the sum
+        over the steps is kept here, and is reset in the step that took the sample."""
         self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
         if self._sampled is None:
             return np.zeros(X.size), np.zeros(X.size)
@@ -170,15 +147,8 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         return by_position.T @ by_torque, by_rate.T @ by_torque
 
     def _torque_derivatives(self, X: Array, V: Array) -> tuple[Array, Array]:
-        """Derivatives of the sampled torque by the frame's vectors and by their rates.
-
-        Args:
-            X: the frame's vectors (3k,) at the sample, one after the other.
-            V: their rates (3k,), per second.
-
-        Returns:
-            Derivatives (3, 3k) of the torque [N m] by the vectors, and (3, 3k) by the rates.
-        """
+        """Derivatives (3, 3k) of the sampled torque [N m] by the frame's vectors X (3k,) at the
+        sample and by their rates V (3k,) [1/s]."""
         # dt [s] is the time over which the angles are differenced for their rates.
         control = self._control
         angles, rates = control.angles_and_rates(X, V, self._reference)
@@ -218,10 +188,6 @@ class _ContinuousTorque(_ControlTorque):
     Angles are those at the middle of the step, rates are differences over it.  The damping then
     does the work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step
     length h.
-
-    Args:
-        control: which computes the torque.
-        reference: the frame's vectors at the start of the run, (k, 3).
     """
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
@@ -230,13 +196,7 @@ class _ContinuousTorque(_ControlTorque):
         self._X0: Array = reference.ravel()
         self._has_begun = False
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         # Length of the step [s], and vectors (3k,) at its start.
         self._h = 2 * lag
         self._X0 = X
@@ -251,11 +211,9 @@ class _ContinuousTorque(_ControlTorque):
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces on the frame's vectors by the vectors in the middle of
-        the step.
-
-        Forces are generalised: force times vector is a moment [N m].  Zero before the first step,
-        where only the pattern of the matrix is needed."""
+        """Derivatives (3k, 3k) of the forces on the frame's vectors, whose product with a vector is
+        a moment [N m], by the vectors in the middle of the step.  Zero before the first step, where
+        only the pattern of the matrix is needed."""
         # The pattern of the tangent is made before the first step, without vectors.
         if not self._has_begun:
             return np.zeros((X.size, X.size))
@@ -299,8 +257,7 @@ def short_time(X: Array, V: Array) -> float:
 
 def wrapped(angles: Array) -> Array:
     """Differences of angles [rad], in [-π, π)."""
-    result: Array = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
-    return result
+    return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
 
 def _three_by_three(axes: object) -> Array:
@@ -362,17 +319,13 @@ class AttitudeControl:
         stiffness: float | Vector,
         damping: float | Vector,
         axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-        period: float = 0.0,
+        period: Annotated[float, not_negative("s")] = 0.0,
         name: str = "attitude control",
     ) -> None:
         check(
             len(frame.directors) >= 2,
-            f"'{name}' acts on something without position gradient; give the frame of a rigid body "
-            "or beam, or a patch of a film.",
-        )
-        check(
-            math.isfinite(period) and period >= 0,
-            f"'{name}': period is {period!r} s; give none or a positive one.",
+            f"'{name}' acts on something without position gradient; "
+            "give the frame of a rigid body or beam, or a patch of a film.",
         )
         self.frame = frame
         self.period = period
@@ -382,15 +335,16 @@ class AttitudeControl:
         self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
-            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m "
-            "s/rad; none may be negative.",
+            f"'{name}': "
+            f"gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; "
+            "none may be negative.",
         )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
         check(
             bool(is_orthonormal and np.linalg.det(self.axes) > 0),
-            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with "
-            "columns u, v, w.",
+            f"'{name}': its axes are not right-handed and orthonormal; "
+            "give a rotation matrix with columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)
@@ -399,11 +353,6 @@ class AttitudeControl:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The torque as one load on the frame's vectors: what the control adds to the equations.
-
-        Raises:
-            InputError: the vectors of the frame are parallel.
-        """
         reference = self.reference()
         gains = (
             Parameter("stiffness", "N m/rad", "stiffness"),
@@ -415,12 +364,8 @@ class AttitudeControl:
         yield PointLoad(self.name, self.frame.directors, torque, gains)
 
     def reference(self) -> Array:
-        """The frame's k vectors (k, 3) at the start: unit vectors, or arms [m] of a `patch`.
-        Collective.
-
-        Raises:
-            InputError: they are parallel.
-        """
+        """The frame's k vectors (k, 3) at the start: unit vectors, or arms [m] of a `patch`, not
+        parallel. Collective."""
         vectors = np.array([director.initial() for director in self.frame.directors])
         singular_values = np.linalg.svd(vectors)[1]
         check(
@@ -442,32 +387,18 @@ class AttitudeControl:
         F = position_gradient(vectors, reference)
         of_rotation = rotation_derivative(F, position_gradient_derivative(vectors, reference))
         axes = euler_axes(self.angles_of(X, reference)) @ self.axes.T
-        derivatives: Array = np.linalg.solve(axes.T, of_rotation)
-        return derivatives
+        return np.linalg.solve(axes.T, of_rotation)
 
     def sample(self, X: Array, V: Array, reference: Array) -> Array:
-        """Compute the attributes `angles` [rad] and `torques` [N m] for a state of the frame.
-
-        Args:
-            X: the frame's stacked vectors, (3k,), in the unit of `reference`.
-            V: their rates, (3k,), per second.
-            reference: the vectors at the start, (k, 3).
-
-        Returns:
-            The torque in space axes [N m], (3,).
-        """
+        """The torque in space axes [N m], (3,), in a state of the frame: stacked vectors X (3k,) in
+        the unit of `reference` (k, 3), the vectors at the start, and rates V (3k,) per second.  It
+        sets `angles` [rad] and `torques` [N m]."""
         self.angles, rates = self.angles_and_rates(X, V, reference)
         self.torques = self.law(self.angles, rates)
         return self.in_space(self.angles, self.torques)
 
     def angles_and_rates(self, X: Array, V: Array, reference: Array) -> tuple[Array, Array]:
-        """Angles (3,) [rad] and their rates [rad/s] for a state of the frame.
-
-        Args:
-            X: the frame's stacked vectors, (3k,), in the unit of `reference`.
-            V: their rates, (3k,), per second.
-            reference: the vectors at the start, (k, 3).
-        """
+        """Angles (3,) [rad] and their rates [rad/s] in a state of the frame, see `sample`."""
         # Rates of angles by central differences over a time dt [s] in which the vectors hardly
         # change.
         dt = short_time(X, V)
@@ -478,23 +409,13 @@ class AttitudeControl:
     def law(self, angles: Array, rates: Array) -> Array:
         """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates
         [rad/s]."""
-        torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
-        return torques
+        return self.stiffness * wrapped(self.target - angles) - self.damping * rates
 
     def torque_derivative(
         self, angles: Array, torques: Array, of_angles: Array, of_torques: Array
     ) -> Array:
-        """Derivatives (3, m) of `in_space` for given changes.
-
-        Args:
-            angles: (θ, β, γ) [rad].
-            torques: about the axes of the angles (3,) [N m].
-            of_angles: m changes of the angles (3, m) [rad].
-            of_torques: the changes of the torques with them (3, m) [N m].
-
-        Returns:
-            the changes of the torque in space axes, a column each [N m].
-        """
+        """Derivatives (3, m) [N m] of `in_space`, at angles (θ, β, γ) [rad] and torques (3,) [N m]
+        about their axes, for m changes of the angles (3, m) and of the torques (3, m)."""
         axes = euler_axes(angles) @ self.axes.T
         # The axes of the first two angles turn with the angles behind them.
         turn_of_second = np.outer(axes[2], of_angles[2])
@@ -506,5 +427,4 @@ class AttitudeControl:
 
     def in_space(self, angles: Array, torques: Array) -> Array:
         """Sum in space axes [N m], (3,), of torques about the axes of the angles [rad]."""
-        total: Array = self.axes @ (euler_axes(angles).T @ torques)
-        return total
+        return self.axes @ (euler_axes(angles).T @ torques)

@@ -11,17 +11,12 @@ FLATNESS = 1e-9
 
 
 def position_gradient(vectors: Array, reference: Array) -> Array:
-    """F (3, 3) such that F maps the reference vectors to the present ones, in least squares.
+    """F (3, 3) such that F maps the k reference vectors (k, 3), not all parallel, to the present
+    ones (k, 3) in the same unit, in least squares.
 
-    It is dimensionless.  Vectors that lie in a plane determine F in that plane only; F then maps
-    the normal of the reference plane to the unit normal of the present one.
-
-    Args:
-        vectors: attached vectors now, (k, 3), in any unit.
-        reference: the same vectors in the reference, (k, 3), at least two of them not parallel.
-
-    Returns:
-        F; not finite if the present vectors are parallel and the reference lies in a plane.
+    Vectors that lie in a plane determine F in that plane only; F then maps the normal of the
+    reference plane to the unit normal of the present one, and is not finite if the present vectors
+    are parallel.
     """
     weights, in_plane, normal = _weights(reference)
     if normal is None:
@@ -34,17 +29,11 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
 
 
 def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
-    """Weights (k, b) with which k vectors give the images of b orthonormal axes of the reference.
+    """Weights (k, b) by which k vectors give, in least squares, the images of b orthonormal axes of
+    the reference (k, 3), in its inverse unit.
 
-    The images are those of the linear map that fits the vectors best, in least squares.
-
-    Args:
-        reference: the vectors (k, 3) in the reference, at least two of them not parallel.
-
-    Returns:
-        Weights, in the inverse unit of the vectors; the axes (3, b), all of space if the reference
-        spans it, else of its plane, b = 2; and the normal (3,) of that plane, right-handed with the
-        axes, or None.
+    Also the axes (3, b), all of space if the reference spans it, else of its plane, b = 2; and the
+    normal (3,) of that plane, right-handed with the axes, or None.
     """
     moments = reference.T @ reference
     decomposition = np.linalg.eigh(moments)
@@ -61,18 +50,8 @@ def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
 
 
 def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
-    """Derivatives (3, 3, 3k) of the position gradient F (3, 3) by the k present vectors, flattened.
-
-    F maps the reference vectors to the present ones in least squares; see `position_gradient`.
-
-    Args:
-        vectors: attached vectors now, (k, 3), in any unit.
-        reference: the same vectors in the reference, (k, 3), at least two of them not parallel.
-
-    Returns:
-        In the inverse unit of the vectors; not finite if the present vectors are parallel and the
-        reference lies in a plane.
-    """
+    """Derivatives (3, 3, 3k) of `position_gradient` by the k present vectors, flattened, in their
+    inverse unit."""
     weights, in_plane, normal = _weights(reference)
     if normal is None:
         return _derivative_of_product(weights)
@@ -87,8 +66,7 @@ def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
     # A unit vector changes across itself.
     of_normal = (of_across - np.outer(direction, direction @ of_across)) / length
     in_plane_part = np.einsum("ibm,jb->ijm", of_images, in_plane)
-    derivative: Array = in_plane_part + np.einsum("im,j->ijm", of_normal, normal)
-    return derivative
+    return in_plane_part + np.einsum("im,j->ijm", of_normal, normal)
 
 
 def _derivative_of_product(weights: Array) -> Array:
@@ -100,30 +78,24 @@ def _derivative_of_product(weights: Array) -> Array:
 
 
 def rotation_derivative(F: Array, of_F: Array) -> Array:
-    """Rotations δω (3, m) [rad] of the rotation R in the polar decomposition F = V R, for changes
-    of F.
+    """Rotations δω (3, m) [rad] of the rotation R in the polar decomposition F = V R of a position
+    gradient of positive determinant, for m changes δF (3, 3, m).
 
     δF Rᵀ = δV + V [δω]×, of which the skew part is (tr V 1 - V) δω.
-
-    Args:
-        F: position gradient (3, 3), dimensionless, of positive determinant.
-        of_F: m changes δF (3, 3, m).
     """
     R = rotation(F)
     V = F @ R.T
     turned = np.einsum("ijm,kj->ikm", of_F, R)
     skew = turned - turned.transpose(1, 0, 2)
     axial = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
-    rotations: Array = np.linalg.solve(np.trace(V) * np.eye(3) - V, axial)
-    return rotations
+    return np.linalg.solve(np.trace(V) * np.eye(3) - V, axial)
 
 
 def rotation(F: Array) -> Array:
     """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F >
     0."""
     U, _, Vt = np.linalg.svd(F)
-    R: Array = U @ Vt
-    return R
+    return U @ Vt
 
 
 def euler_angles(R: Array) -> Array:
@@ -136,14 +108,8 @@ def euler_angles(R: Array) -> Array:
 
 
 def euler_axes(angles: Array) -> Array:
-    """Axes about which Euler angles turn, as rows (3, 3) of unit vectors.
-
-    They are R_w R_v e_u, R_w e_v and e_w of the rotation R = R_w(γ) R_v(β) R_u(θ); the rows are
-    dependent at β = ±π/2.
-
-    Args:
-        angles: (θ, β, γ) [rad].
-    """
+    """Axes about which Euler angles (θ, β, γ) [rad] turn, as rows (3, 3): R_w R_v e_u, R_w e_v and
+    e_w of the rotation R = R_w(γ) R_v(β) R_u(θ); they are dependent at β = ±π/2."""
     cos_β = np.cos(angles[1])
     sin_β = np.sin(angles[1])
     cos_γ = np.cos(angles[2])

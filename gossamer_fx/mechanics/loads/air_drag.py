@@ -1,24 +1,24 @@
-"""Residual air that slows films."""
+"""Residual air that slows films: its drag dissipates, and the work of a wind is supplied."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
-from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model.body import Vector
+from gossamer_fx.core.model.body import Array, MeshBody, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.loads.film_drag import FilmDrag
+from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
+from gossamer_fx.mechanics.terms.loads import Loads, at_rate, rate_of
 
 # (da/dA)² below which a cell has collapsed: nothing acts on it, and nothing is divided by zero.
 MIN_SQUARED_AREA_RATIO = 1e-30
@@ -60,27 +60,16 @@ class AirDrag:
     USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³")}  # of gases
 
     body: Membrane
-    density: float
+    density: Annotated[float, positive("kg/m³")]
     _: KW_ONLY
-    drag_coefficient: float = 1.2
+    drag_coefficient: Annotated[float, positive()] = 1.2
     wind: Vector = (0.0, 0.0, 0.0)
     name: str = "air drag"
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check_positive(self, "density", "kg/m³")
-        check(
-            math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
-            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a "
-            "positive number.",
-        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the drag as a term of the equations: a load that depends on velocities, and
-        dissipates."""
         film = self.body
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
@@ -104,3 +93,62 @@ class AirDrag:
             return -half_ρC * abs(va) * va * ufl.dot(a, w) / squared_ratio * dx
 
         yield FilmDrag(self.name, film, work, u)
+
+
+class Drags(Loads):
+    """All `FilmDrag` terms of a scene.
+
+    With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0
+    to q1.  In a wind u it is the sum of h δW[v - u], which is lost, and h δW[u], which is supplied.
+    """
+
+    def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
+        coordinates = [system.coordinates[term.body] for term in terms]
+        loads = []
+        for term, at in zip(terms, coordinates, strict=True):
+            loads.append(at_rate(term, at))
+        super().__init__(loads, system)
+        self.losses = [term.name for term in terms]
+        # The step is a constant of the forms: another one needs no new kernel.
+        self._steps = [at.h for at in coordinates]
+        self._lost: list[fem.Form] = []
+        self._given: list[fem.Form] = []
+        for term, at in zip(terms, coordinates, strict=True):
+            # Mean velocity [m/s] of the step
+            v = rate_of(at)
+            relative = v
+            if term.wind is not None:
+                relative = v - term.wind
+                # What the wind does at its own velocity is supplied; the rest is lost.  The two add
+                # up to the work of the force, so that the balance of energy closes exactly.
+                supplied = at.h * term.work(at.mid, v, term.wind)
+                self._given.append(compile_form(supplied))
+            lost = -at.h * term.work(at.mid, v, relative)
+            self._lost.append(compile_form(lost))
+
+    def begin_step(self, t: float) -> None:
+        # Before the loads are assembled: their velocity is a difference over this step.
+        for h in self._steps:
+            h.value = self._system.h
+        super().begin_step(t)
+
+    def supplied(self) -> float:
+        return float(sum(fem.assemble_scalar(form) for form in self._given))
+
+    def dissipated(self) -> Array:
+        return np.array([fem.assemble_scalar(form) for form in self._lost])
+
+
+@dataclass(frozen=True, eq=False)
+class FilmDrag:
+    """A force against the velocity v - u in a medium that moves with the wind u.
+
+    work    δW(x, v, w) at the positions x, linear in w; δW(x, v, v - u) is never positive
+    wind    u [m/s]; none: the medium is at rest
+    """
+
+    name: str
+    body: MeshBody
+    work: Callable[[Expr, Expr, Expr], ufl.Form]
+    wind: Expr | None = None
+    compiler: ClassVar[Compiler] = Drags

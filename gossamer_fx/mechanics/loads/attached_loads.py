@@ -30,21 +30,6 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
-        """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to
-        these bodies.  Collective.
-
-        P, offsets and M are the matrices of `attach_all` from coordinates to attached vectors, its
-        constants, and the masses [kg] of these vectors. `_X0` has the attached vectors [m] at the
-        start of a step.
-
-        Args:
-            terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
-            system: the equations of the scene, with the attached masses.
-
-        Raises:
-            InputError: a port of an attached mass has nodes, weights and vectors that do not belong
-                together.
-        """
         self._system = system
         self._name = terms[0].name
         # P, offsets, M and A of one kinetic energy.
@@ -60,20 +45,12 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
-        """Prepare the acceleration of a body as a load on masses that are attached to it, if any
-        is.
+        """Prepare the acceleration a + A (x - c) of a body as a load on masses that are attached to
+        it, if any is.
 
         In the code P and o give the k attached vectors (3k,) of a tuple from its coordinates, as P
         q + o; M (n, 3k, 3k) [kg] are the masses, A (n, 3k, 3k) [1/s²] and a (n, 3k) [m/s²] the
-        acceleration of these vectors. n counts the tuples that this rank evaluates.
-
-        Args:
-            term: the acceleration a + A (x - c) of the body.
-            masses: masses [kg] at points or directions (ports) of bodies; each tuple of ports is
-                evaluated on one rank.
-
-        Raises:
-            InputError: a port has nodes, weights and vectors that do not belong together.
+        acceleration of these vectors.  n counts the tuples that this rank evaluates.
         """
         if not any(port.body is term.body for place in masses.ports for port in place):
             return
@@ -108,19 +85,11 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
-        """Return the forces M (a + A X) on attached masses, where forces of the step act.
-        Collective.
+        """Forces M (a + A X) (n, 3k) [N], for directors [N m], where forces of the step act: for
+        each pair of a load and a kinetic energy with masses on its body.  Collective.
 
-        An attached mass belongs to a tuple of k ports of bodies, each a vector X: a point [m] or a
-        director [-].  `_add` prepared, for each load and each kinetic energy with masses on its
-        body: the masses M (n, 3k, 3k) [kg], and the acceleration a + A X of the load, with A (n,
-        3k, 3k) [1/s²] and a (n, 3k) [m/s²] (`_constant`), that at the origin.  Both are zero for
-        ports of other bodies, a also for directors.  X is at (1 - α) X0 + α X1, α the weight of the
-        end of the step: ½ is its middle, 1 its end.
-
-        Returns:
-            for each pair of a load and a kinetic energy (n, 3k) [N], for directors [N m]; n counts
-            the masses that this rank evaluates.
+        X is at (1 - α) X0 + α X1, α the weight of the end of the step: ½ is its middle, 1 its end.
+        A and a are zero for ports of other bodies, a also for directors.
         """
         # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
         # force is linear in X, so the work of the step is exact.
@@ -138,7 +107,6 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         self._X0 = self._vectors(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Subtract the loads [N] on all attached masses from r."""
         groups = zip(self._masses, self._indices, self._forces(), strict=True)
         for (P, _, _, _), indices, F in groups:
             force = -np.einsum("nax,na->nx", P, F)
@@ -147,7 +115,6 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
             r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Subtract the derivatives [N/m] of these loads from A, where they depend on positions."""
         α = self._system.rule.alpha
         for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
             # Zero for gravity, whose acceleration is the same everywhere.
@@ -160,8 +127,8 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         if not self._masses:
             return ""
         return (
-            f"'{self._name}' acts on masses that are attached to its body; leave them out of the "
-            "scene"
+            f"'{self._name}' acts on masses that are attached to its body; "
+            "leave them out of the scene"
         )
 
     def supplied(self) -> float:

@@ -26,28 +26,16 @@ class _OnVectors:
     """Forces Σ_j m_ij A (X_j - c_j) on the vectors of one node, A = |Ω|² 1 - Ω Ωᵀ."""
 
     def __init__(self, mass: Array, A: Array, centre: Array) -> None:
-        """Multiply masses and A; directors, which have no centre, come after the point.
-
-        Args:
-            mass: m (k, k) of the k vectors: kg, kg m and kg m² for points and directors.
-            A: (3, 3) [1/s²] of the angular velocity Ω.
-            centre: a point (3,) [m] of the axis.
-        """
+        """Multiply the masses (k, k) of k vectors, kg, kg m and kg m² for points and directors, by
+        A (3, 3) [1/s²]; directors, which have no centre, come after the point."""
         self._K = np.kron(mass, A)
         self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Nothing to prepare: the force depends on positions only."""
 
     def force(self, X: Array) -> Array:
-        force: Array = self._K @ (X - self._c)
-        return force
+        return self._K @ (X - self._c)
 
     def tangent(self, X: Array) -> Array:
         return self._K
@@ -86,7 +74,6 @@ class Centrifugal:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name."""
         check(
             any(self.spin),
             f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
@@ -98,11 +85,6 @@ class Centrifugal:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield terms of the equations: the load on masses of meshes and nodes, and on those
-        attached to the body. Collective.
-
-        Ω is the angular velocity [rad/s], c the centre (3,) [m], r = x - c, and A (3, 3) [1/s²] the
-        matrix from r to the acceleration."""
         Ω = np.asarray(self.spin, dtype=float)
         c = np.asarray(self.centre, dtype=float)
         # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
@@ -122,12 +104,8 @@ class Centrifugal:
         yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
-        """Return the load on a mass of a mesh: the body's mass form applied to the acceleration.
-
-        Args:
-            A: matrix (3, 3) [1/s²] from a position relative to c to its acceleration.
-            c: centre of the rotation (3,) [m].
-        """
+        """The load on a mass of a mesh: the body's mass form applied to the acceleration A (x - c),
+        A (3, 3) [1/s²]."""
         mesh = part.body.space.mesh
         size = part.body.block.size
         # Constants, so that another spin needs no new kernel.  Directors have no centre.

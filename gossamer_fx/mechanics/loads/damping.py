@@ -1,25 +1,41 @@
 """Damping of films, cables and beams, off unless it is part of the scene; its loss counts as
-dissipated."""
+dissipated.
+
+Losses of a film that follow its state have its stiffness ψ''(e) at the start of each step.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Annotated, Any, ClassVar, cast
 
+import basix.ufl
+import numpy as np
 import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import gradient
+from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    Differentiable,
+)
+from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation, thermal_strain_of
 
 Body = Membrane | Cable | Beam
 
@@ -54,43 +70,29 @@ class Damping:
 
     body: Body
     _: KW_ONLY
-    mass_factor: float = 0.0
-    stiffness_factor: float = 0.0
+    mass_factor: Annotated[float, not_negative("1/s")] = 0.0
+    stiffness_factor: Annotated[float, not_negative("s")] = 0.0
     tension_only: bool = False
     name: str = "damping"
 
     def __post_init__(self) -> None:
-        """Check the factors [1/s] and [s] of damping by mass and by stiffness.
-
-        Raises:
-            InputError: a factor is negative, both are zero, or `tension_only` is given for a body
-                that is not a film or without a stiffness factor.
-        """
         check(
-            self.mass_factor >= 0
-            and self.stiffness_factor >= 0
-            and self.mass_factor + self.stiffness_factor > 0,
-            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s and stiffness_factor "
-            f"{self.stiffness_factor!r} s; give one that is positive, and none that is negative.",
+            self.mass_factor + self.stiffness_factor > 0,
+            f"Damping '{self.name}': both factors are zero; give one of them.",
         )
         check(
             not self.tension_only
             or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
-            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it "
-            "out, or give both.",
+            f"Damping '{self.name}': tension_only is for the stiffness damping of films; "
+            "leave it out, or give both.",
         )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield terms of the equations: dissipation by the mass and by the stiffness, for factors
-        above zero.
-
-        With `tension_only` also the stiffness of the film at the start of each step, as a term.
-
-        α [1/s] is the factor on the mass, β [s] that on the stiffness, v are the rates of the
-        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness."""
+        """Dissipation by the mass and by the stiffness, for factors above zero; with `tension_only`
+        also the stiffness of the film at the start of each step, as a term."""
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.
@@ -112,9 +114,6 @@ class Damping:
             β = constant(body.space.mesh, self.stiffness_factor)
             factor = (Parameter("stiffness_factor", "s", β),)
             if self.tension_only and isinstance(body, Membrane):
-                # Imported here: few scenes need it, and it compiles another form.
-                from gossamer_fx.mechanics.loads.present_stiffness import PresentStiffness
-
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
@@ -140,12 +139,9 @@ def _inertia(body: Body) -> list[Expr]:
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
-    """Return the strain measure of a body, and its stored energy as it is in tension.
-
-    Returns:
-        measure, a function of positions [m]; energy density, a function of that measure: per area
-        [J/m²] of films, per length of the mesh [J/m] of cables and beams.
-    """
+    """The strain measure of a body, a function of positions [m], and its stored energy as it is in
+    tension, a function of the measure: per area [J/m²] of films, per length of the mesh [J/m] of
+    cables and beams."""
     if isinstance(body, Membrane):
         # A wrinkled film would have no stiffness across its wrinkles, and their flutter no damping.
         linear = body.law.unwrinkled()
@@ -154,3 +150,141 @@ def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Ex
         stiffness = body.per_mesh_length(body.constants.EA)
         return body.measure, lambda e: stiffness / 2 * e[0] ** 2
     return body.measure, body.density
+
+
+STRAINS = 3  # E11, E22, 2 E12
+
+
+class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
+    """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
+
+    reversible = False
+    forces_are_forms = True
+
+    def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
+        """Compile the stiffness C = ∂S/∂e [N/m] of each term, for the damping of a film that
+        follows its stiffness; it is evaluated when a state is accepted, and adds no force.
+        Collective."""
+        self._system = system
+        self._terms = terms
+        self._made = []
+        for term in terms:
+            entries = self._entries(term, system.coordinates[term.body].q0)
+            points = interpolation_points(term.values.function_space)
+            cells = term.body.space.mesh.topology.index_map(2)
+            every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+            self._made.append((term, compile_expression(entries, points), every))
+        # Of gradients, made at the first use.
+        self._products: list[_StartProduct] | None = None
+
+    def _entries(self, term: PresentStiffness, q: Expr) -> Expr:
+        """The nine entries of C at coordinates q of the body, row by row, as a UFL vector."""
+        strain = term.measure(q)
+        thermal = thermal_strain_of(self._system, term.body)
+        if thermal is not None:
+            strain -= thermal.start
+        e = ufl.variable(strain)
+        C = ufl.diff(gradient(term.density, e), e)
+        return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
+
+    def commit(self) -> None:
+        for term, expression, cells in self._made:
+            tabulate(expression, term.values, cells)
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def expressions(self) -> dict[fem.Function, Expr]:
+        found = {}
+        for term in self._terms:
+            found[term.values] = self._entries(term, self._system.coordinates[term.body].q0)
+        return found
+
+    def exchange_ends(self) -> None:
+        """Keep C: that of the reversed step is the one of the step."""
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add (∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of the start of the step.
+        Collective."""
+        system = self._system
+        if self._products is None:
+            self._products = []
+            for term in self._terms:
+                stand_in = fem.Function(term.body.space)
+                entries = self._entries(term, stand_in)
+                self._products.append(_StartProduct(term, stand_in, entries, system))
+        for product in self._products:
+            body = product.term.body
+            owned = system.block(body).owned
+            at = system.coordinates[body]
+            at.take(product.μ, μ.array_r[owned])
+            forces = product.assemble(at.q0)
+            with by_position as values:
+                at.add_forces(forces, values[owned])
+
+
+class _StartProduct:
+    """(∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of one term, compiled; μ is the
+    adjoint vector as a function on the body."""
+
+    def __init__(
+        self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
+    ) -> None:
+        """Compile the derivatives of all forms with C; `stand_in` is a function in place of q0, so
+        that other parts of the forces are not derived, and `entries` those of C at it.  Collective.
+        """
+        self.term = term
+        self.μ = fem.Function(term.body.space)
+        self._stand_in = stand_in
+        self._forms = []
+        test = ufl.TestFunction(term.body.space)
+        # All kinds are compiled when a gradient asks.
+        for kind in cast(Any, system).differentiable:
+            for form in kind.residual_forms(term.body, self.μ):
+                if any(function is term.values for function in form.coefficients()):
+                    with_entries = ufl.replace(form, {term.values: entries})
+                    self._forms.append(compile_form(ufl.derivative(with_entries, stand_in, test)))
+        dofs = term.body.space.dofmap
+        self._vector = la.vector(dofs.index_map, dofs.index_map_bs)
+
+    def assemble(self, q0: fem.Function) -> Array:
+        """Return the product on the nodes of this rank, owned and ghost; q0 at the start."""
+        self._stand_in.x.array[:] = q0.x.array
+        self._vector.array[:] = 0
+        for form in self._forms:
+            fem.assemble_vector(self._vector.array, form)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return self._vector.array
+
+
+@dataclass(frozen=True, eq=False)
+class PresentStiffness:
+    """C = ψ''(e) at the quadrature points of a body in the accepted state, as a matrix (3, 3) for
+    forms."""
+
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    values: Any = field(init=False)
+    compiler: ClassVar[Compiler] = PresentStiffnesses
+
+    def __post_init__(self) -> None:
+        """Make the function that stores the stiffness C (3, 3) [N/m], as nine numbers, at the
+        quadrature points of `dx`.
+        """
+        mesh = self.body.space.mesh
+        element = basix.ufl.quadrature_element(
+            mesh.basix_cell(),
+            value_shape=(STRAINS**2,),
+            degree=self.dx.metadata()["quadrature_degree"],
+            scheme="default",
+        )
+        object.__setattr__(self, "values", fem.Function(fem.functionspace(mesh, element)))
+
+    @property
+    def matrix(self) -> Expr:
+        """C for forms with the measure `dx`."""
+        n = STRAINS
+        return ufl.as_matrix([[self.values[n * i + j] for j in range(n)] for i in range(n)])

@@ -1,10 +1,11 @@
-"""Load along edges of a film, in space or normal to the edge."""
+"""Loads along edges: forces in space or normal to the edge, and bending moments along the rim of a
+plate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -22,6 +23,9 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.loads import Load
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.plate import Plate
 
 
 @check_arguments
@@ -59,14 +63,6 @@ class EdgeLoad:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges and forces, and name the load after its edges if it has no name.
-
-        Collective.
-
-        Raises:
-            InputError: the mesh has no such curves; neither or both of the forces; edges where more
-                than two sheets meet, or, for a normal force, edges that are not on the rim.
-        """
         film = self.body
         edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
         check(
@@ -81,9 +77,9 @@ class EdgeLoad:
         check_on_all(
             film.comm,
             bool((sheets <= most_sheets).all()),
-            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets "
-            "meet, or inside the "
-            "film where a load has no normal; name edges of the rim, or give a force in space.",
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges "
+            "where several sheets meet, or inside the film where a load has no normal; "
+            "name edges of the rim, or give a force in space.",
         )
         if not self.name:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
@@ -98,13 +94,8 @@ class EdgeLoad:
             yield self._across()
 
     def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Return measures ds of the edges on the rim, and dS of those inside.  Collective.
-
-        Each is None where no rank has such edges.
-
-        Raises:
-            InputError: the mesh has no such group of curves, or the group has another dimension.
-        """
+        """Measures ds of the edges on the rim, and dS of those inside, each None where no rank has
+        such edges.  Collective."""
         film = self.body
         domain = film.mesh.domain
         # Integrals over edges need the triangles next to them.
@@ -116,14 +107,8 @@ class EdgeLoad:
         return ds, dS
 
     def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
-        """Return a measure of some edges, exact for a constant force.  Collective.
-
-        Args:
-            edges: local numbers (n,) of the edges.
-
-        Returns:
-            the measure, or None if no rank has any edge.
-        """
+        """The measure of some edges (n,), exact for a constant force, or None if no rank has any.
+        Collective."""
         film = self.body
         if film.comm.allreduce(len(edges)) == 0:
             return None
@@ -135,15 +120,7 @@ class EdgeLoad:
         return measure(1)
 
     def _in_space(self) -> Term:
-        """Return the load of a force f [N/m] in space as a term of the equations: δW = ∫f·w ds.
-        Collective.
-
-        In a run a force that is a function of time is checked: InputError if it raises or returns
-        other than three finite numbers.
-
-        ds and dS are the measures of the edges on the rim and of those inside the film, w test
-        functions, and `at` sets f at a time.
-        """
+        """The load of a force f [N/m] in space: δW = ∫f·w ds.  Collective."""
         force = self.force
         name = self.name
         ds, dS = self._measures()
@@ -174,14 +151,8 @@ class EdgeLoad:
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
-        """Return the load of a force p ν, p [N/m], along the normal ν of the rim, as a term: δW =
-        ∫p ν·w ds.  Collective.
-
-        In a run a force that is a function of time is checked: InputError if it raises or returns
-        other than a finite number.
-
-        In the code f has the value of p, and `at` sets it at a time.
-        """
+        """The load of a force p ν, p [N/m], along the normal ν of the rim: δW = ∫p ν·w ds.
+        Collective."""
         film = self.body
         value = self.normal_force
         ds, _ = self._measures()
@@ -198,13 +169,6 @@ class EdgeLoad:
                 f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            """Return the virtual work δW [J] of a load f ν [N/m] along the edges ds, ν the normal
-            of the rim.
-
-            Args:
-                x: positions (3,) [m] of the film.
-                w: test function (3,), like x.
-            """
             # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
                 return f * ufl.dot(ν, w) * ds
@@ -224,3 +188,72 @@ def _normal(film: Membrane) -> Expr:
     """Unit normal of the undeformed film."""
     n = area_vector(film.deformation(ufl.SpatialCoordinate(film.mesh.domain)))
     return n / ufl.sqrt(ufl.dot(n, n))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class EdgeMoment:
+    """A moment per reference length about the deformed edge of a plate: δW = ∫ m n·w,n ds.
+
+    n is the normal of the plate, and w,n the derivative of the test function across the edge.
+
+    Args:
+        body: a plate.
+        edges: name of curves on its rim.
+        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim
+            towards the normal of its mesh, as positive curvature does.
+        name: name in messages and output.
+
+    Raises:
+        InputError: edges inside the plate.
+
+    Example:
+        >>> gx.loads.EdgeMoment(plate, "right", moment=0.1).name
+        'plate/right moment'
+    """
+
+    body: Plate
+    edges: str
+    _: KW_ONLY
+    moment: float | Callable[[float], float]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        edges = self.body.mesh.curve(self.edges, "EdgeMoment")
+        check_on_all(
+            self.body.comm,
+            bool(self.body.mesh.edges.is_boundary[edges].all()),
+            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; "
+            "name a part of its rim.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        plate = self.body
+        value = self.moment
+        domain = plate.mesh.domain
+        edges = plate.mesh.curve(self.edges, "EdgeMoment")
+        tags = meshtags(domain, 1, edges, edges * 0 + 1)
+        # The normal is a quotient of polynomials, for which no degree is exact; a flat plate of
+        # order 2 needs 1.
+        measure = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})
+        ds = measure(1)
+        # A function of time is evaluated first by `at`, before any step.
+        m = constant(domain, 0.0 if callable(value) else value)
+
+        def at(t: float) -> None:
+            """Set the moment per length [N] to its value at a time t [s]."""
+            if callable(value):
+                source = f"EdgeMoment '{self.name}' at t = {t:.6g} s"
+                m.value = float(ask_numbers(plate.comm, source, lambda: value(t)))
+
+        # A couple on the rotation of the edge: the slope of the virtual displacement across the
+        # edge, along the normal of the deformed plate.
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds
+
+        yield Load(self.name, plate, work, follows=True, at=at)

@@ -28,13 +28,7 @@ class ConstantForce:
     value: Array
     depends_on_position_only = True
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Nothing to prepare: the force is constant."""
 
     def force(self, X: Array) -> Array:
@@ -54,40 +48,19 @@ class ConstantForce:
 
 
 class ForceInTime:
-    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step.
-
-    Attributes:
-        factor: number by which the function is multiplied; a parameter of gradients.
-    """
+    """Force (3,) [N] as a function of time [s], taken where forces act, e.g. at the middle of the
+    step; `factor` multiplies it, and is a parameter of gradients."""
 
     depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
-        """Take the function, which is first called when a step begins.
-
-        Args:
-            comm: the ranks, which must agree on its values.
-            name: of the load, for messages.
-            value: function of time [s] that returns three components [N].
-        """
         self._comm = comm
         self._name = name
         self._value = value
         self._now: Array = np.zeros(3)
         self.factor = 1.0
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
-        """Ask the user's function for the force [N] of a step; the same on all ranks, collective.
-
-        Raises:
-            InputError: the function raises, or returns other than three finite numbers.
-        """
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -109,12 +82,7 @@ class ForceInTime:
         return self._now[:, None]
 
 
-def at_time(
-    comm: MPI.Intracomm,
-    name: str,
-    value: History,
-    t: float,
-) -> Array:
+def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
@@ -123,7 +91,6 @@ class ConstantTorque(Couple):
     """Torque (3,) in space axes that never changes."""
 
     def __init__(self, torque: Array) -> None:
-        """Take the torque (3,) [N m], in axes of space."""
         super().__init__()
         self.torque = torque
 
@@ -133,31 +100,12 @@ class TorqueInTime(Couple):
     of the step."""
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
-        """Take the function, which is first called when a step begins.
-
-        Args:
-            comm: the ranks, which must agree on its values.
-            name: of the load, for messages.
-            value: function of time [s] that returns three components [N m].
-        """
         super().__init__()
         self._comm = comm
         self._name = name
         self._value = value
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
-        """Ask the user's function for the torque [N m] of a step; the same on all ranks,
-        collective.
-
-        Raises:
-            InputError: the function raises, or returns other than three finite numbers.
-        """
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -189,11 +137,8 @@ class Force:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the force [N] as a term of the equations: a load on its port, the point where it
-        acts.
-
-        A force that is given as three numbers, and a factor of a function of time, are parameters
-        of gradients."""
+        """A load on the point; numbers, and a factor of a function of time, are parameters of
+        gradients."""
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
@@ -234,12 +179,6 @@ class Torque:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the torque [N m] as a term of the equations: a load on the directors of its frame
-        or line.
-
-        Directors are vectors that turn with a rigid body or a beam's section. In a run a torque
-        that is a function of time is checked: InputError if it raises, or returns other than three
-        finite numbers."""
         vectors: tuple[Attached, ...] = self.frame.directors
         value = self.torque
         law: PointForce

@@ -47,11 +47,6 @@ class Gravity:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name.
-
-        Raises:
-            InputError: g is not three finite numbers.
-        """
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
         check(
@@ -63,8 +58,6 @@ class Gravity:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield terms of the equations: the weight of masses of meshes and nodes, and of those
-        attached to the body. Collective."""
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
@@ -10,7 +9,6 @@ from typing import Any, ClassVar
 import ufl
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
@@ -48,23 +46,10 @@ class Pressure:
     _: KW_ONLY
     name: str = "pressure"
 
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        check(
-            callable(self.pressure) or math.isfinite(self.pressure),
-            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a "
-            "function of time.",
-        )
-
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the pressure [Pa] as a term of the equations: a load that follows the deformed
-        film.
-
-        In a run a pressure that is a function of time is checked: InputError if it raises or
-        returns other than a finite number."""
         film = self.body
         value = self.pressure
         mesh = film.space.mesh

@@ -1,3 +1,3 @@
-from .initial import RigidMotion as RigidMotion
-from .initial import StartFrom as StartFrom
+from .scene import RigidMotion as RigidMotion
 from .scene import Scene as Scene
+from .scene import StartFrom as StartFrom

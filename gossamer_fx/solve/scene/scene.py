@@ -1,28 +1,134 @@
-"""A scene: what there is.  `compile` turns it into a `System`."""
+"""A scene: what there is, and its initial conditions.  `compile` turns it into a `System`."""
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all, is_vector
 from gossamer_fx.core.drawing import table
-from gossamer_fx.core.model.body import Body, BringsCoordinates, is_body
-from gossamer_fx.core.model.state import InitialState
+from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
+from gossamer_fx.core.model.state import BodyState, InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of
-from gossamer_fx.mechanics.terms.assembly import Part
+from gossamer_fx.mechanics.terms.assembly import Assembly, Part
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.mechanics.terms.scalar_unknowns import (
     BringsScalarUnknowns,
     InitialCondition,
     ScalarUnknowns,
 )
-from gossamer_fx.solve.scene.initial import StartFrom
 from gossamer_fx.solve.scene.validation import validate
 from gossamer_fx.solve.system.system import System
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """Adds a rigid motion to the initial velocities of all bodies: v + Ω × (x - c), and Ω × d for
+    directors.
+
+    Args:
+        spin: Ω [rad/s].
+        velocity: v [m/s].
+        centre: c [m].
+
+    Raises:
+        InputError: an argument that is not three finite numbers.
+
+    Example:
+        >>> spinning = gx.Scene(hub, gx.RigidMotion(spin=(0.0, 0.0, 2.0)))
+        >>> run = gx.Simulation(spinning, gx.Midpoint(dt=0.01))
+        >>> round(gx.probes.AngularVelocity(hub.frame(), "z")(run), 12)
+        2.0
+    """
+
+    spin: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    _: KW_ONLY
+    centre: Vector = (0.0, 0.0, 0.0)
+    name: str = "rigid motion"
+
+    def __post_init__(self) -> None:
+        for argument in ("spin", "velocity", "centre"):
+            value = getattr(self, argument)
+            check(
+                is_vector(value),
+                f"RigidMotion '{self.name}': {argument} is {value!r}; give three finite numbers.",
+            )
+
+    def initialise(self, start: InitialState) -> None:
+        spin = np.asarray(self.spin, dtype=float)
+        # v + Ω × (x - c) = Ω × x + (v - Ω × c); directors have the first part only.
+        at_origin = np.asarray(self.velocity, dtype=float) - np.cross(spin, self.centre)
+        for body in start:
+            rates = body.rates() + np.cross(spin, body.coordinates())
+            rates[:, 0] += at_origin
+            start.set_in_motion(body.body, rates)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class StartFrom:
+    """Takes the initial positions and directors from another compiled scene of the same bodies.
+
+    The other scene is, for example, that of an equilibrium.  A reduced film also starts from its
+    full one: from the part of that shape which its modes hold.
+
+    Args:
+        system: the other scene's system, e.g. `equilibrium.system`.
+
+    Raises:
+        InputError: something that is not a compiled scene; when the scene is compiled, a body that
+            the other scene does not have, or has with another mesh.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> start = gx.StartFrom(equilibrium.system)
+        >>> swing = gx.Simulation(gx.Scene(weight, spring, start), gx.Midpoint(dt=0.01))
+        >>> round(gx.probes.Position(mass.port(), "z")(swing), 3)
+        -1.1
+    """
+
+    system: Assembly
+    _: KW_ONLY
+    name: str = "start"
+
+    def initialise(self, start: InitialState) -> None:
+        for body in start:
+            start.place(body.body, self._coordinates(body))
+
+    def _coordinates(self, here: BodyState) -> Array:
+        """Positions [m] and directors of this rank's nodes of the body of the same name in the
+        other scene, flattened; of a reduced film the coefficients [m] of its modes, projected from
+        a full film."""
+        body = here.body
+        there = self.system.state.named(body.name)
+        full = body.full if is_on_mesh(body) else body
+        # Only a reduced film differs from its full one.
+        from_full = full is not body and there is not None and there.body is full
+        check(
+            there is not None and (from_full or there.body.block.size == body.block.size),
+            f"'{self.name}' has no body '{body.name}' like this scene's; "
+            "start from the same bodies.",
+        )
+        assert there is not None
+        values = there.coordinates().ravel()
+        if from_full:
+            values = body.reduced(values)  # type: ignore[attr-defined]
+        check(
+            len(values) == here.coordinates().size,
+            f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.",
+        )
+        return values
+
 
 # What an item may bring; one that brings nothing would do nothing in a scene.
 BRINGS = {
@@ -75,8 +181,8 @@ class Scene:
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
-            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
-            "by name=....",
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; "
+            "give each its own by name=....",
         )
 
         starts = [item.name for item in self.items if isinstance(item, StartFrom)]
@@ -87,20 +193,16 @@ class Scene:
         )
 
     def _add(self, item: object) -> None:
-        """Add an item and all that it refers to, each once.
-
-        Raises:
-            InputError: it has no name, or brings nothing that a scene uses.
-        """
+        """Add an item and all that it refers to, each once."""
         if not isinstance(item, Item):
             raise InputError(
-                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
-                "or connectors."
+                f"{item!r} is not an item of a scene; "
+                "give bodies, gas parts, loads, constraints or connectors."
             )
         check(
             any(isinstance(item, part) for part in BRINGS.values()),
-            f"'{item.name}' ({type(item).__name__}) is not a scene item: it defines none of "
-            f"{', '.join(BRINGS)}; give it one of them, or leave it out.",
+            f"'{item.name}' ({type(item).__name__}) is not a scene item: "
+            f"it defines none of {', '.join(BRINGS)}; give it one of them, or leave it out.",
         )
         if any(item is known for known in self.items):
             return
@@ -138,31 +240,20 @@ class Scene:
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
     def _refuse_other_ranks(self) -> None:
-        """Raise `InputError` if the bodies are not all on the same ranks.
-
-        The bodies have no communicator in common, so that ranks do not exchange what they find.
-        """
+        """Raise `InputError` if the bodies are not all on the same ranks.  They have no
+        communicator in common, so that ranks do not exchange what they find."""
         for body in self.bodies:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
             check(
                 same,
-                f"'{body.name}' is on {body.comm.size} ranks and '{self.bodies[0].name}' on "
-                f"{self.comm.size}; make all bodies of a scene with the same comm.",
+                f"'{body.name}' is on {body.comm.size} ranks "
+                f"and '{self.bodies[0].name}' on {self.comm.size}; "
+                "make all bodies of a scene with the same comm.",
             )
 
     def compile(self, rule: StressRule | None = None) -> System:
-        """Number the unknowns, compile the forms, take the initial state.  Collective.
-
-        Args:
-            rule: which stress acts in a time step; None: the path average, which conserves energy.
-
-        Returns:
-            the system of equations with the initial state.
-
-        Raises:
-            InputError: bodies on different ranks, cells without size, initial data that are not
-                finite, or what a part finds wrong with its surroundings.
-        """
+        """Number the unknowns, compile the forms for a stress rule, by default the path average,
+        which conserves energy, and take the initial state.  Collective."""
         # Before anything is compiled, which takes seconds for new forms.
         self._refuse_other_ranks()
         validate(self.items, self.comm)
@@ -173,8 +264,8 @@ class Scene:
                 check_on_all(
                     self.comm,
                     bool(np.isfinite(values).all()),
-                    f"The initial {what} of '{body.name}' is not finite everywhere; check the "
-                    "function that gives it.",
+                    f"The initial {what} of '{body.name}' is not finite everywhere; "
+                    "check the function that gives it.",
                 )
         start = InitialState(self.bodies, self.comm)
         for item in self.items:

@@ -78,15 +78,7 @@ _printed: set[str] = set()
 
 
 def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
-    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective.
-
-    Args:
-        items: all items of the scene.
-        comm: the ranks.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective."""
     for words in warnings(list(items)):
         if words not in _printed and comm.rank == 0:
             LOG.warning(words)
@@ -94,16 +86,8 @@ def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
 
 
 def warnings(items: list[Any]) -> Iterator[str]:
-    """Yield warnings about input that is possible but probably wrong, the same on all ranks.
-
-    Collective: all ranks take all of them.
-
-    Args:
-        items: of the scene: meshes of bodies, and numbers of items and their laws, are looked at.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Yield warnings about meshes, and numbers of items and their laws, that are possible but
+    probably wrong, the same on all ranks, which take all of them.  Collective."""
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
@@ -113,14 +97,8 @@ def warnings(items: list[Any]) -> Iterator[str]:
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
-    """Yield warnings about the mesh of one body; the same on all ranks.  Collective.
-
-    They concern its size [m], open seams, slivers, normals that change sides, triangles upside
-    down, and the thickness of plates.
-
-    Raises:
-        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
-    """
+    """Yield warnings about the mesh of one body: its size [m], open seams, slivers, normals that
+    change sides, triangles upside down, and the thickness of plates.  Collective."""
     domain = body.space.mesh
     comm = body.comm
     corners = corner_points(domain)
@@ -135,9 +113,8 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,
-        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at "
-        "one point or on a "
-        "line; mesh it again, or remove duplicate nodes.",
+        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of "
+        "which are at one point or on a line; mesh it again, or remove duplicate nodes.",
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
         yield f"The mesh of '{body.name}' is {size:.3g} m large; lengths are in metres."
@@ -147,49 +124,46 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     seams = open_seams(domain, groups)
     if seams:
         yield (
-            f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a "
-            "seam, glue it by "
-            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes), and if it is a "
-            "slit, name its two sides."
+            f"{seams} boundary edges of '{body.name}' coincide without being joined; "
+            "if this is a seam, glue it by removing duplicate nodes (gmsh: "
+            "model.mesh.removeDuplicateNodes), and if it is a slit, name its two sides."
         )
     if corners.shape[1] == 3:
         turned = turned_inside(domain)
         check(
             turned == 0,
-            f"'{body.name}' has {turned} curved triangles that turn inside out near a corner; mesh "
-            "it finer there, or "
-            "with plane triangles.",
+            f"'{body.name}' has {turned} curved triangles that turn inside out near a corner; "
+            "mesh it finer there, or with plane triangles.",
         )
         if slivers:
             worst = comm.allreduce(float(quality.min(initial=1.0)), op=MPI.MIN)
             yield (
-                f"'{body.name}' has {slivers} slivers among its triangles (worst quality "
-                f"{worst:.1e}, one is "
-                "equilateral); they cost accuracy and iterations."
+                f"'{body.name}' has {slivers} slivers among its triangles "
+                f"(worst quality {worst:.1e}, one is equilateral); "
+                "they cost accuracy and iterations."
             )
         table = edges_of(domain)
         count, directions = table.tally(np.arange(len(corners), dtype=np.int32))
         opposite = comm.allreduce(int(((count == 2) & (directions != 0)).sum()))
         if opposite:
             yield (
-                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push "
-                "to both sides; make "
-                "or read the mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse)."
+                f"Normals of '{body.name}' change sides at {opposite} edges: "
+                "pressure would push to both sides; make or read the mesh with orient=True, "
+                "or turn surfaces (gmsh: model.mesh.reverse)."
             )
         upside_down = folded(table)
         in_plane, share = folded_in_plane(table)
         if in_plane:
             yield (
-                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of "
-                "its area, so that it "
-                "covers a part of the plane more than once and has a wrong stiffness; mesh it "
-                "again, or move back the "
-                "nodes that crossed an edge."
+                f"'{body.name}' has {in_plane} triangles upside down in its plane, "
+                f"{share:.2g} of its area, "
+                "so that it covers a part of the plane more than once and has a wrong stiffness; "
+                "mesh it again, or move back the nodes that crossed an edge."
             )
         elif upside_down:
             yield (
-                f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look "
-                "at its mesh."
+                f"'{body.name}' has {upside_down} triangles upside down on their neighbours; "
+                "look at its mesh."
             )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
         smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
@@ -197,21 +171,18 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
         aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
         if bends and thickness < _ROUND_OFF_THIN * aspect * size:
             yield (
-                f"The plate '{body.name}' is {thickness / size:.1g} of its size thick, and its "
-                "cells have aspect "
-                f"ratios of up to {aspect:.3g}: below a thickness of "
-                f"{_ROUND_OFF_THIN * aspect:.1g} its bending forces "
-                "are less than the round-off of its membrane forces, and it may be too stiff by "
-                "any factor; give cells "
-                "of aspect near one, or a Membrane."
+                f"The plate '{body.name}' is {thickness / size:.1g} of its size thick, "
+                f"and its cells have aspect ratios of up to {aspect:.3g}: below a thickness "
+                f"of {_ROUND_OFF_THIN * aspect:.1g} its bending forces are less than the round-off "
+                "of its membrane forces, and it may be too stiff by any factor; "
+                "give cells of aspect near one, or a Membrane."
             )
         elif bends and thickness < _THIN * smallest:
             yield (
-                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells "
-                "thick: they carry a "
-                f"compressive strain of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before "
-                "they bend; a Membrane "
-                "does as well and costs less."
+                f"The plate '{body.name}' is {thickness / smallest:.1g} "
+                "of its smallest cells thick: they carry a compressive strain "
+                f"of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before they bend; "
+                "a Membrane does as well and costs less."
             )
         if thickness > _THICK * size:
             yield (
@@ -226,8 +197,8 @@ def _of_numbers(name: str, holder: Any) -> Iterator[str]:
         value = getattr(holder, attribute, None)
         if isinstance(value, int | float) and not least <= value <= most:
             yield (
-                f"'{name}': {attribute} = {value:g} {unit} is unusual, {least:g} to {most:g} "
-                f"{unit} is not; numbers are in SI units."
+                f"'{name}': {attribute} = {value:g} {unit} is unusual, "
+                f"{least:g} to {most:g} {unit} is not; numbers are in SI units."
             )
 
 
@@ -240,19 +211,14 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
     largest = body.comm.allreduce(own, op=MPI.MAX)
     if largest > _STRAIN:
         yield (
-            f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; it "
-            "is a ratio of lengths."
+            f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; "
+            "it is a ratio of lengths."
         )
 
 
 def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Yield warnings about films that intersect themselves at the start.  Collective.
-
-    This check takes more time than all others, so it is made on request only.
-
-    Args:
-        bodies: of the scene; those that are not on a mesh of triangles are left out.
-    """
+    """Yield warnings about films, those on a mesh of triangles, that intersect themselves at the
+    start. It takes more time than all other checks, so it is made on request only.  Collective."""
     for body in bodies:
         if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
             continue
@@ -264,8 +230,8 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
         pierced = crossings(body.comm, corners, nodes.astype(np.int64))
         if pierced:
             yield (
-                f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing "
-                "keeps them apart."
+                f"'{body.name}' penetrates itself at the start in {pierced} triangles; "
+                "nothing keeps them apart."
             )
 
 
@@ -277,5 +243,4 @@ def _positions(body: MeshBody) -> Array:
     owned, _ = body.initial_state()
     x.x.array[: len(owned)] = owned
     x.x.scatter_forward()
-    positions: Array = x.x.array.reshape(-1, 3)
-    return positions
+    return x.x.array.reshape(-1, 3)

@@ -69,11 +69,7 @@ TINY = float(np.finfo(float).tiny)  # against division by zero
 
 
 class CoarseSpace:
-    """Solves (3) for a matrix of the system.
-
-    Args:
-        system: compiled scene with bodies on meshes.
-    """
+    """Solves (3) for a matrix of the system."""
 
     def __init__(self, system: System) -> None:
         """Build P of equation (2), and a solver for the coarse matrix.  Collective."""
@@ -101,14 +97,9 @@ class CoarseSpace:
 
 
 def prolongation(system: System) -> PETSc.Mat:
-    """The prolongation P (unknowns, coarse unknowns) with orthonormal columns.  Collective.
-
-    Its columns are affine functions on patches of nodes.  Rows of fixed coordinates, and of bodies
-    without nodes such as rigid bodies, are zero.  Rows are distributed as the unknowns are.
-
-    Args:
-        system: compiled scene with bodies on meshes.
-    """
+    """The prolongation P (unknowns, coarse unknowns), whose orthonormal columns are affine
+    functions on patches of nodes.  Rows of fixed coordinates, and of bodies without nodes such as
+    rigid bodies, are zero; rows are distributed as the unknowns are.  Collective."""
     numbering = system.numbering
     is_free = np.ones(numbering.size_local)
     is_free[system.supports.held] = 0
@@ -150,20 +141,12 @@ def prolongation(system: System) -> PETSc.Mat:
 
 
 def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]:
-    """The part of one body in the prolongation: orthonormal affine functions on patches of its
-    nodes.
+    """The part of one body in the prolongation P: rows, columns and values (k,), counted from the
+    start of the body, and the number of columns.
 
-    P is the prolongation, the matrix whose columns are the coarse functions. In the code X are the
-    coordinates (n, 3) [m] of the nodes, f the affine functions at them, and g these functions with
-    zeros at fixed coordinates.
-
-    Args:
-        body: with n nodes of this rank and s unknowns a node.
-        is_free: 1 at free coordinates and 0 at fixed ones, (n s,).
-
-    Returns:
-        Rows, columns and values (k,) of the body's part of P, and the number of its columns; rows
-        and columns are counted from the start of the body.  All is dimensionless.
+    `is_free` (n s,) is 1 at free coordinates and 0 at fixed ones, for n nodes of this rank and s
+    unknowns a node.  In the code X are the coordinates (n, 3) [m] of the nodes, f the affine
+    functions at them, and g these functions with zeros at fixed coordinates.
     """
     n = body.block.index_map.size_local
     s = body.block.size
@@ -189,14 +172,9 @@ def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]
 
 
 def affine_functions(X: Array, patch: Indices) -> Array:
-    """The functions f = (1, (X - mean X)/radius) at all nodes, (n, 4), dimensionless.
-
-    Mean and radius (root mean square distance) are those of the patch of a node.
-
-    Args:
-        X: undeformed positions (n, 3) [m].
-        patch: number of the patch of each node (n,), from 0 without gaps.
-    """
+    """The functions f = (1, (X - mean X)/radius) (n, 4) at undeformed positions X (n, 3) [m]; mean
+    and radius (root mean square distance) are those of the patch of a node, whose numbers (n,) have
+    no gaps."""
     nodes_in_patch = np.bincount(patch)
     f = np.ones((len(X), 4))
     for i in range(3):
@@ -211,19 +189,12 @@ def affine_functions(X: Array, patch: Indices) -> Array:
 
 
 def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Coefficients by which affine functions on patches of nodes become orthonormal.
+    """Coefficients V λ^(-1/2) (patches, s, 4, 4) by which affine functions f (n, 4) on patches (n,)
+    of nodes become orthonormal, and whether each is kept (patches, s, 4).
 
-    With the eigenvectors V and eigenvalues λ of the Gram matrix of each patch and component, the
-    functions are f V λ^(-1/2); those of negligible λ are dropped.  All is dimensionless.
-
-    Args:
-        f: four affine functions at each of n nodes, without regard to fixed coordinates, (n, 4).
-        g: the same for s components of a node, zero at fixed coordinates, (n, s, 4).
-        patch: number of the patch of each node, (n,).
-
-    Returns:
-        V λ^(-1/2) (patches, s, 4, 4), zero where a function is dropped, and whether the functions
-        are kept (patches, s, 4).
+    V and λ are eigenvectors and eigenvalues of the Gram matrix of each patch and component, from
+    the functions g (n, s, 4) with zeros at fixed coordinates; functions of negligible λ are
+    dropped, with zero coefficients.
     """
     # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
     by_patch = np.argsort(patch, kind="stable")
@@ -243,17 +214,11 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
 
 
 def patches(body: MeshBody, X: Array) -> Indices:
-    """Divide the nodes of this rank into connected patches of at most 100 nodes.
+    """Divide the nodes of this rank, at undeformed positions X (n, 3) [m], into connected patches
+    of at most 100 nodes: their numbers (n,), without gaps.
 
     Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that
     are not connected by cells within it are then separated, such as the two films of a flat pillow.
-
-    Args:
-        body: on a mesh.
-        X: undeformed positions [m] of the n nodes of this rank, (n, 3).
-
-    Returns:
-        Numbers of patches (n,), from 0 without gaps.
     """
     n = len(X)
     boxes: list[Indices] = [np.arange(n)]

@@ -83,18 +83,12 @@ MAX_FACTORISED_STEPS = 8
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
-    """Indices (k,) of the few unknowns that are not films, which the preconditioner eliminates
-    exactly.
+    """Local indices (k,) of the few unknowns of this rank that are not films, those of rigid
+    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly.
+    Collective.
 
-    They are those of rigid bodies, point masses, beams and Lagrange multipliers.  Collective.
-
-    Args:
-        system: compiled scene.
-
-    Returns:
-        local indices of those that this rank owns, maybe none; or None, on all ranks, if this
-        preconditioner does not serve the scene: if all ranks together have none or more than 60 of
-        them, or if matrices do not have blocks of three rows.
+    None, on all ranks, if this preconditioner does not serve the scene: all ranks together have
+    none or more than 60 of them, or matrices do not have blocks of three rows.
     """
     numbering = system.numbering
     if numbering.block_size != 3:
@@ -111,16 +105,12 @@ def eliminated_unknowns(system: System) -> Indices | None:
 
 
 def max_applications(unknowns: int, max_iterations: int) -> float:
-    """Krylov iterations of a solve that cost as much as a complete factorisation.
+    """Krylov iterations of a solve that cost as much as a complete factorisation of all ranks'
+    unknowns.
 
-    Args:
-        unknowns: their number on all ranks together, as both kinds of work are shared by the ranks.
-        max_iterations: Krylov iterations at which a solve ends.
-
-    Returns:
-        30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than `max_iterations`:
-        a solve that reaches them has not converged, so that a factorisation pays for any number of
-        unknowns.
+    They are 30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than
+    `max_iterations`: a solve that reaches them has not converged, so that a factorisation pays for
+    any number of unknowns.
     """
     growth = math.sqrt(max(1.0, unknowns / UNKNOWNS_OF_MAX_APPLICATIONS))
     return min(MAX_APPLICATIONS * growth, max_iterations - 1)
@@ -129,16 +119,9 @@ def max_applications(unknowns: int, max_iterations: int) -> float:
 class EliminatedJoints:
     """The preconditioner (2) and (3), as PETSc's Python preconditioner.
 
-    Args:
-        system: compiled scene, whose time and step length tell when a new step begins.
-        eliminated: of `eliminated_unknowns`.
-        max_iterations: Krylov iterations at which a solve ends.
-
-    Attributes:
-        needs_couplings: all couplings of contact are part of its matrix.
-        problem: why the last factorisation failed; empty if it did not.
-        max_applications: Krylov iterations of a solve after which matrices are factorised
-            completely for the rest of the step, at least.
+    `problem` says why the last factorisation failed, and is empty if it did not.  After a solve of
+    `max_applications` Krylov iterations matrices are factorised completely for the rest of the
+    step, at least.  All couplings of contact are part of its matrix.
     """
 
     needs_couplings = True
@@ -184,14 +167,10 @@ class EliminatedJoints:
         return f"{kind} of {ILU_LEVELS} levels and {len(self._all_rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
-        """Keep the factors of an earlier matrix for the next one, if they serve.
-
-        They serve within the same time step from its second matrix on, if the last solve with them
-        took at most 7 Krylov iterations and no factorisation failed.
-
-        Returns:
-            Whether they are kept; then their applications are counted from zero.
-        """
+        """Keep the factors of an earlier matrix for the next one, if they serve, and tell whether
+        they do: within the same time step from its second matrix on, if the last solve with them
+        took at most 7 Krylov iterations and no factorisation failed.  Applications are then counted
+        from zero."""
         is_same_step = (self._system.time, self._system.h) == self._step
         is_usable = is_same_step and not (self._is_complete or self._is_first or self.problem)
         if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
@@ -201,13 +180,8 @@ class EliminatedJoints:
         return True
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up for the present matrix, unless earlier factors serve; called by PETSc.
-
-        Nothing is raised: a factorisation that fails sets `problem`, and `apply` returns NaN then.
-
-        Args:
-            pc: PETSc's preconditioner, whose first operator is the matrix.
-        """
+        """Set up for the present matrix, unless earlier factors serve; called by PETSc.  A
+        factorisation that fails sets `problem`, and `apply` returns NaN then."""
         if self.keep_factors():
             return
         matrix = pc.getOperators()[0]
@@ -241,13 +215,12 @@ class EliminatedJoints:
         self._next_complete_steps_at_start = self._next_complete_steps
 
     def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
-        """Factorise the block F of the films incompletely, and eliminate the other unknowns g.
-
-        It sets Z = F̃⁻¹ B and the Schur complement, or `problem` if the factorisation fails.
+        """Factorise the block F of the films incompletely, and eliminate the other unknowns g: Z =
+        F̃⁻¹ B and the Schur complement D - C Z.
 
         The matrix has the blocks F (films), B (columns of g in the rows of the films), C (rows of
-        g) and D (g by g); F̃ is the incomplete factorisation of F. The Schur complement of g is D -
-        C Z."""
+        g) and D (g by g); F̃ is the incomplete factorisation of F, whose failure sets `problem`.
+        """
         F = matrix.createSubMatrix(self._film_set, self._film_set)
         self._factorise_incompletely(F)
         self.problem = ""
@@ -291,11 +264,10 @@ class EliminatedJoints:
 
     def _take_rows(self, matrix: PETSc.Mat) -> None:
         """Read C (k, c) and D (k, k), where c counts this rank's unknowns of films that are coupled
-        with the k eliminated ones.  Collective.
+        with the k eliminated ones, `_coupled`.  Collective.
 
-        These are few: the nodes to which tethers are tied, and those that touch a hub.  `_coupled`
-        has their positions among the films of this rank.  The k sparse rows are sent to all ranks,
-        each of which takes its own columns.
+        These are few: the nodes to which tethers are tied, and those that touch a hub.  The k
+        sparse rows are sent to all ranks, each of which takes its own columns.
         """
         own_rows = [matrix.getRow(int(self._start + row)) for row in self._rest]
         all_rows = [row for rows in self._comm.allgather(own_rows) for row in rows]
@@ -312,11 +284,9 @@ class EliminatedJoints:
         self._C = in_own_columns[:, self._films[self._coupled]]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """Return the transpose Bᵀ (k, films of this rank) of the block of the matrix that couples
-        films to the k eliminated unknowns, [N/m] for coordinates.
-
-        The matrix has the same pattern as its transpose, so that only the rows of coupled unknowns
-        are read."""
+        """The transpose Bᵀ (k, films of this rank) of the block that couples films to the k
+        eliminated unknowns, [N/m] for coordinates.  The matrix has the same pattern as its
+        transpose, so that only the rows of coupled unknowns are read."""
         transpose = np.zeros((len(self._all_rest), len(self._films)))
         for film in self._coupled:
             columns, values = matrix.getRow(int(self._start + self._films[film]))
@@ -332,22 +302,16 @@ class EliminatedJoints:
             return np.zeros(len(values))
         self._right.array[:] = values
         self._incomplete.apply(self._right, self._solution)
-        solution: Array = self._solution.array_r.copy()
-        return solution
+        return self._solution.array_r.copy()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Compute the correction z from a residual r by block elimination; called by PETSc.
+        """Compute the correction z [m, or N for multipliers] of a residual r [N, or m and 1] by
+        block elimination; called by PETSc.
 
             z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f),    z_f = F̃⁻¹ r_f - Z z_g
 
-        f are the unknowns of films, g the few others; F̃ is the incomplete factorisation of the
-        block of the films, C couples g to f, Z = F̃⁻¹ B, and Σ is the Schur complement.
-
-        Args:
-            pc: PETSc's preconditioner; not used.
-            r: residual of all unknowns, forces [N] and violations of constraints [m or 1].
-            z: correction of all unknowns [m, or N for multipliers]; NaN if the factorisation
-                failed, so that the Krylov iteration ends.
+        for unknowns f of films and the few others g, with the Schur complement Σ.  After a
+        factorisation that failed, z is NaN, so that the Krylov iteration ends.
         """
         self._applications += 1
         if self.problem:

@@ -67,13 +67,9 @@ REASONS = {
 
 
 class Lapack:
-    """LU factors of a dense matrix on one rank, as PETSc's Python preconditioner.
-
-    PETSc's own dense factorisation ends the program at a zero pivot.
-
-    Attributes:
-        problem: why the last factorisation failed; empty if it did not.
-    """
+    """LU factors of a dense matrix on one rank, as PETSc's Python preconditioner; `problem` says
+    why the last factorisation failed.  PETSc's own dense factorisation ends the program at a zero
+    pivot."""
 
     problem = ""
     is_exact = True
@@ -113,10 +109,7 @@ class BlockFactors:
     PETSc factorises blocks in the order of approximate minimum degree and without pivoting, which
     is fast for small matrices: a new pattern costs 0.05 ms, MUMPS takes 0.4 ms for it.  Each
     factorisation is tested by one solution; a matrix that needs pivots is factorised by MUMPS
-    instead.
-
-    Attributes:
-        problem: why the last factorisation failed; empty if it did not.
+    instead.  `problem` says why the last factorisation failed.
     """
 
     problem = ""
@@ -135,14 +128,8 @@ class BlockFactors:
         self._right: PETSc.Vec = None
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Factorise the matrix of the preconditioner; called by PETSc.
-
-        Blocks without pivots are tried first, then MUMPS.  Nothing is raised: a failure sets
-        `problem`.
-
-        Args:
-            pc: PETSc's preconditioner, whose second operator is the matrix.
-        """
+        """Factorise the matrix of the preconditioner, without pivots or else by MUMPS; called by
+        PETSc. A failure sets `problem`."""
         matrix = pc.getOperators()[1]
         if self._right is None:
             self._solution, self._right = matrix.createVecs()
@@ -205,14 +192,8 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
 
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """Make a preconditioner the fastest factorisation of matrices like A, which must not be
-    singular.
-
-    PETSc's option `-gx_pc_type` keeps the one by MUMPS.
-
-    Args:
-        pc: PETSc's preconditioner.
-        A: matrix; small ones of 3 x 3 blocks on one rank are factorised by PETSc, others by MUMPS.
-    """
+    singular: small ones of 3 x 3 blocks on one rank are factorised by PETSc, others by MUMPS.
+    PETSc's option `-gx_pc_type` keeps MUMPS."""
     is_small = A.getSize()[0] <= MAX_UNKNOWNS_BLOCKS
     has_blocks = A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
@@ -231,14 +212,8 @@ def is_exact(pc: PETSc.PC) -> bool:
 
 
 def set_up(pc: PETSc.PC) -> str:
-    """Factorise the matrix of a preconditioner, with more workspace if necessary.
-
-    Args:
-        pc: a factorisation, made by `choose`.
-
-    Returns:
-        Why it failed, in words, e.g. that the matrix is singular; empty if it did not.
-    """
+    """Factorise the matrix of a preconditioner from `choose`, with more workspace if necessary.
+    Returns why it failed, e.g. that the matrix is singular; empty if it did not."""
     # The attribute is asked first: PETSc 3.25 fails if there are no factors yet.
     if pc.getAttr("factorised") and failure(pc) < 0:
         renew(pc)
@@ -250,15 +225,8 @@ def set_up(pc: PETSc.PC) -> str:
 
 
 def enlarge(pc: PETSc.PC) -> bool:
-    """Double the workspace if a factorisation failed for lack of it.
-
-    Args:
-        pc: a factorisation whose set-up has failed.
-
-    Returns:
-        Whether another attempt may succeed; False if it failed for another reason, or if the
-        workspace is large enough.
-    """
+    """Double the workspace if a factorisation failed for lack of it; whether another attempt may
+    succeed."""
     if failure(pc) not in WORKSPACE_ERRORS:
         return False
     present = pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
@@ -268,12 +236,9 @@ def enlarge(pc: PETSc.PC) -> bool:
 
 
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
-    """Discard the factors of MUMPS: after a failure PETSc would not try the next matrix.
-
-    Args:
-        pc: a factorisation by MUMPS; its matrices are retained.
-        margin: of the workspace over MUMPS's estimate [%]; 0 leaves it as it is.
-    """
+    """Discard the factors of MUMPS, but not its matrices: after a failure PETSc would not try the
+    next matrix.  The margin [%] is that of the workspace over MUMPS's estimate; 0 leaves it as it
+    is."""
     operators = pc.getOperators()
     margin = margin or pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
     pc.reset()
@@ -284,15 +249,11 @@ def renew(pc: PETSc.PC, margin: int = 0) -> None:
 
 
 def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
-    """Make A the matrix of a factorisation; its pattern may differ from that of the matrix before.
+    """Make A the matrix of a factorisation, and destroy the one before, whose pattern may differ.
 
     A new pattern is ordered by approximate minimum fill.  For a folded film with 32 thousand
     unknowns the ordering takes 20 ms instead of 70 ms with the default of MUMPS, and the numerical
     factorisation 87 ms instead of 86 ms.
-
-    Args:
-        pc: a factorisation, whose former matrix is destroyed.
-        A: the new matrix; it is factorised by `set_up`.
     """
     before = pc.getOperators()[0]
     pc.setOperators(A)
@@ -312,11 +273,8 @@ def failure(pc: PETSc.PC) -> int:
 
 
 def reason(pc: PETSc.PC) -> str:
-    """Why the last factorisation failed, in words; empty if it did not.
-
-    Args:
-        pc: PETSc's preconditioner, by MUMPS or by the classes of this module.
-    """
+    """Why the last factorisation, by MUMPS or by the classes of this module, failed; empty if it
+    did not."""
     if pc.getType() == "python":
         return str(getattr(pc.getPythonContext(), "problem", ""))
     code = failure(pc)
@@ -331,11 +289,7 @@ def reason(pc: PETSc.PC) -> str:
 
 
 def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
-    """Solve A x = b once by a factorisation.
-
-    Returns:
-        Why it failed; empty if it did not.
-    """
+    """Solve A x = b once by a factorisation; returns why it failed, empty if it did not."""
     return _solve(_solver(A), b, x)
 
 
@@ -409,13 +363,8 @@ def _solve(ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> str:
 
 def new_incomplete(comm: MPI.Intracomm) -> PETSc.PC:
     """A preconditioner of incomplete factorisations, before it has a matrix; PETSc's options of it
-    have the prefix `gx_local_`.
-
-    Several ranks factorise parts that overlap by `OVERLAP` cells (additive Schwarz).
-
-    Args:
-        comm: the ranks of its matrices.
-    """
+    have the prefix `gx_local_`.  Several ranks factorise parts that overlap by `OVERLAP` cells
+    (additive Schwarz)."""
     pc = PETSc.PC().create(comm)
     pc.setOptionsPrefix(PREFIX + "local_")
     kind = "ilu"
@@ -428,11 +377,8 @@ def new_incomplete(comm: MPI.Intracomm) -> PETSc.PC:
 
 
 def choose_fill(pc: PETSc.PC, levels: int) -> None:
-    """Choose the levels of fill of the incomplete factorisations of this rank.  Collective.
-
-    Args:
-        pc: of `new_incomplete`, with its matrix.
-        levels: 0 or more; a higher level is more accurate and costs more.
+    """Choose the levels of fill, 0 or more, of this rank's incomplete factorisations of a
+    preconditioner that has its matrix; a higher level is more accurate and costs more. Collective.
     """
     parts = [pc]
     if pc.getType() == "asm":

@@ -81,17 +81,8 @@ REASONS = {
 
 
 class Composite:
-    """Vectors x = (z, y): coordinates distributed as A is, scalars y at the end of the part of rank
-    0.
-
-    Args:
-        comm: communicator of the vectors.
-        fields: a vector of the coordinates, whose layout is used.
-        scalars: number m of scalar unknowns.
-
-    Attributes:
-        n: number of coordinates of this rank.
-    """
+    """Vectors x = (z, y): coordinates distributed as a vector of fields, n on this rank, and m
+    scalar unknowns y at the end of the part of rank 0."""
 
     def __init__(self, comm: MPI.Intracomm, fields: PETSc.Vec, scalars: int) -> None:
         self.comm = comm
@@ -107,14 +98,8 @@ class Composite:
         return PETSc.Vec().createMPI((size, None), comm=self.comm)
 
     def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
-        """Set x = (z, y) from coordinates and scalar unknowns.
-
-        Args:
-            z: coordinates [m], distributed; None: the coordinates of x stay.
-            y: scalar unknowns (m,), e.g. pressures [Pa], the same on every rank; those of rank 0
-                count.
-            x: vector of both.
-        """
+        """Set x = (z, y) from coordinates z [m], None to keep those of x, and scalar unknowns y
+        (m,), e.g. pressures [Pa], of which those of rank 0 count."""
         if not self.scalars:
             if z is not None:
                 z.copy(x)
@@ -126,14 +111,8 @@ class Composite:
                 values[self.n :] = y
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """Coordinates z [m] and scalar unknowns y (m,), e.g. pressures [Pa], of x.  Collective.
-
-        Args:
-            x: vector of both.
-
-        Returns:
-            z, in a vector that the next call overwrites, and y on all ranks.
-        """
+        """Coordinates z [m] of x, in a vector that the next call overwrites, and its scalar
+        unknowns y (m,), e.g. pressures [Pa], on all ranks.  Collective."""
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
@@ -147,16 +126,9 @@ class Composite:
 
 
 class Columns:
-    """The columns of a matrix (n, m) of which some are zero; n counts the unknowns of this rank.
-
-    Args:
-        columns: m arrays (n,); None stands for a column of zeros.
-
-    Attributes:
-        count: m.
-        nonzero: indices of the columns that are not zero, k of them.
-        values: these columns as rows (k, n).
-    """
+    """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
+    unknowns of this rank.  It has their number m, the indices of the k `nonzero` ones, and these as
+    rows (k, n)."""
 
     def __init__(self, columns: list[Array | None]) -> None:
         self.count = len(columns)
@@ -182,12 +154,6 @@ class Bordered:
     """The operator of (1), as PETSc's Python matrix."""
 
     def __init__(self, composite: Composite, A: Tangent) -> None:
-        """Begin without rows and columns of the scalar unknowns, which `set` gives.
-
-        Args:
-            composite: vectors of coordinates and scalars.
-            A: block of the coordinates: the stored tangent and couplings of contact.
-        """
         self.composite = composite
         self.A = A
         self._out = composite.fields.duplicate()
@@ -213,19 +179,10 @@ class Bordered:
 
 
 class BorderedPreconditioner:
-    """Block elimination (2), (3), as PETSc's Python preconditioner.
-
-    Args:
-        operator: of (1).
-        sparse: the preconditioner P of the sparse part.
-        system: compiled scene, whose time and step length tell when a new step begins.
-    """
+    """Block elimination (2), (3) for the operator of (1), as PETSc's Python preconditioner, with
+    the preconditioner P ≈ A of the sparse part."""
 
     def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
-        """Take operator and sparse preconditioner; `setUp` computes the remainder.
-
-        The operator is the matrix [[A, G], [Hᵀ, C]] of coordinates and a few scalar unknowns, such
-        as gas pressures."""
         self._operator = operator
         self._sparse = sparse
         self._system = system
@@ -237,16 +194,10 @@ class BorderedPreconditioner:
         self._needs_couplings = False  # whether P includes strong couplings in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Prepare the preconditioner for the present tangent [[A, G], [Hᵀ, C]]; called by PETSc.
-
-        A belongs to the coordinates, the m rows and columns of C to scalar unknowns such as gas
-        pressures.  The preconditioner P ≈ A is set up, Z = P⁻¹ G is solved for, and the Schur
-        complement Σ = C - Hᵀ Z is computed.  With the two-level preconditioner Z of an earlier
-        iteration of the same step is used until solves take more applications.
-
-        Args:
-            pc: PETSc's preconditioner; not used, since the operator was given at the start.
-        """
+        """Set up P for the present tangent [[A, G], [Hᵀ, C]], and compute Z = P⁻¹ G and the Schur
+        complement Σ = C - Hᵀ Z (m, m) of the scalar unknowns; called by PETSc.  With the two-level
+        preconditioner Z of an earlier iteration of the same step is used until solves take more
+        applications."""
         operator = self._operator
         step = self._system.time, self._system.h
         is_new_step = step != self._step
@@ -288,14 +239,8 @@ class BorderedPreconditioner:
         return self._applications > self._fresh_applications + ALLOWED_EXTRA_APPLICATIONS
 
     def _solve_columns(self) -> None:
-        """Compute Z = P⁻¹ G for the dense columns G (n, m) of the scalar unknowns, such as gas
-        pressures.
-
-        P is the preconditioner of the coordinates; columns that are zero are left out.  Collective.
-
-        n counts the coordinates of this rank, m the scalar unknowns. Sets `_Z`; the preconditioner
-        has to be set up before.
-        """
+        """Compute Z = P⁻¹ G for the columns G (n, m) of the scalar unknowns that are not zero.
+        Collective."""
         operator = self._operator
         column = operator.composite.fields
         solved: list[Array | None] = [None] * operator.G.count
@@ -311,14 +256,8 @@ class BorderedPreconditioner:
 
             δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy
 
-        for the matrix [[A, G], [Hᵀ, C]] of coordinates z and m scalar unknowns y, with P ≈ A, Z =
-        P⁻¹ G and the Schur complement Σ = C - Hᵀ Z (m, m).
-
-        Args:
-            pc: PETSc's preconditioner; not used.
-            x: residuals r [N] of the coordinates and s of the scalar unknowns.
-            out: updates δz [m] and δy, e.g. [Pa]; NaN if Σ is singular, so that the step is
-                repeated.
+        in [m] and e.g. [Pa] for r in [N].  It is NaN if Σ is singular, so that the step is
+        repeated.
         """
         operator = self._operator
         self._applications += 1
@@ -334,12 +273,7 @@ class BorderedPreconditioner:
         operator.composite.join(self._out, δy, out)
 
 
-def configure(
-    ksp: PETSc.KSP,
-    pc: PETSc.PC,
-    system: System,
-    direct: bool,
-) -> None:
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
     """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
     override.
 
@@ -348,17 +282,11 @@ def configure(
     iteratively and the rest is eliminated (`solvers.eliminated_joints`), with many the matrix is
     factorised, too.
 
-    Two alternatives were measured and rejected:
-    - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a
-      million unknowns, on one and two ranks, it took no less time than the factorisation.
-    - A factorisation kept for the next Newton iteration, even for the last ones of a step: where
-      films switch, the additional Krylov iterations take longer than another factorisation.
-
-    Args:
-        ksp: linear solver of Newton's method, which is set up.
-        pc: preconditioner of the coordinates, without scalar unknowns such as gas pressures.
-        system: compiled scene, whose size, contact and constraints decide.
-        direct: factorise whatever the size.
+    Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
+    for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
+    than the factorisation.  A factorisation kept for the next Newton iteration, even for the last
+    ones of a step: where films switch, the additional Krylov iterations take longer than another
+    factorisation.
     """
     largest_direct = MAX_UNKNOWNS_DIRECT
     if system.active_sets:
@@ -412,11 +340,8 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
 
 
 def _keep_factors(pc: PETSc.PC) -> bool:
-    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can.
-
-    Returns:
-        Whether it does, so that the next matrix need not be summed.
-    """
+    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can;
+    whether it does, so that the next matrix need not be summed."""
     if pc.getType() != "python":
         return False
     keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)

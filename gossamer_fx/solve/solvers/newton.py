@@ -38,7 +38,7 @@ system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `do
 
 Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
 shortens it.  It fails at its last iterate, at residuals that grow beyond measure, and, in time
-steps with contact and without friction, when they no longer fall (`solvers.stall`).
+steps with contact and without friction, when they no longer fall (`solvers.convergence`).
 """
 
 from __future__ import annotations
@@ -57,9 +57,7 @@ import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual
-from gossamer_fx.solve.solvers.stall import StallRule
-from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.solvers.convergence import ConvergenceTest, Residual, StallRule, Tolerances
 from gossamer_fx.solve.system.system import System
 
 # Contact pairs may be found missing only once a step is solved.  A step that still misses some
@@ -85,26 +83,15 @@ COMPLETE_TANGENT_RATIO = 0.01
 
 
 def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
-    """A bound method with only a weak reference to its object.
-
-    The garbage collector does not see references held by a solver of PETSc, so an ordinary bound
-    method would make a reference cycle that is never freed.
-
-    P and T are the types of its arguments and of its result.
-
-    Returns:
-        a function with the same arguments and result.
-
-    Raises:
-        AssertionError: on a call after the object is gone.
-    """
+    """A bound method with only a weak reference to its object.  The garbage collector does not see
+    references held by a solver of PETSc, so an ordinary bound method would make a reference cycle
+    that is never freed."""
     reference = weakref.WeakMethod(method)
 
     def call(*args: P.args, **keywords: P.kwargs) -> T:
         bound = reference()
         assert bound is not None
-        result: T = bound(*args, **keywords)
-        return result
+        return bound(*args, **keywords)
 
     return call
 
@@ -120,11 +107,8 @@ class Newton:
     fold has an indefinite tangent far from the solution, and the iteration may diverge.  At rest
     (statics) the geometric stiffness of film in tension is never left out.
 
-    Args:
-        system: compiled scene.
-        tolerances: when a step counts as solved.
-        direct: factorise the matrix whatever its size.  Statics need this: with little inertia,
-            film with slack parts is too ill-conditioned for an iterative solver.
+    Statics need `direct` factorisations: with little inertia, film with slack parts is too
+    ill-conditioned for an iterative solver.
 
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
@@ -139,21 +123,9 @@ class Newton:
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
         seconds: wall time [s] of all solves by part of the iteration.
-
-    Raises:
-        InputError: PETSc's options ask for a line search.
     """
 
-    def __init__(
-        self,
-        system: System,
-        tolerances: Tolerances,
-        direct: bool = False,
-    ) -> None:
-        """Make vectors and PETSc's solvers for the system; no equation is solved yet.  Collective.
-
-        It allocates vectors of the unknowns `_x` and of the residual `_F`, both of coordinates and
-        scalar unknowns, and `_r` of coordinates alone."""
+    def __init__(self, system: System, tolerances: Tolerances, direct: bool = False) -> None:
         self.system = system
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
@@ -190,14 +162,8 @@ class Newton:
     # ---- PETSc's solvers -------------------------------------------------------------------------
 
     def _set_up(self) -> None:
-        """Make PETSc's solvers for the matrices of the system.  Collective.
-
-        J is the matrix of the linear systems: the stored tangent, or one that also contains scalar
-        unknowns and couplings of contact. `_F` is the vector of the residual.
-
-        Raises:
-            InputError: PETSc's options ask for a line search.
-        """
+        """Make PETSc's solvers for the matrix of the linear systems: the stored tangent, or one
+        that also contains scalar unknowns and couplings of contact.  Collective."""
         system = self.system
         self._snes = PETSc.SNES().create(system.comm)
         self._snes.setOptionsPrefix(PREFIX)
@@ -220,31 +186,21 @@ class Newton:
         self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
 
     def _refuse_line_search(self) -> None:
-        """Check that PETSc's options ask for full Newton steps.
-
-        Raises:
-            InputError: the option `-gx_snes_linesearch_type` is not "basic".
-        """
+        """Check that PETSc's options ask for full Newton steps."""
         options = PETSc.Options(PREFIX)
         kind = options.getString("snes_linesearch_type", "basic")
         check(
             kind == "basic",
-            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of "
-            "Newton's, so that a "
-            "line search would lead it astray; leave the option out.",
+            f"-gx_snes_linesearch_type {kind}: "
+            "the strains of the iteration follow each step of Newton's, "
+            "so that a line search would lead it astray; leave the option out.",
         )
         options["snes_linesearch_type"] = "basic"
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Set up linear solvers with scalar unknowns (gas pressures) or couplings of contact.
-
-        J is that matrix; its preconditioner acts on the stored tangent of the coordinates and
-        eliminates the scalar unknowns.
-
-        Returns:
-            the matrix of coordinates and scalar unknowns, whose product is computed without storing
-            it. Collective.
-        """
+        """Set up linear solvers with scalar unknowns (gas pressures) or couplings of contact, whose
+        matrix is not stored; its preconditioner acts on the stored tangent of the coordinates and
+        eliminates the scalar unknowns.  Collective."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -270,17 +226,12 @@ class Newton:
     # ---- a solve ---------------------------------------------------------------------------------
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
-        """Solve the equations of a step; q1 is then in the system.  Collective.
-
-        `_r` is a work vector of all coordinates; here it has the first guess of w.
-
-        Args:
-            increment: predicted p = q1 - q0 [m], one entry for each unknown.
-            y: first guess of the scalar unknowns, (number of scalar unknowns,).
+        """Solve the equations of a step from a predicted increment p = q1 - q0 [m] and a first
+        guess y of the scalar unknowns; q1 is then in the system.  Collective.
 
         Returns:
             w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of Newton
-            iterations.
+                iterations.
 
         Raises:
             NotConverged: with PETSc's reason and where the residual is largest.
@@ -309,11 +260,8 @@ class Newton:
         return w, y, self.iterations
 
     def _iterate(self) -> None:
-        """Newton's iteration from the present x = (w, y), which is changed in place.  Collective.
-
-        Raises:
-            NotConverged: too many iterations, divergence, or a linear system that was not solved.
-        """
+        """Newton's iteration from the present x = (w, y), which is changed in place.
+        Collective."""
         # stol = 0: PETSc must not take a small update for a solution.
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.max_iterations)
         seconds_before = sum(self.seconds.values())
@@ -371,11 +319,8 @@ class Newton:
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Shorten an update where contact requires it; called by PETSc.  Collective.
-
-        Returns:
-            whether it may have changed.
-        """
+        """Shorten an update where contact requires it; whether it may have changed.  Called by
+        PETSc. Collective."""
         self._has_update = math.isfinite(update.norm())
         if not (self._has_update and self.system.active_sets):
             return False
@@ -385,20 +330,13 @@ class Newton:
         self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
         return True
 
-    def _jacobian(
-        self,
-        snes: PETSc.SNES,
-        x: PETSc.Vec,
-        J: PETSc.Mat,
-        P: PETSc.Mat,
-    ) -> None:
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the tangent at the iterate; called by PETSc.  Collective.
 
         Near the solution the last factors of a dense matrix are used again.  In the first
         iterations of a step, far from the solution, the tangent may be without geometric stiffness,
         which would make it indefinite.
-
-        A is the stored tangent [N/m] of the coordinates."""
+        """
         iteration = snes.getIterationNumber()
         test = self.convergence
         is_near = test.norm < min(
@@ -436,13 +374,11 @@ class Newton:
             at.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
-        """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.
+        """Estimate the round-off of the residual [N] from the diagonal of the tangent A [N/m].
+        Collective.
 
         Once a step, but at each tangent with contact: bodies that penetrate each other in the
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
-
-        Args:
-            A: tangent [N/m] of the coordinates.
         """
         is_first = self.convergence.round_off_floor == 0
         if not is_first and not self.system.active_sets:
@@ -475,15 +411,9 @@ class Newton:
         return self.convergence.round_off
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """The test of convergence; called by PETSc after each iteration.  Collective.
-
-        w is the correction of the coordinates, y are the scalar unknowns of the iterate. It updates
-        the norms of the last two iterates, and evaluates the residual again where the first test
-        passes.
-
-        Returns:
-            0 to go on, or PETSc's code of convergence (> 0) or divergence (< 0).
-        """
+        """The test of convergence: 0 to go on, or PETSc's code of convergence (> 0) or divergence
+        (< 0). The residual is evaluated again where the first test passes.  Called by PETSc.
+        Collective."""
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norms[2]):
             return int(reasons.DIVERGED_FNORM_NAN)
@@ -527,23 +457,15 @@ class Newton:
         return self.system.c * self.system.h * float(self._diagonal.norm())
 
     def _external_force(self) -> float:
-        """Norm [N] of the forces of loads, gas and supports at the last residual.
-
-        What rests on something has no motion to stop: then these are the scale of the contact
-        forces.
-        """
+        """Norm [N] of the forces of loads, gas and supports at the last residual.  What rests on
+        something has no motion to stop: then these are the scale of the contact forces."""
         external, _ = self.system.imbalance(self.system.external_forces())
         return external
 
     def _energy_error_is_small(self) -> bool:
-        """Whether the work of the residual in the step, |r·(q1 - q0)| [J], is small.
-
-        It is the error of the total energy.  The limit is the energy tolerance times the largest
-        energy so far; True if no energy is known.  Collective.
-
-        r [N] is the residual evaluated last, on the forces only; q0 and q1 [m] are the coordinates
-        at the start and at the end of the step.
-        """
+        """Whether the work of the residual in the step, |r·(q1 - q0)| [J], the error of the total
+        energy, is below the energy tolerance times the largest energy so far; True if no energy is
+        known. Collective."""
         if not self.energy:
             return True
         system = self.system
@@ -580,10 +502,8 @@ class Newton:
             self.seconds[part] += time.perf_counter() - started
 
     def _failure_message(self, reason: int, iterations: int) -> str:
-        """Why the iteration failed, how far it came, and where the residual is largest, in words.
-
-        `_r` is the residual of the coordinates [N] that was evaluated last; k and v are names and
-        values of PETSc's codes."""
+        """Why the iteration failed, how far it came, and where the residual is largest, in
+        words."""
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN:
@@ -599,7 +519,7 @@ class Newton:
         if first_unsolved:
             why += f", {first_unsolved},"
         return (
-            f"{why} after {iterations} iterations, residual {residual.imbalance:.1e} N of "
-            f"{self.convergence.reference:.1e} N at first, largest in "
-            f"{self.system.locate(self._r)}"
+            f"{why} after {iterations} iterations, "
+            f"residual {residual.imbalance:.1e} N of {self.convergence.reference:.1e} N at first, "
+            f"largest in {self.system.locate(self._r)}"
         )

@@ -55,16 +55,10 @@ MORE_FILL_ABOVE = 20
 
 
 class TwoLevel:
-    """The preconditioner (1) to (3), as PETSc's Python preconditioner.
-
-    Args:
-        system: compiled scene with bodies on meshes, without Lagrange multipliers.
-    """
+    """The preconditioner (1) to (3), as PETSc's Python preconditioner, for bodies on meshes without
+    Lagrange multipliers."""
 
     def __init__(self, system: System) -> None:
-        """Choose incomplete factorisations on each rank, and build the coarse space.  Collective.
-
-        Levels of fill are chosen at the first set-up."""
         self._system = system
         self._coarse = CoarseSpace(system)
         self._local = factorisation.new_incomplete(system.comm)
@@ -76,13 +70,8 @@ class TwoLevel:
         return f"a coarse space and {self._local.getType()} of {self._levels} levels"
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up both levels for the present matrix; called by PETSc.  Collective.
-
-        Nothing is raised: if an incomplete factorisation fails, PETSc is told so on all ranks, and
-        the linear solve ends.
-
-        Args:
-            pc: PETSc's preconditioner, whose first operator is the matrix.
+        """Set up both levels for the present matrix; called by PETSc.  If an incomplete
+        factorisation fails, PETSc is told so on all ranks, and the linear solve ends.  Collective.
         """
         # `_A` is the matrix to be preconditioned.
         self._A = pc.getOperators()[0]
@@ -107,12 +96,8 @@ class TwoLevel:
         self._step = step
 
     def _set_up_local_part(self) -> None:
-        """Factorise A incompletely, with the levels of fill that the last solve suggests.
-        Collective.
-
-        They are 2 at first, and 6 after a solve that took more than 20 applications.  A failure is
-        not raised; `setUp` reports it to PETSc.
-        """
+        """Factorise A incompletely, with the levels of fill that the last solve suggests: 2 at
+        first, and 6 after a solve that took more than 20 applications.  Collective."""
         self._local.setOperators(self._A)
         if not self._levels:
             self._choose_fill(ILU_LEVELS)

@@ -4,16 +4,16 @@ nothing."""
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 
@@ -60,17 +60,12 @@ class GeneralizedAlpha:
     """
 
     dt: float
-    spectral_radius: float = 0.8
+    spectral_radius: Annotated[float, Range(0.0, 1.0)] = 0.8
     _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
         check_step(self)
-        check(
-            0 <= self.spectral_radius <= 1,
-            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and "
-            "1.",
-        )
 
     @property
     def rule(self) -> EndPoint:
@@ -78,41 +73,23 @@ class GeneralizedAlpha:
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
-        """The method at work on a compiled system, whose state is the initial one.  Collective.
-
-        Args:
-            system: compiled scene.
-
-        Raises:
-            InputError: the scene has contact.
-        """
         # The force at the end of a step does no work along the step that an energy knows: a film
         # that falls on a floor came back at three times its true height, and the energy balance was
         # open.
         check(
             not system.active_sets,
-            "GeneralizedAlpha: the scene has contact, in which this method neither conserves "
-            "energy nor reports what it loses; use Midpoint, or leave the contact out.",
+            "GeneralizedAlpha: the scene has contact, "
+            "in which this method neither conserves energy nor reports what it loses; "
+            "use Midpoint, or leave the contact out.",
         )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
 
 class GeneralizedAlphaSolver:
-    """Makes steps of the generalised-α method on a compiled system, one at a time.
-
-    Attributes:
-        newton: solver of a step.
-        vectors: history variables of the method that are vectors: a0 and (dv/dt)_0 of (2).
-    """
+    """Makes steps of the generalised-α method on a compiled system, one at a time; its history
+    variables are the vectors a0 and (dv/dt)_0 of (2)."""
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
-        """Compute the coefficients of the method, and make its vectors.  Collective.
-
-        Args:
-            system: compiled scene.
-            ρ: spectral radius of high frequencies, 0 to 1, as `GeneralizedAlpha` has checked.
-            tolerances: when a step counts as solved.
-        """
         self._system = system
         # Weights of the method, all dimensionless, see (5) of `GeneralizedAlpha`: α_m and α_f of
         # accelerations in (2), γ and β of the acceleration at the end in (4) and (3).
@@ -141,25 +118,9 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = state["started"]
 
     def step(self, h: float) -> int:
-        """Advance the system by one step of the generalised-α method.  Collective.
-
-        It solves for w [m], the correction of the predicted increment of the coordinates.  From w
-        follow the accelerations and the velocity v1 [m/s] at the end of the step, with the
-        acceleration-like variable a0, a1 [m/s²] and the weights β, γ [-] of the method.  The new
-        state is committed to the system, and the accelerations are kept for the next step.  The
-        first call computes the initial acceleration, from the state that the system has then.
-
-        Args:
-            h: length of the step [s], positive.
-
-        Returns:
-            The number of Newton iterations.
-
-        Raises:
-            NotConverged: the iteration failed, or there is no initial acceleration; coordinates,
-                velocities and accelerations are unchanged, and a shorter step may be tried.
-            Inadmissible: the solution cannot be accepted; they are unchanged, too.
-        """
+        """Solve for the correction w [m] of the predicted increment, from which accelerations and
+        the velocity v1 at the end of the step follow.  The first call computes the initial
+        acceleration, from the state that the system has then."""
         if not self._has_acceleration:
             self._compute_first_acceleration(h)
         system = self._system
@@ -186,18 +147,12 @@ class GeneralizedAlphaSolver:
 
     def _predict(self, h: float) -> None:
         """Express the update of the generalised-α method in w, the correction of the predicted
-        increment.
+        increment, for a step of length h [s].
 
             q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
 
-        q0 and q1 [m] are the coordinates at the start and the end of the step, v0 [m/s] the
-        velocity and a0 [m/s²] the acceleration-like variable at its start, β [-] and c [1/s²]
-        coefficients, α_m and α_f [-] weights of the method.  It overwrites the vectors of the
-        increment h v0 + h² a0/2 [m] and of the offset [m], and gives the system the inertia force
-        c M (w + offset) [N] with the mass matrix M.
-
-        Args:
-            h: length of the step [s].
+        It overwrites the vectors of the increment h v0 + h² a0/2 [m] and of the offset [m], and
+        gives the system the inertia force c M (w + offset) [N].
         """
         system = self._system
         c = self._inertia(h)
@@ -222,14 +177,8 @@ class GeneralizedAlphaSolver:
 
         with the mass matrix M [kg], constraints e = 0 and their multipliers λ, loads F [N] and
         internal forces f [N].  Forces that depend on rates are evaluated in a trial step with the
-        initial velocity v0 [m/s] from the initial coordinates q0 [m].  The increment vector is
-        overwritten, as space for the right side.
-
-        Args:
-            h: length of the first step [s]; the trial step has a thousandth of it.
-
-        Raises:
-            NotConverged: the matrix of these equations is singular; the next call tries again.
+        initial velocity v0 of a thousandth of h [s].  The increment vector is overwritten, as space
+        for the right side. If the matrix is singular the next call tries again.
         """
         system = self._system
         # r [N] is the residual, then the right side; A the matrix of both equations.
@@ -253,15 +202,11 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = True
 
     def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:
-        """Set r to the residual without inertia [N] of a trial step.  Collective.
+        """Set r to the residual without inertia [N] of a trial step of length h [s], to q0 + h v0,
+        but for fixed and prescribed coordinates.  Collective.
 
-        The coordinates at the end of the step are q0 + h v0 [m], with those of the last committed
-        state, q0, and its velocity v0 [m/s].  Fixed and prescribed coordinates have their values at
-        that time instead.  The step is not committed; the system retains the iterate and an inertia
-        of zero until the next step begins.
-
-        Args:
-            h: length of the trial step [s].
+        The step is not committed; the system retains the iterate and an inertia of zero until the
+        next step begins.
         """
         system = self._system
         system.set_inertia(0.0)

@@ -14,11 +14,8 @@ from gossamer_fx.solve.system.system import System
 
 @runtime_checkable
 class Carrier(Protocol):
-    """A stepper or step control with history variables, some of them vectors of the system.
-
-    Attributes:
-        vectors: those vectors by name; they are copied, not replaced, when a state is restored.
-    """
+    """A stepper or step control with history variables; `vectors` of the system are copied, not
+    replaced, when a state is restored."""
 
     vectors: Mapping[str, PETSc.Vec]
 
@@ -32,26 +29,17 @@ class Carrier(Protocol):
 
 
 class History:
-    """Saves and restores the state of a run: coordinates, velocities and all history variables.
+    """Saves and restores the state of a run: coordinates, with multipliers, velocities and all
+    history variables of system, terms, stepper and step control.
 
-    A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors` and
-    `get_state()`.
-
-    Args:
-        system: compiled scene.
-        carriers: stepper and step control; those without history variables are ignored.
-
-    Attributes:
-        vectors: all vectors of the state by name, not copies; coordinates include the Lagrange
-            multipliers.
-        cells: bodies with values (n,) in this rank's own cells by name, not copies.
+    A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors`, `cells`,
+    which have values (n,) in this rank's own cells, and `get_state()`.  They are by name, not
+    copies.
     """
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
-        """Collect the vectors and history variables of system, terms and carriers by name.
-
-        History variables are the state that does not follow from coordinates, e.g. rest angles of
-        creases.  Nothing is copied before the first `commit`, and `rollback` needs one."""
+        """Collect the vectors and history variables, the state that does not follow from
+        coordinates, e.g. rest angles of creases.  Nothing is copied before the first `commit`."""
         self._system = system
         # The names are part of the format of checkpoint files.
         self.vectors = {
@@ -77,11 +65,8 @@ class History:
                     self.vectors[f"{name} {what}"] = vector
 
     def _find_terms(self) -> None:
-        """Collect the objects with history variables: scalar unknowns, kinds of terms, and fields
-        of terms.
-
-        They are stored by names that are the same in each run of a scene.
-        """
+        """Collect the objects with history variables, scalar unknowns, kinds of terms, and fields
+        of terms, by names that are the same in each run of a scene."""
         system = self._system
         for k, scalars in enumerate(system.scalar_unknowns):
             self._variables[f"scalar unknowns {k}"] = scalars
@@ -105,11 +90,7 @@ class History:
             variables.set_state(state[name])
 
     def commit(self) -> None:
-        """Save the present state, which replaces the one saved before.
-
-        Saved are vectors, cell values, time [s], supplied and dissipated energies [J], and all
-        history variables: of vectors and cell values those of this rank.  All ranks call it.
-        """
+        """Save the present state, which replaces the one saved before.  Collective."""
         system = self._system
         # Made at the first call only: a run without rejected steps needs no copies.
         if not self._committed:
@@ -126,15 +107,8 @@ class History:
         self._state = self.get_state()
 
     def rollback(self) -> None:
-        """Restore the state of the last `commit`, which may be restored more than once.
-        Collective.
-
-        Vectors and cell values are overwritten in place; what the system derives from coordinates
-        is computed again.
-
-        Raises:
-            KeyError: there was no `commit`.
-        """
+        """Restore the state of the last `commit`, in place, as often as wanted; what the system
+        derives from coordinates is computed again.  Collective."""
         system = self._system
         for name, vector in self.vectors.items():
             self._committed[name].copy(vector)

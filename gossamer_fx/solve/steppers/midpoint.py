@@ -9,9 +9,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import Inadmissible, NotConverged
-from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint as EndPoint
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage as PathAverage
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
-from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
 
@@ -66,24 +68,10 @@ class Midpoint:
 
 
 class MidpointSolver:
-    """Makes steps of the midpoint rule on a compiled system, one at a time.
-
-    Attributes:
-        newton: solver of a step.
-        vectors: history variables of the rule that are vectors; there are none.
-    """
+    """Makes steps of the midpoint rule on a compiled system, one at a time; the rule has no history
+    variables."""
 
     def __init__(self, system: System, tolerances: Tolerances) -> None:
-        """Make the Newton solver of a step, without delay of the geometric stiffness at first.
-        Collective.
-
-        The delay is a number of tangents at the start of a step that leave out the geometric
-        stiffness, the part of the tangent which is proportional to the stress.
-
-        Args:
-            system: compiled scene; its state is the start of the first step.
-            tolerances: when a step counts as solved.
-        """
         self._system = system
         self.newton = Newton(system, tolerances)
         # Distributed vectors: predicted increment of the coordinates [m], and velocity at the end
@@ -108,23 +96,10 @@ class MidpointSolver:
         self._steps_without_delay = state["useless"]
 
     def step(self, h: float) -> int:
-        """Advance the system by one step.  Collective.
-
-        An iteration that fails is repeated with more tangents without geometric stiffness (the part
-        proportional to the stress), before the step is given up.  An inadmissible solution is not
-        retried: the same one would be found.  The new state is committed to the system.
-
-        Args:
-            h: length of the step [s], positive.
-
-        Returns:
-            The number of Newton iterations of the attempt that converged.
-
-        Raises:
-            NotConverged: every number of such tangents that was tried failed (after recent failures
-                of all of them only the present one is tried); the state is unchanged.
-            Inadmissible: the solution cannot be accepted; the state of the system is unchanged.
-        """
+        """An iteration that fails is repeated with more tangents at its start without geometric
+        stiffness, the part proportional to the stress, before the step is given up; after recent
+        failures of all of them only the present number is tried.  An inadmissible solution is not
+        retried: the same one would be found."""
         while True:
             self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAYS[self._delay_level]
             try:
@@ -141,11 +116,8 @@ class MidpointSolver:
                 return iterations
 
     def _raise_delay(self) -> bool:
-        """Let more tangents at the start of a step be without geometric stiffness, after a failure.
-
-        Returns:
-            False if the number is the largest one already, or if such delays did not help recently.
-        """
+        """Let more tangents at the start of a step be without geometric stiffness, after a failure;
+        False if the number is the largest one already, or if such delays did not help recently."""
         is_highest = self._delay_level + 1 == len(GEOMETRIC_STIFFNESS_DELAYS)
         if self._steps_without_delay or is_highest:
             self._delay_level = 0
@@ -163,21 +135,8 @@ class MidpointSolver:
             self._successes = 0
 
     def _attempt(self, h: float) -> int:
-        """Solve one step by Newton's method and, if it converges, commit it.  Collective.
-
-        M is the mass matrix [kg], q0 and q1 [m] the coordinates, v0 and v1 [m/s] the velocities at
-        the start and the end of the step.
-
-        Args:
-            h: length of the step [s].
-
-        Returns:
-            The number of Newton iterations.
-
-        Raises:
-            NotConverged: the iteration failed; the state of the system is unchanged.
-            Inadmissible: the solution cannot be accepted; the state of the system is unchanged.
-        """
+        """Solve one step of length h [s] by Newton's method and, if it converges, commit it;
+        returns the number of iterations.  Collective."""
         system = self._system
         # The vector of unknowns in which the iteration starts.
         y = system.begin_step(h)

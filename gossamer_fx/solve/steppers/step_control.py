@@ -41,12 +41,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import NotConverged, check
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
@@ -90,50 +90,22 @@ class StepControl:
     """
 
     _: KW_ONLY
-    target_iterations: int = 15
-    error: float | None = None
-    max_factor: float = 1.5
-    min_factor: float = 0.5
-    min_step: float | None = None
-    max_step: float = math.inf
+    target_iterations: Annotated[int, Range(1)] = 15
+    error: Annotated[float, positive("m")] | None = None
+    max_factor: Annotated[float, Range(1.0)] = 1.5
+    min_factor: Annotated[float, positive()] = 0.5
+    min_step: Annotated[float, positive("s")] | None = None
+    max_step: Annotated[float, positive("s")] = math.inf
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range, each in one sentence.
-
-        Raises:
-            InputError: `target_iterations` < 1, `error` [m], `min_step` or `max_step` [s] is not
-                positive, `max_factor` < 1, or `min_factor` is not between 0 and 1.
-        """
         check(
-            self.target_iterations >= 1,
-            f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
-        )
-        for name in ("error", "min_step", "max_step"):
-            value = getattr(self, name)
-            check(
-                value is None or value > 0,
-                f"StepControl: {name} is {value!r}; give a positive number.",
-            )
-        check(
-            self.max_factor >= 1, f"StepControl: max_factor is {self.max_factor!r}; give 1 or more."
-        )
-        check(
-            0 < self.min_factor < 1,
-            f"StepControl: min_factor is {self.min_factor!r}; give a number between 0 and 1.",
+            self.min_factor < 1,
+            f"StepControl: min_factor is {self.min_factor!r}; give a number below 1.",
         )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
-        """The steps of a run, whose lengths this control chooses.  Collective.
-
-        Args:
-            system: compiled scene.
-            solver: stepper at work on it.
-            dt: length of the first step [s].
-
-        Raises:
-            InputError: dt is longer than the longest step, or errors cannot be measured for lack of
-                mass.
-        """
+        """The steps of a run of a compiled system, whose lengths this control chooses, the first of
+        them dt [s].  Errors cannot be measured without mass.  Collective."""
         check(
             dt <= self.max_step,
             f"StepControl: max_step is {self.max_step!r} s, but the first step is {dt!r} s.",
@@ -145,24 +117,7 @@ class ControlledSteps:
     """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the
     attributes."""
 
-    def __init__(
-        self,
-        control: StepControl,
-        system: System,
-        solver: StepSolver,
-        dt: float,
-    ) -> None:
-        """Start with the step dt; local errors are measured only if a tolerance is given.
-
-        Args:
-            control: choices of the user.
-            system: compiled scene.
-            solver: stepper at work on it.
-            dt: length of the first step [s].
-
-        Raises:
-            InputError: local errors are to be measured, but nothing in the scene has mass.
-        """
+    def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
         self._control = control
         self._system = system
         self._solver = solver
@@ -180,18 +135,8 @@ class ControlledSteps:
             self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
-        """Advance the run by one step, or by a shorter one if that is rejected.  Collective.
-
-        A step is rejected if Newton's iteration fails or the local error is above its tolerance.
-        The attributes `wanted` [s], `iterations` and `substeps` are updated.
-
-        Args:
-            h: length of the step [s].
-
-        Raises:
-            StepFailure: the next attempt would be shorter than the shortest step; the state is that
-                before the call.
-        """
+        """A step is rejected, for a shorter one, if Newton's iteration fails or the local error is
+        above its tolerance."""
         self._begin_step()
         growth = self._control.max_factor
         while True:
@@ -264,17 +209,8 @@ class LocalError:
     """Estimates the local error (1), (2) of the midpoint rule.
 
     Around each step, call `begin_step`, make the step, call `measure`, and, if the step is
-    accepted, `commit`.
-
-    Args:
-        system: compiled scene.
-
-    Attributes:
-        acceleration: a_, the mean acceleration of the last accepted step [m/s²].
-        length_before: h_, its length [s]; zero before the first step.
-
-    Raises:
-        InputError: nothing in the scene has mass.
+    accepted, `commit`.  It has the mean acceleration a_ [m/s²] of the last accepted step, and its
+    length h_ [s], zero before the first step.
     """
 
     def __init__(self, system: System) -> None:
@@ -288,16 +224,13 @@ class LocalError:
         self._mass = self._total_mass()
         check(
             self._mass > 0,
-            "StepControl: nothing in the scene has mass, whose error could be measured; leave "
-            "error out.",
+            "StepControl: nothing in the scene has mass, whose error could be measured; "
+            "leave error out.",
         )
 
     def _total_mass(self) -> float:
         """Mass [kg] that moves in the x direction: e·M e, with e the unit translation of all
-        bodies.
-
-        Directors and multipliers do not move in e.  Collective.
-        """
+        bodies, in which directors and multipliers do not move.  Collective."""
         system = self._system
         along_x = self._mean_acceleration
         with along_x as values:
@@ -311,17 +244,13 @@ class LocalError:
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
-        """Local error ε [m] of the last step of the midpoint rule, as root mean square over the
-        mass.
+        """Local error ε [m] of the last step, of length h [s], as root mean square over the mass;
+        zero for the first step of a run.  Collective.
 
             ε = √(eᵀ M e/m),    e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)
 
-        from the mean accelerations a of this step and a_ of the one before, of the length h_; m is
-        the total mass [kg].  It is zero for the first step of a run.  `begin_step` must have been
-        called before the step; M is the mass matrix, q the coordinates.  Collective.
-
-        Args:
-            h: length of the step [s].
+        from the mean accelerations a of this step and a_ of the one before, with the total mass m
+        [kg].
         """
         mean = self._mean_acceleration
         mean.waxpy(-1.0, self._start_velocity, self._system.v0)

@@ -28,10 +28,12 @@ class StepSolver(Protocol):
     newton: Newton
 
     def step(self, h: float) -> int:
-        """Advance the system by h [s]; returns the number of Newton iterations.
+        """Advance the system by one step of length h [s], and commit it; returns the number of
+        Newton iterations.  Collective.
 
         Raises:
-            NotConverged: the step failed; the state of the system is unchanged.
+            NotConverged: the step failed; the state is unchanged, and a shorter step may be tried.
+            Inadmissible: the solution cannot be accepted; the state is unchanged.
         """
         ...
 
@@ -56,11 +58,7 @@ class Stepper(Protocol):
 
 
 def check_step(stepper: Stepper) -> None:
-    """Refuse a step that is not positive.
-
-    Raises:
-        InputError: the step is not a finite number above 1e-100 s.
-    """
+    """Refuse a step that is not a finite number above 1e-100 s."""
     check(
         math.isfinite(stepper.dt) and stepper.dt > SMALLEST_STEP,
         f"{type(stepper).__name__}: dt is {stepper.dt!r}; give a positive step in seconds.",
@@ -68,20 +66,15 @@ def check_step(stepper: Stepper) -> None:
 
 
 class Stepping(Protocol):
-    """A sequence of steps of a run.
-
-    Attributes:
-        wanted: length of the next step [s], unless the run must meet an earlier time.
-        iterations: Newton iterations of all converged steps so far.
-        substeps: rejected steps so far.
-    """
+    """A sequence of steps of a run: the wanted length of the next one [s], unless the run must meet
+    an earlier time, Newton iterations of all converged steps, and the number of rejected steps."""
 
     wanted: float
     iterations: int
     substeps: int
 
     def advance(self, h: float) -> None:
-        """Advance the run by h [s], or by less.
+        """Advance the run by h [s], or by less.  Collective.
 
         Raises:
             StepFailure: the step failed, also in the smallest sub-steps; sub-steps that converged
@@ -100,29 +93,14 @@ class Control(Protocol):
 
 
 class EqualSteps:
-    """Steps of equal length; a step that fails is divided into halves, and these again.
+    """Steps of equal length dt [s]; a step that fails is divided into halves, and these again, down
+    to dt/2^halvings."""
 
-    Args:
-        system: compiled scene.
-        solver: stepper at work on it.
-        dt: step [s].
-        halvings: how often a step may be halved, so that the shortest sub-step is dt/2^halvings.
-
-    Raises:
-        InputError: halvings is negative.
-    """
-
-    def __init__(
-        self,
-        system: System,
-        solver: StepSolver,
-        dt: float,
-        halvings: int,
-    ) -> None:
+    def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
         check(
             halvings >= 0,
-            f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
-            "zero.",
+            f"halvings is {halvings!r}; "
+            "give the number of times that a step may be halved, or zero.",
         )
         self._system = system
         self._solver = solver
@@ -132,25 +110,11 @@ class EqualSteps:
         self.substeps = 0
 
     def advance(self, h: float) -> None:
-        """Advance the run by h [s].
-
-        Raises:
-            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
-        """
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:
-        """Make a step, or its halves if it fails, which may be halved again.  Collective.
-
-        Adds to `iterations` those of each converged step, and one to `substeps` for each that
-        failed and was halved.
-
-        Args:
-            h: length of the step [s].
-
-        Raises:
-            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
-        """
+        """Make a step of length h [s], or its halves if it fails, which may be halved again; adds
+        to `iterations` and `substeps`.  Collective."""
         failure = None
         try:
             self.iterations += self._solver.step(h)
@@ -167,23 +131,12 @@ class EqualSteps:
 
 
 def even_step(remaining: float, wanted: float) -> float:
-    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`.
+    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted` [s]:
+    `even_step(1.0, 0.3) == 0.25`.
 
     A step may exceed `wanted` by the fraction `ALLOWED_EXCESS`, so that round-off in the remaining
-    time does not cost another step.
-
-    It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
-    depend on the times at which it is stopped and restarted.
-
-    Args:
-        remaining: time to the next instant that must be met [s], positive.
-        wanted: length of a step [s], positive.
-
-    Raises:
-        ZeroDivisionError: `wanted` is zero.
-
-    Example:
-        even_step(1.0, 0.3) == 0.25
+    time does not cost another step.  It is exactly `wanted` if it differs from that by round-off,
+    so that the steps of a run do not depend on the times at which it is stopped and restarted.
     """
     # A rest shorter than the allowed excess is one short step.
     count = max(1, math.ceil(remaining / wanted - ALLOWED_EXCESS))

@@ -42,7 +42,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.mechanics.materials.film import CLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule, gradient
-from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.steppers.midpoint import MidpointSolver
 from gossamer_fx.solve.steppers.stepping import check_step
 from gossamer_fx.solve.system.system import System
@@ -103,21 +103,17 @@ class VariationalMidpoint:
         return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
-        """The rule at work on a compiled system, whose state is the initial one.
-
-        Raises:
-            InputError: the scene has contact or gas.
-        """
         # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(
             not system.active_sets,
-            "VariationalMidpoint: the scene has contact, whose forces follow from both ends of a "
-            "step; use Midpoint, or leave the contact out.",
+            "VariationalMidpoint: "
+            "the scene has contact, whose forces follow from both ends of a step; "
+            "use Midpoint, or leave the contact out.",
         )
         check(
             not system.scalar_unknowns,
-            "VariationalMidpoint: the scene has gas, whose pressure follows from both ends of a "
-            "step; use Midpoint, or leave the gas out.",
+            "VariationalMidpoint: the scene has gas, "
+            "whose pressure follows from both ends of a step; use Midpoint, or leave the gas out.",
         )
         return MidpointSolver(system, self.tolerances)

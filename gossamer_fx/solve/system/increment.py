@@ -22,21 +22,11 @@ class Increment:
 
     The inertia c M (w + o) is not computed from a difference of coordinates: c M would enlarge
     their round-off by 1/h² and by the distance from the origin.  What q1 loses by rounding,
-    `remainder`, is added to the next p, so that it does not accumulate.
-
-    Args:
-        numbering: of the system.
-        supports: which coordinates are fixed or prescribed.
-
-    Attributes:
-        remainder: what the last q1 lost by rounding [m]; a history variable of a run.
+    `remainder` [m], a history variable of a run, is added to the next p, so that it does not
+    accumulate.
     """
 
     def __init__(self, numbering: Numbering, supports: Supports) -> None:
-        """Set all vectors to zero; `set_inertia` and `predict` begin a step.  Collective.
-
-        The increment of the coordinates in a step is p + w [m]: p is predicted, w is found by the
-        solver."""
         self._supports = supports
         self._comm = numbering.comm
         self.remainder = numbering.vector()
@@ -53,28 +43,14 @@ class Increment:
         self._offset = offset
 
     def predict(self, increment: PETSc.Vec, q0: PETSc.Vec, t: float) -> Array:
-        """Choose the predicted increment p [m] of a step.  Collective.
-
-        p is the given increment and what rounding took from the last coordinates; the coordinates
-        at the end of the step are q0 + p + w.
-
-        Args:
-            increment: of all unknowns [m], a distributed vector.
-            q0: coordinates [m] at the start of the step.
-            t: time [s] at the end of the step.
-
-        Returns:
-            The w [m] of this rank's fixed coordinates, which have their values of time t.
-
-        Raises:
-            InputError: a prescribed motion of a user fails or returns something else.
-        """
+        """Choose p [m] of a step to the time t [s]: the given increment and what rounding took from
+        the last coordinates.  Returns w [m] of this rank's fixed coordinates, which have their
+        values of time t.  Collective."""
         self._p.waxpy(1.0, self.remainder, increment)
         self._scratch.waxpy(1.0, self._p, q0)
         self._supports.prescribe(self._scratch, t)
         fixed = self._supports.held
-        w: Array = self._scratch.array_r[fixed] - q0.array_r[fixed] - self._p.array_r[fixed]
-        return w
+        return self._scratch.array_r[fixed] - q0.array_r[fixed] - self._p.array_r[fixed]
 
     def end(self, w: PETSc.Vec, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Take w, and set q1 = q0 + p + w."""
@@ -96,17 +72,9 @@ class Increment:
         self._masses = None
 
     def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
-        """Reference force [N] for the round-off of a residual: the norm of what cancels in it.
-        Collective.
-
-        That is diag(K) q1 and diag(c M)(w + o), with the stiffness K [N/m] and the inertia c M (w +
-        o) of the increment w of the step; c [1/s²] and o [m] are those of the time stepper.
-
-        Args:
-            M: mass matrix [kg].
-            diagonal: of the tangent, diag(K) + diag(c M) [N/m].
-            q1: coordinates [m] at the end of the step.
-        """
+        """Reference force [N] for the round-off of a residual, the norm of what cancels in it:
+        diag(K) q1 and diag(c M)(w + o), from the diagonal of the tangent, diag(K) + diag(c M)
+        [N/m].  Collective."""
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
         elastic = (diagonal.array_r - inertia) * q1.array_r
@@ -115,15 +83,9 @@ class Increment:
         return float(np.sqrt(self._comm.allreduce(square)))
 
     def round_off_energy(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
-        """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS.
-
-        ε is the machine precision.  The inertia c M does not count: the increment of a step does
-        not take part in the round-off of the coordinates.  Collective.
-
-        Args:
-            M: mass matrix [kg].
-            diagonal: of the tangent, diag(K) + diag(c M) [N/m].
-            q1: coordinates [m] at the end of the step.
+        """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS,
+        from the diagonal of the tangent, diag(K) + diag(c M) [N/m].  The inertia does not count:
+        the increment of a step does not take part in the round-off of the coordinates.  Collective.
         """
         stiffness = abs(diagonal.array_r - self._diagonal_inertia(M))
         # Fixed coordinates are set and not solved for: they have no round-off.
@@ -135,15 +97,11 @@ class Increment:
         """diag(c M) [N/m]."""
         if self._masses is None:
             self._masses = M.getDiagonal()
-        inertia: Array = self._c * self._masses.array_r
-        return inertia
+        return self._c * self._masses.array_r
 
     def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
-        """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m].
-
-        p + w is the increment of the step.  The remainder is added to the next increment, so that
-        it does not accumulate.  Knuth's sum of two numbers (The Art of Computer Programming, vol.
-        2, section 4.2.2, theorem B)."""
+        """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m], by Knuth's
+        sum of two numbers (The Art of Computer Programming, vol. 2, section 4.2.2, theorem B)."""
         start = q0.array_r
         end = q1.array_r
         increment = self._p.array_r + self._w.array_r

@@ -73,6 +73,9 @@ class System:
         q0, v0: coordinates and velocities of the accepted state.
         q1: coordinates at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
+        initial: the state in which the scene starts.
+        position_marks: 1 for each position and 0 for each director among the vectors of this rank's
+            nodes, (n,).
         time: of the accepted state [s].
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
@@ -82,14 +85,8 @@ class System:
     """
 
     def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
-        """Number the unknowns and compile the terms; `initialise` then sets the state.  Collective.
-
-        Raises:
-            InputError: terms that contradict each other, e.g. two supports that move one
-                coordinate.
-        """
         self.comm = start.comm
-        self._initial = start
+        self.initial = start
         self.rule = rule
         self.bodies: list[Body] = [one.body for one in start]
         self._parts = parts
@@ -129,7 +126,7 @@ class System:
         self.coordinates: dict[Body, Coordinates] = {
             body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
         }
-        self._is_position = self._mark_positions()
+        self.position_marks = self._mark_positions()
 
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
@@ -145,7 +142,6 @@ class System:
         self.losses = {name: 0.0 for kind in self.compiled for name in kind.losses}
 
     def _mark_positions(self) -> Array:
-        """1 for each position and 0 for each director among the vectors of this rank's nodes."""
         marks = []
         for body in self.bodies:
             of_node = np.zeros(body.block.size // 3)
@@ -162,17 +158,6 @@ class System:
         self.active_sets = [kind for kind in compiled if isinstance(kind, ActiveSet)]
         self.differentiable = [kind for kind in compiled if isinstance(kind, Differentiable)]
         self.shown: list[Shown] = [kind for kind in compiled if isinstance(kind, Shown)]
-
-    @property
-    def position_marks(self) -> Array:
-        """1 for each position and 0 for each director among the vectors of this rank's nodes,
-        (n,)."""
-        return self._is_position
-
-    @property
-    def initial(self) -> State:
-        """The state in which the scene starts."""
-        return self._initial
 
     # ---- look-ups --------------------------------------------------------------------------------
 
@@ -192,18 +177,10 @@ class System:
     # ---- the initial state -----------------------------------------------------------------------
 
     def initialise(self) -> None:
-        """Set the initial state and set up the matrices, once scalar unknowns are attached.
-        Collective.
-
-        The coordinates q0 [m] and velocities v0 [m/s] are overwritten, velocities of fixed
-        coordinates are set to zero, and the mass matrix, constant stiffness and tangent are made.
-        Scalar unknowns, e.g. gas pressures, begin with the volumes of this state; they must be in
-        `scalar_unknowns` before the call.
-
-        Raises:
-            InputError: a constraint does not hold in the initial state, or follows from others.
-        """
-        self._initial.copy_to(self.q0, self.v0)
+        """Set the initial state, with velocities of fixed coordinates zero, and set up the
+        matrices, once scalar unknowns are attached, which begin with the volumes of this state.
+        `InputError` if a constraint does not hold in it, or follows from others.  Collective."""
+        self.initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
         if self.constraints:
             free = self.numbering.vector()
@@ -222,25 +199,17 @@ class System:
         self._build_matrices()
 
     def restart(self) -> None:
-        """Update all derived quantities from `previous` and q0, which the caller has set.
-        Collective.
-
-        They are the coordinates [m] at the start and the end of the last accepted step.  Both are
-        needed: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
-        """
+        """Update all derived quantities from `previous` and q0, which the caller has set: histories
+        and extrapolations follow from the last step.  q1 becomes equal to q0.  Collective."""
         self._take_time()
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
 
     def parameters_changed(self) -> None:
-        """Assemble again what depends on coefficients of forms: masses [kg], constant stiffness
-        [N/m] and loads.
-
-        The caller has changed their values.  The mass matrix M and the constant stiffness matrix K
-        (None without one) are overwritten in place.  Coordinates and velocities stay; quantities
-        derived from them, as strains, are updated.  Collective.
-        """
+        """Assemble mass matrix, constant stiffness and loads again in place, whose coefficients of
+        forms the caller has changed, and update what follows from coordinates, as strains.
+        Collective."""
         for kind in self.differentiable:
             kind.parameters_changed()
         self.M.zeroEntries()
@@ -261,21 +230,13 @@ class System:
 
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
         """Set the system to the present step run backwards in time, for gradients of a run.
+        Collective.
 
         A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with
         active sets (contact) retain their pairs; most others start as from an accepted state
-        (`CompiledTerms.exchange_ends`).  Collective.
-
-        The present step length h changes its sign; the coordinates q0 and q1 [m], the velocities v0
-        [m/s] and the time are overwritten.  Totals of energies stay.
-
-        Args:
-            start: coordinates (n,) [m] that this rank owns at time t, where the reversed step
-                begins, multipliers included.
-            rates: velocities (n,) [m/s] there.
-            t: time [s] of the start.
-            end: coordinates (n,) [m] that this rank owns where the reversed step ends, multipliers
-                included.  The lengths of the arrays are those of the vectors; they are not checked.
+        (`CompiledTerms.exchange_ends`).  `start` and `rates` (n,) are this rank's coordinates [m]
+        and velocities at time t [s], `end` the coordinates at t - h, multipliers included.  Totals
+        of energies stay.
         """
         self.time = t
         self.v0.array[:] = rates
@@ -294,12 +255,12 @@ class System:
         self.set_end(end_vector)
 
     def _build_matrices(self) -> None:
-        """Make the mass matrix M, the constant stiffness K if there is one, and the tangent A.
-        Collective.
+        """Make the mass matrix M [kg], the constant stiffness K [N/m] if there is one, and the
+        tangent A, which is not assembled.  Collective.
 
         All have one pattern and are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS,
-        in half of the time of its kernel for blocks of three.  M [kg] and K [N/m] are assembled, A
-        [N/m] is not.  The pattern of A is fixed: an entry outside it raises an error of PETSc.
+        in half of the time of its kernel for blocks of three.  The pattern of A is fixed: an entry
+        outside it raises an error of PETSc.
         """
         pattern = self.numbering.matrix()
         for kind in self.compiled:
@@ -333,27 +294,17 @@ class System:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, h: float) -> Array:
-        """Start a step of length h [s] from the accepted state (q0, v0).  Collective.
-
-        Active sets (contact pairs) are searched again."""
+        """Start a step of length h [s] from the accepted state (q0, v0), with a new search for
+        active sets (contact pairs).  Returns the first guess of the scalar unknowns.  Collective.
+        """
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
         return self._begin_without_search(h)
 
     def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
-        """Start a step of length h [s] with recorded contact pairs instead of a search.
-
-        Collective.
-
-        Args:
-            h: length of the step [s].
-            active_sets: this rank's active sets of that step, one for each kind of contact, as the
-                record of a run for its gradient stores them.
-
-        Returns:
-            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
-        """
+        """Start a step of length h [s] with recorded active sets of this rank, one for each kind of
+        contact, instead of a search.  Collective."""
         self.h = h
         for kind, saved in zip(self.active_sets, active_sets, strict=True):
             kind.load_active_set(saved)
@@ -373,8 +324,7 @@ class System:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
         # Ranks decide together, as all of them solve the step again.
-        missed_anywhere: bool = self.comm.allreduce(any(missed))
-        return missed_anywhere
+        return self.comm.allreduce(any(missed))
 
     def inadmissible(self) -> str:
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
@@ -396,17 +346,9 @@ class System:
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.
-        Collective.
-
-        q0 are the coordinates at its start, p is the increment that the stepper predicts, w the
-        unknown.
-
-        Args:
-            w: unknown part of the increment [m].
-            base: w of the last iterate [m]: strains follow linearly from those there; None: they
-                are the true ones.
-        """
+        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.  They
+        follow linearly from those of the last iterate, w = `base` [m]; without it they are the true
+        ones. Collective."""
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
         if base is not None:
@@ -423,9 +365,7 @@ class System:
             kind.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
-        """Evaluate the residual of the step at the present iterate.  Collective.
-
-        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads."""
+        """Evaluate the residual of the step at the present iterate.  Collective."""
         # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
@@ -446,18 +386,11 @@ class System:
 
     def stored_forces(self) -> PETSc.Vec:
         """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
-        vector.
+        vector: [J] for directors, zero for multipliers.  Collective.
 
         They are the forces of a step that goes nowhere.  Contact is included, gas pressures and
-        loads are not.  ψ is the sum of the stored energies [J], K [N/m] the constant stiffness of
-        those that are quadratic.  Collective.
-
-        Two things are changed and stay so: q1, the end of the present step, becomes q0, the
-        accepted coordinates; and the active pairs of contact become those with energy at q0.
-
-        Returns:
-            a distributed vector of all unknowns: [N] for positions [m], [J] for dimensionless
-            directors; zero for multipliers.
+        loads are not.  Two things are changed and stay so: q1 becomes q0, and the active pairs of
+        contact become those with energy at q0.
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
@@ -483,11 +416,8 @@ class System:
         return out
 
     def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual, as a new vector.
-
-        Scalar unknowns are gas pressures and the like; the force of a support is its reaction.
-        Collective.
-        """
+        """Forces [N] of loads, scalar unknowns such as gas pressures and supports (their reactions)
+        at the last residual, as a new vector.  Collective."""
         out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
@@ -511,17 +441,12 @@ class System:
         return self.assemble_tangent().whole()
 
     def assemble_tangent(self) -> Tangent:
-        """Derivative [N/m] of the residual of the coordinates by q1, at the last residual.
-        Collective.
+        """Derivative [N/m] of the residual of the coordinates by q1, at the last residual: c M + α
+        K and the tangents of all terms, in a matrix of fixed pattern, and coupling matrices of
+        contact pairs.
 
-        Returns:
-            The sum of a matrix of fixed pattern and coupling matrices, those of contact pairs.
-            Rows and columns of fixed coordinates are those of the unit matrix.  The object is the
-            same in every call, and is overwritten by the next one.
-
-        The matrix A is c M + α K and the tangents of all terms, with the mass matrix M [kg], the
-        factor c [1/s²] of the inertia, the constant stiffness K [N/m] and the weight α [-] of the
-        end of the step in the point at which forces act.
+        Rows and columns of fixed coordinates are those of the unit matrix.  The object is the same
+        in every call, and is overwritten by the next one.  Collective.
         """
         if self._base is None:
             # Without constant stiffness the base would be a copy of c M.
@@ -560,10 +485,7 @@ class System:
 
     def commit(self, v1: PETSc.Vec) -> None:
         """Accept the step: its end is the state now, and its works and losses [J] are added to the
-        totals.
-
-        Collective.  The coordinates q1 at the end of the step become q0, and q0 becomes `previous`
-        [m].  The step must have been solved: nothing is checked here."""
+        totals. The step must have been solved: nothing is checked here.  Collective."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self.compiled)
@@ -586,16 +508,10 @@ class System:
             recorder()
 
     def restore(self, q: Array, v: Array, t: float) -> None:
-        """Set an earlier accepted state; totals of energies do not change.  Collective.
-
-        History variables, such as the rest angles of creases that yield, are set by the caller
-        (`Differentiable.load_history`).  The present state is lost: q0, q1 and `previous` become q.
-
-        Args:
-            q: coordinates (n,) [m] that this rank owns, multipliers included.
-            v: velocities (n,) [m/s] that this rank owns.
-            t: time [s].
-        """
+        """Set an earlier accepted state of this rank's coordinates q, with multipliers, and
+        velocities v (n,) at a time [s]: q0, q1 and `previous` become q.  History variables are set
+        by the caller (`Differentiable.load_history`); totals of energies do not change.
+        Collective."""
         self.time = t
         self.v0.array[:] = v
         self.q0.array[:] = q
@@ -620,22 +536,15 @@ class System:
 
     def totals(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and lost since the
-        start.
-
-        Collective.
-
-        Returns:
-            The same on every rank: time [s], energies [J] (stored and lost ones by name), momentum
-            (3,) [kg m/s], angular momentum (3,) [kg m²/s] about the origin, and masses of gas [kg].
-        """
+        start; the same on every rank.  Collective."""
         self.M.mult(self.v0, self._momenta)
         # Momenta p and coordinates q of this rank's vectors, (n, 3); qp is the matrix Σ q_i p_j.
-        size = 3 * len(self._is_position)  # without multipliers
+        size = 3 * len(self.position_marks)  # without multipliers
         p = self._momenta.array_r[:size].reshape(-1, 3)
         q = self.q0.array_r[:size].reshape(-1, 3)
         qp = q.T @ p
         # Sums over positions; the moment is summed over directors, too.
-        momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
+        momenta = np.stack([self.position_marks @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
         for kind in self.compiled:
             momenta += kind.momenta()
         stored: dict[str, float] = {}
@@ -676,10 +585,8 @@ class System:
     # ---- the residual, for solvers ---------------------------------------------------------------
 
     def force_scale(self, diagonal: PETSc.Vec) -> float:
-        """Norm [N] of the forces that cancel in the last residual: the scale of its round-off.
-
-        The diagonal is that of the tangent.
-        """
+        """Norm [N] of the forces that cancel in the last residual: the scale of its round-off, from
+        the diagonal of the tangent."""
         return self.increment.force_scale(self.M, diagonal, self.q1)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
@@ -688,17 +595,8 @@ class System:
         return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
-        """Norm of the forces in a residual [N], and the largest violation of a constraint.
-        Collective.
-
-        Args:
-            r: residual of all unknowns, as `residual` returns it: rows of forces [N], then those of
-                multipliers, with the violations of their constraints.
-
-        Returns:
-            Both numbers, the same on every rank; a violation is in the unit of its constraint, [m]
-            for points that coincide.
-        """
+        """Norm of the forces in a residual [N], and the largest violation of a constraint, in the
+        unit of the constraint, the same on every rank.  Collective."""
         if self.constraints is None:
             return float(r.norm()), 0.0
         values = r.array_r
@@ -712,16 +610,8 @@ class System:
         return squares**0.5, worst
 
     def locate(self, r: PETSc.Vec) -> str:
-        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh".
-
-        Collective; the same on every rank.
-
-        Args:
-            r: residual of all unknowns [N].
-
-        Returns:
-            Empty if the largest entry does not belong to a body but to a constraint.
-        """
+        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh";
+        empty if it is in a constraint.  Collective, the same on every rank."""
         values = abs(r.array_r)
         i = int(values.argmax()) if values.size else -1
         largest = float(values[i]) if i >= 0 else -1.0

@@ -12,12 +12,8 @@ DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 class Tangent:
-    """A + Σ C: A has a fixed sparsity pattern, the couplings C come from terms with active sets.
-
-    Args:
-        A: assembled by the system.
-        active_sets: kinds of terms whose connectivity changes from step to step.
-    """
+    """A + Σ C: A has a fixed sparsity pattern, the couplings C come from terms with active sets,
+    whose connectivity changes from step to step."""
 
     def __init__(self, A: PETSc.Mat, active_sets: Sequence[ActiveSet]) -> None:
         self.A = A
@@ -26,11 +22,9 @@ class Tangent:
         self._diagonal: PETSc.Vec | None = None
 
     def fetch_couplings(self) -> None:
-        """Replace the couplings by those at the present iterate, once A is assembled.
-
-        The old ones are destroyed at once: on several ranks PETSc keeps what Python drops until all
-        ranks collect garbage together.
-        """
+        """Replace the couplings by those at the present iterate, once A is assembled.  The old ones
+        are destroyed at once: on several ranks PETSc keeps what Python drops until all ranks
+        collect garbage together."""
         for C in self._couplings:
             C.destroy()
         self._couplings = [C for kind in self._active_sets for C in kind.coupling_matrices(None)]
@@ -53,14 +47,9 @@ class Tangent:
         return self._sum(self._couplings)
 
     def for_preconditioner(self) -> PETSc.Mat:
-        """The part of the tangent [N/m] that a preconditioner needs, as one matrix.  Collective.
-
-        It is A, of fixed pattern, and those couplings of contact pairs that are strong compared
-        with the diagonal of A.
-
-        Returns:
-            A itself if nothing is coupled, otherwise a new matrix.
-        """
+        """The part of the tangent [N/m] that a preconditioner needs: A, and those couplings of
+        contact pairs that are strong compared with its diagonal, as a new matrix if there are any.
+        Collective."""
         if not self._couplings:
             return self.A
         self._diagonal = self.A.getDiagonal(self._diagonal)
@@ -71,16 +60,8 @@ class Tangent:
         return total
 
     def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
-        """The tangent as one new matrix: the sum of A and coupling matrices of contact pairs.
-        Collective.
-
-        Args:
-            couplings: square matrices [N/m] of all unknowns, as A, with entries where A may have
-                none.
-
-        Returns:
-            A itself if nothing is coupled.
-        """
+        """The sum of A and coupling matrices of contact pairs as one new matrix; A itself if
+        nothing is coupled.  Collective."""
         if not couplings:
             return self.A
         # A copy: the pattern of A is fixed, and the couplings have entries elsewhere.

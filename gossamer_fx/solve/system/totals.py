@@ -12,9 +12,7 @@ from gossamer_fx.core.model.body import Array
 @dataclass(frozen=True)
 class Totals:
     """Energies [J], momenta [kg m/s, kg m²/s], gas masses [kg]; supplied and lost since the start.
-
-    `stored` and `losses` are by the name of the part that stores or dissipates.
-    """
+    `stored` and `losses` are by the name of the part that stores or dissipates."""
 
     time: float
     kinetic: float

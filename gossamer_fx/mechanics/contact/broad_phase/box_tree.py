@@ -211,6 +211,15 @@ class Nearness:
         )
 
 
+def _nearness(
+    near: Nearness | None, kind: int, asked: Int32Array, in_tree: Int32Array
+) -> CStruct | None:
+    """What C takes of a nearness for pairs of a kind; None where all overlaps are kept."""
+    if near is None:
+        return None
+    return near.of(kind, asked, in_tree)
+
+
 def find_overlaps(
     surface: CollisionPrimitives,
     lower: Array,
@@ -237,7 +246,7 @@ def find_overlaps(
             surface.filtered(vertex_points, lower, upper),
             vertices,
             expected=expected[0],
-            near=near and near.of(PointTriangle.number, vertex_points, surface.triangles),
+            near=_nearness(near, PointTriangle.number, vertex_points, surface.triangles),
         )
     all_edges = surface.filtered(surface.edges, lower, upper)
     with_edges = BoxTree(all_edges).overlaps(
@@ -245,7 +254,7 @@ def find_overlaps(
         edges,
         in_tree=True,
         expected=expected[1],
-        near=near and near.of(EdgeEdge.number, surface.edges, surface.edges),
+        near=_nearness(near, EdgeEdge.number, surface.edges, surface.edges),
     )
 
     triangle_pairs = np.hstack(
