@@ -303,7 +303,7 @@ def test_properties_vary_by_group_or_by_place():
         ),
         (
             lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}),
-            "not a group of triangles",
+            "has dimension 1; name a group of the cells",
         ),
         (
             lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}),

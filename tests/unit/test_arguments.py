@@ -210,7 +210,9 @@ def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
 
 
 def test_the_name_of_a_part_is_in_the_message() -> None:
-    with pytest.raises(gx.InputError, match=r"^PointMass 'tip': mass is 'heavy'; give a number\.$"):
+    with pytest.raises(
+        gx.InputError, match=r"^PointMass 'tip': mass is 'heavy'; give a positive number\.$"
+    ):
         gx.PointMass("heavy", name="tip")  # type: ignore[arg-type]
 
 

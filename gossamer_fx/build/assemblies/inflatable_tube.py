@@ -15,7 +15,7 @@ from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.bodies.meshed import Property
+from gossamer_fx.mechanics.bodies.properties import Property
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.constraints.fixed import Fixed
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas

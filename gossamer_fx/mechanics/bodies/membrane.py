@@ -36,11 +36,11 @@ from gossamer_fx.mechanics.bodies.initial_strain import (
 from gossamer_fx.mechanics.bodies.meshed import (
     Meshed,
     PointFunction,
-    Property,
     checked,
     checked_function,
     positions,
 )
+from gossamer_fx.mechanics.bodies.properties import Property
 from gossamer_fx.mechanics.materials.film import FilmLaw, constants, parameters
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 

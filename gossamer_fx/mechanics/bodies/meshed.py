@@ -4,7 +4,7 @@ between them, motions given as functions."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
-Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
 
 # What messages call cells of one and two dimensions.
 CELLS = {1: "line elements", 2: "triangles"}

@@ -31,8 +31,8 @@ from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import Tensors
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.bodies.meshed import PointFunction, Property
-from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
+from gossamer_fx.mechanics.bodies.meshed import PointFunction
+from gossamer_fx.mechanics.bodies.properties import Property, cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy

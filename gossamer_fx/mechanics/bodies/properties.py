@@ -3,10 +3,10 @@ axes of an orthotropic law, projected on the film."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -22,8 +22,7 @@ from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.mechanics.materials.film import FilmLaw
 
-if TYPE_CHECKING:
-    from gossamer_fx.mechanics.bodies.meshed import Property
+Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
 
 LIMITS = {
     "E": (0.0, np.inf),
