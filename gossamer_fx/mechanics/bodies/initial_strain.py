@@ -121,9 +121,8 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
     normals = cell_normals(mesh)
     projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
     in_film = projections @ owned_values(stresses) @ projections
-    largest = float(np.abs(stresses.x.array).max(initial=0.0))
-    largest_in_film = float(np.abs(in_film).max(initial=0.0))
-    largest, largest_in_film = mesh.comm.allreduce(np.array([largest, largest_in_film]), MPI.MAX)
+    largest = mesh.comm.allreduce(float(np.abs(stresses.x.array).max(initial=0.0)), MPI.MAX)
+    largest_in_film = mesh.comm.allreduce(float(np.abs(in_film).max(initial=0.0)), MPI.MAX)
     check(
         largest == 0 or largest_in_film > COMPRESSION_TOLERANCE * largest,
         f"{what} is normal to the film, which bears nothing there; give a stress in its plane.",
