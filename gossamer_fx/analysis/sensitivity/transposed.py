@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError
@@ -29,8 +28,7 @@ class TransposedSolver:
         if not self._is_empty:
             factorisation.choose(self._pc, A)
         self._correction, self._residual = A.createVecs()
-        # U (k, n), A⁻ᵀ U (k, n) and (κ⁻¹ + U A⁻ᵀ Uᵀ)⁻¹ (k, k) of `add_to_inverse`
-        self._border: tuple[Array, Array, Array] | None = None
+        self._update: factorisation.LowRankUpdate | None = None
 
     def factorise(self, A: PETSc.Mat) -> None:
         """Factorise a matrix with the pattern of the first one; `InputError` if it is singular.
@@ -49,28 +47,15 @@ class TransposedSolver:
     def add_to_inverse(self, stiffnesses: Sequence[tuple[Array, float]]) -> None:
         """Solve with A + Σ κ g⊗g from now on, κ ≠ 0, by its factors of A and this rank's parts of g
         (n,). Collective."""
-        self._border = None
-        if not stiffnesses:
-            return
-        solution, right = self._A.createVecs()
-        solutions = []
-        for gradient, _ in stiffnesses:
-            right.array[:] = gradient
-            self._solve(right, solution)
-            solutions.append(solution.array_r.copy())
-        U = np.array([gradient for gradient, _ in stiffnesses])
-        solved = np.array(solutions)
-        inner = self._A.comm.tompi4py().allreduce(U @ solved.T)
-        inner += np.diag([1 / stiffness for _, stiffness in stiffnesses])
-        self._border = (U, solved, np.linalg.inv(inner))
+        self._update = None
+        if stiffnesses:
+            self._update = factorisation.LowRankUpdate(self._A, stiffnesses, self._solve)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Set x = A⁻ᵀ b, or that of `add_to_inverse`, refined where that changes it."""
         self._solve(b, x)
-        if self._border is not None:
-            U, solved, inverse = self._border
-            amounts = self._A.comm.tompi4py().allreduce(U @ x.array_r)
-            x.array[:] -= (inverse @ amounts) @ solved
+        if self._update is not None:
+            self._update.correct(x)
 
     def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Set x = A⁻ᵀ b."""

@@ -108,9 +108,11 @@ class Variable(ABC):
     def get(self) -> Array:
         """Present values (k,) of this rank."""
 
-    @abstractmethod
     def set(self, values: Array) -> None:
         """Give it other values (k,); `System.parameters_changed` is to be called then."""
+        raise InputError(
+            f"'{self.name}' belongs to the start of a run; make a scene with another one."
+        )
 
     def start(self) -> None:
         """Begin a new sum."""
@@ -247,11 +249,6 @@ class InitialVariable(Variable):
         positions, velocities = self._body.initial_state()
         return np.array(velocities if self._is_velocity else positions, dtype=float)
 
-    def set(self, values: Array) -> None:
-        raise InputError(
-            f"'{self.name}' belongs to the start of a run; make a scene with other initial values."
-        )
-
     def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
         vector = by_velocity if self._is_velocity else by_position
         self.sum += vector.array_r[self._owned]
@@ -275,11 +272,6 @@ class RigidMotionVariable(Variable):
 
     def get(self) -> Array:
         return np.array(self._body.spin if self._is_spin else self._body.velocity)
-
-    def set(self, values: Array) -> None:
-        raise InputError(
-            f"'{self.name}' belongs to the start of a run; make a scene with another one."
-        )
 
     def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
         # Four vectors on the rank that owns the body, none on the others; ranks are added up.
@@ -305,11 +297,6 @@ class ScalarVariable(Variable):
 
     def get(self) -> Array:
         return np.array([self._adjoint.value(self._item, self._what)])
-
-    def set(self, values: Array) -> None:
-        raise InputError(
-            f"'{self.name}' belongs to the gas of a run; make a scene with another one."
-        )
 
     def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
         # Every rank has the whole sum; the sums of the ranks are added up.

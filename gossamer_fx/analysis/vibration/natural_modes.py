@@ -468,37 +468,16 @@ class _ShiftedInverse:
         _check_inverse(factorisation.set_up(self._pc))
         # Modes that are projected out, of unit modal mass, and M times these; rows of this rank.
         self._known: tuple[Array, Array] | None = None
-        self._border: tuple[Array, Array, Array] | None = None
+        self._update: factorisation.LowRankUpdate | None = None
         if stiffnesses:
-            self._border = self._solve_border(stiffnesses)
-
-    def _solve_border(
-        self, stiffnesses: Sequence[tuple[Array, float]]
-    ) -> tuple[Array, Array, Array]:
-        """U, A⁻¹ U and (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ of (3); this rank's rows of the first two."""
-        right = self._M.createVecRight()
-        solution = self._M.createVecRight()
-        columns = []
-        solutions = []
-        for gradient, _ in stiffnesses:
-            right.array[:] = gradient
-            self._pc.apply(right, solution)
-            columns.append(gradient)
-            solutions.append(solution.array_r.copy())
-        U = np.array(columns).T
-        solved = np.array(solutions).T
-        inner = self._M.comm.tompi4py().allreduce(U.T @ solved)
-        inner += np.diag([1 / stiffness for _, stiffness in stiffnesses])
-        return U, solved, np.linalg.inv(inner)
+            self._update = factorisation.LowRankUpdate(shifted, stiffnesses, self._pc.apply)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y = (K - σ M)⁻¹ M x; called by SLEPc."""
         self._M.mult(x, self._Mx)
         self._pc.apply(self._Mx, y)
-        if self._border is not None:
-            U, solved, inverse = self._border
-            of_chambers = self._M.comm.tompi4py().allreduce(U.T @ y.array_r)
-            y.array[:] -= solved @ (inverse @ of_chambers)
+        if self._update is not None:
+            self._update.correct(y)
         if self._known is not None:
             shapes, momenta = self._known
             amounts = self._M.comm.tompi4py().allreduce(momenta.T @ y.array_r)

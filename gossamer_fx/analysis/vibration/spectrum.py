@@ -84,23 +84,9 @@ class Spectrum:
             raise RuntimeError(f"no inertia at the shift {shift:.6g}: {problem}")
         negative, _, _ = pc.getFactorMatrix().getInertia()
         if self._stiffnesses:
-            negative += self._negative_of_gas(pc)
+            # n₋(-κ⁻¹ - Uᵀ A⁻¹ U) of the module
+            inner = factorisation.LowRankUpdate(A, self._stiffnesses, pc.apply).inner
+            negative += (np.linalg.eigvalsh(-(inner + inner.T) / 2) < 0).sum()
         pc.destroy()
         A.destroy()
         return int(negative)
-
-    def _negative_of_gas(self, pc: PETSc.PC) -> int:
-        """n₋(-κ⁻¹ - Uᵀ A⁻¹ U) with the factors of A."""
-        right = self._M.createVecRight()
-        solution = self._M.createVecRight()
-        columns = []
-        solutions = []
-        for gradient, _ in self._stiffnesses:
-            right.array[:] = gradient
-            pc.apply(right, solution)
-            columns.append(gradient)
-            solutions.append(solution.array_r.copy())
-        own: Array = np.array(columns) @ np.array(solutions).T
-        schur = self._M.comm.tompi4py().allreduce(own)
-        schur += np.diag([1 / stiffness for _, stiffness in self._stiffnesses])
-        return int((np.linalg.eigvalsh(-(schur + schur.T) / 2) < 0).sum())

@@ -9,12 +9,15 @@ sections on control parameters and error diagnostics).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from gossamer_fx.core.algebra.numbering import PREFIX
+from gossamer_fx.core.model.body import Array
 
 EPS = float(np.finfo(float).eps)
 
@@ -391,3 +394,34 @@ def choose_fill(pc: PETSc.PC, levels: int) -> None:
         part.setFactorOrdering("rcm")
         part.setFactorLevels(levels)
         part.setFromOptions()
+
+
+class LowRankUpdate:
+    """Solutions of (A + Σ κ g⊗g) x = b from those of A, by the formula of Sherman, Morrison and
+    Woodbury: this rank's parts of k vectors g (n,), and κ, which is not zero.  Collective.
+
+    `inner` (k, k) is κ⁻¹ + Gᵀ A⁻¹ G with the columns g of G.
+    """
+
+    def __init__(
+        self,
+        A: PETSc.Mat,
+        terms: Sequence[tuple[Array, float]],
+        solve: Callable[[PETSc.Vec, PETSc.Vec], None],
+    ) -> None:
+        self._comm = A.comm.tompi4py()
+        solution, right = A.createVecs()
+        solutions = []
+        for vector, _ in terms:
+            right.array[:] = vector
+            solve(right, solution)
+            solutions.append(solution.array_r.copy())
+        self._vectors = np.array([vector for vector, _ in terms])
+        self._solutions = np.array(solutions)
+        self.inner: Array = self._comm.allreduce(self._vectors @ self._solutions.T)
+        self.inner += np.diag([1 / factor for _, factor in terms])
+
+    def correct(self, x: PETSc.Vec) -> None:
+        """Make a solution with A one with A + Σ κ g⊗g."""
+        amounts = self._comm.allreduce(self._vectors @ x.array_r)
+        x.array[:] -= np.linalg.solve(self.inner, amounts) @ self._solutions
