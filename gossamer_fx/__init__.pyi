@@ -36,7 +36,7 @@ from .mechanics.bodies.frames import Frame as Frame
 from .mechanics.bodies.frames import ground_frame as ground_frame
 from .mechanics.bodies.membrane import Membrane as Membrane
 from .mechanics.bodies.plate import Plate as Plate
-from .mechanics.bodies.point_mass import PointMass as PointMass
+from .mechanics.bodies.rigid_body import PointMass as PointMass
 from .mechanics.bodies.rigid_body import RigidBody as RigidBody
 from .mechanics.bodies.tabulated_cable import TabulatedCable as TabulatedCable
 from .mechanics.constraints.fixed import Fixed as Fixed
@@ -62,9 +62,9 @@ from .records import outputs as outputs
 from .records import plot as plot
 from .records import probes as probes
 from .records import run as run
-from .records.outputs.ledger import Ledger as Ledger
 from .records.outputs.recording import Recording as Recording
-from .records.outputs.series import Series as Series
+from .records.outputs.tables import Ledger as Ledger
+from .records.outputs.tables import Series as Series
 from .records.plot.report import write_report as write_report
 from .records.run.checkpoint import Checkpoints as Checkpoints
 from .records.run.events import At as At

@@ -89,4 +89,4 @@ from .mechanics.terms.scalar_unknowns import ScalarUnknowns as ScalarUnknowns
 from .mechanics.terms.supports import Support as Support
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
-from .solve.view import Run as Run
+from .solve.view import StateView as StateView

@@ -17,7 +17,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import dolfinx  # noqa: F401 (before adios2: the wheels of both have libraries of one name)
 import hypothesis
 import numpy as np
 import pytest

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from gossamer_fx.core.forms.backend import evaluate
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import FilmLaw, constants
 
 CELLS = 2048  # of SQUARE
 CENTRE = np.array([[1 / 3, 1 / 3]])
@@ -57,3 +60,26 @@ def strain(γ1: Array, γ2: Array, φ: Array) -> Array:
     E22 = γ1 * s**2 + γ2 * c**2
     E12 = (γ1 - γ2) * c * s
     return np.stack([E11, E22, 2 * E12], axis=-1)
+
+
+@cache
+def at_strains(law: FilmLaw, what: str) -> Samples:
+    """Energy, stress (S11, S22, S12), tangent (row by row) or state of a law."""
+    c = constants(law, SQUARE)
+
+    def expression(e: Any) -> Any:
+        e = ufl.variable(e)
+        W = law.energy(e, c)
+        S = ufl.diff(W, e)
+        match what:
+            case "energy":
+                return W
+            case "stress":
+                return S
+            case "tangent":
+                tangent = ufl.diff(S, e)
+                rows = [tangent[i, j] for i in range(3) for j in range(3)]
+                return ufl.as_vector(rows)
+        return law.state(e, c) * 1.0
+
+    return Samples(expression)

@@ -1,4 +1,4 @@
-"""Check the code with ruff and mypy: ./gossamer lint."""
+"""Check the code with ruff and mypy, and its words: ./gossamer lint."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ def main() -> int:
         [ruff, "check", "."],
         [ruff, "format", "--check", "."],
         [sys.executable, "-m", "mypy"],
+        [sys.executable, "tools/words.py"],
     )
     codes = [run_child(check) for check in checks]
     return int(any(codes))

@@ -6,25 +6,35 @@ against CPU time on several meshes.  `model` predicts scaling from parts that it
 --store their results are those that docs/benchmark.md shows.
 
 The contestants take turns, one thread each; of every figure the median over the runs is shown,
-times next to results. Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for
-each peer: its cost over this program's, the smallest over the cases.
+times next to results.  Writes runs.csv, NAME.md and pictures to out/benchmarks/NAME, and prints a
+line `ratio PEER NUMBER` for each peer: its cost over this program's, the smallest over the cases.
+Ends with code 1 if a result is not as a problem declares, this program fails, a peer has no ratio,
+or on a warning of this program that the problem does not expect.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from pathlib import Path
 
-from comparison import compare
-from error_curves import STORED, solve, write_page
+from bench import PAGE, page_part, ratios, solve_errors, turns
 from error_problems import ERROR_PROBLEMS
+from mpi4py import MPI
 from problems import PROBLEMS
 from scaling_model import predict
 
+from gossamer_fx.analysis.cases.case_set import run_cases, verdict
+
+# The part of the page that is written by this command.
+BETWEEN = re.compile(r"(?<=<!-- benchmark -->\n).*?(?=<!-- /benchmark -->)", re.DOTALL)
+
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="gossamer bench", description=__doc__.splitlines()[0])
+    """Solve the problems that the command line names; returns 1 if one falls short."""
+    about = (__doc__ or "").splitlines()[0]
+    parser = argparse.ArgumentParser(prog="gossamer bench", description=about)
     names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "model", "all"]
     parser.add_argument("name", choices=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--quick", action="store_true", help="one small case")
@@ -38,21 +48,28 @@ def main() -> int:
     wanted = parser.parse_args()
     if wanted.store and (wanted.quick or not wanted.name.startswith("errors")):
         parser.error("--store is for the full form of errors; leave it or --quick out.")
+    judgements = {}
     for name in ERROR_PROBLEMS:
         if wanted.name in (name, "errors", "all"):
-            folder = STORED if wanted.store else wanted.out
-            solve(name, wanted.runs, wanted.quick, folder)
+            judgements[name] = solve_errors(
+                name, wanted.runs, wanted.quick, wanted.out, wanted.store
+            )
     if wanted.store:
-        write_page()
+        text = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(BETWEEN.sub(lambda _: page_part(), text), encoding="utf-8")
     if wanted.name in ("model", "all"):
-        predict(wanted.quick, wanted.out)
-    parts = [name for name in PROBLEMS if wanted.name in (name, name.split("_")[0], "all")]
-    for name in parts:
-        problem = PROBLEMS[name]
-        compare(
-            name, problem, problem.quick if wanted.quick else problem.cases, wanted.runs, wanted.out
-        )
-    return 0
+        judgements["model"] = predict(wanted.quick, wanted.out)
+    for name, problem in PROBLEMS.items():
+        if wanted.name in (name, name.split("_")[0], "all"):
+            cases = turns(name, problem, wanted.runs, wanted.quick)
+            # Times are measured again, and not resumed: the machine or the program has changed.
+            results = run_cases(cases, MPI.COMM_SELF, wanted.out / name, fresh=True)
+            judgements[name] = cases.judgements(results)
+            for peer, ratio in ratios(problem, results).items():
+                print(f"ratio {peer} {ratio:.3g}")
+    text, is_well = verdict(judgements)
+    print(text)
+    return 0 if is_well else 1
 
 
 if __name__ == "__main__":

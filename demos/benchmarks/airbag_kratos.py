@@ -69,12 +69,7 @@ model = K.Model()
 part = kratos_model.model_part(model, X, explicit)
 if case["law"] == "fabric":
     film = kratos_model.add_fabric(
-        part,
-        triangles,
-        airbag_fabric.MODULI,
-        DENSITY,
-        THICKNESS,
-        angle=math.radians(case["angle"]),
+        part, triangles, airbag_fabric.MODULI, DENSITY, THICKNESS, angle=math.radians(case["angle"])
     )
 else:
     film = kratos_model.add_film(part, triangles, E, NU, DENSITY, THICKNESS, wrinkling=True)

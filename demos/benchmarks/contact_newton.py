@@ -64,13 +64,7 @@ def totals(state) -> tuple[float, np.ndarray, np.ndarray]:
 
 def advance(a, b) -> None:
     a.clear_forces()
-    solver.step(
-        a,
-        b,
-        control,
-        None,
-        case["dt"],
-    )
+    solver.step(a, b, control, None, case["dt"])
 
 
 saved = one.particle_q.numpy(), one.particle_qd.numpy()

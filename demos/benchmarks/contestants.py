@@ -1,14 +1,15 @@
 """The programs that are compared: this one, and peers from PyPI in a separate environment.
 
-A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words
-`key=value`, and prints as its last line a JSON object with `cpu` and `wall` [s] of the computing
-alone (no start-up, no compilation), `dofs`, `steps`, and whatever the result is, to be shown next
-to the time.
+A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder, or for this program
+`own_program.py PROBLEM`.  It takes words `key=value`, and prints as its last line a JSON object
+with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`, `steps`, and
+whatever the result is, to be shown next to the time.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -27,9 +28,9 @@ PACKAGES = {
     "ngsolve": ("ngsolve==6.2.2608", "netgen-mesher==6.2.2608"),
 }
 SELF = "gossamer"
-PREFIXED = (
-    "ngsolve",
-)  # its libraries lie next to the folder of modules, where pip puts them with a prefix only
+# Its libraries lie next to the folder of modules, where pip puts them with a prefix only.
+PREFIXED = ("ngsolve",)
+LOG = logging.getLogger("gossamer_fx")
 
 
 class Failed(Exception):
@@ -93,6 +94,8 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     environment["PYTHONPATH"] = str(installed(program) if program != SELF else HERE.parent.parent)
     environment |= {key: str(value) for key, value in case.items() if key.isupper()}
     script = [sys.executable, str(HERE / f"{problem}_{program}.py")]
+    if program == SELF:
+        script = [sys.executable, str(HERE / "own_program.py"), problem]
     given = [
         f"{key}={value}" for key, value in case.items() if not key.isupper() and key != "ranks"
     ]
@@ -119,7 +122,11 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     ]  # libraries may say good-bye after it
     if not results:
         raise Failed(_last_words(done))
-    return dict(json.loads(results[-1]))
+    figures = dict(json.loads(results[-1]))
+    # Warnings of the other process are those of this one, so that the engine of cases finds them.
+    for text in figures.pop("warnings", []):
+        LOG.warning("%s", text)
+    return figures
 
 
 def words(defaults: dict[str, float | str]) -> dict[str, float | str]:

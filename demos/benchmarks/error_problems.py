@@ -3,11 +3,11 @@ meshes or steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from contestants import SELF
-from problems import Figures, Words
+from problems import WITHOUT_UNITS, Figures, Words
 
 # Deflection in the middle of the square airbag [m], as the literature has it
 # (`demos/studies/airbag.py`).
@@ -29,7 +29,11 @@ class ErrorProblem:
         curves: for each program, or "program, variant", the words of its script at each point.
         quick: the same for the quick form.
         reference: where the answer is from.
+        accepted: largest error of this program in the last point of each of its curves.
+        quick_accepted: the same in the quick form.
         answer: words with which this program computes the answer; None: it is known.
+        quick_answer: the same in the quick form.
+        expected_warnings: reasons by a part of the text of a warning of this program.
         seconds: after which a contestant has failed [s].
     """
 
@@ -40,7 +44,11 @@ class ErrorProblem:
     curves: dict[str, Sequence[Words]]
     quick: dict[str, Sequence[Words]]
     reference: str
+    accepted: float
+    quick_accepted: float
     answer: Words | None = None
+    quick_answer: Words | None = None
+    expected_warnings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 1800.0
 
 
@@ -94,6 +102,9 @@ ERROR_PROBLEMS = {
             "ngsolve": series("n", (1, 2, 4, 8), increments=2),
         },
         quick={SELF: series("n", (4, 6), step=1e4)},
+        accepted=5e-4,
+        quick_accepted=1e-2,
+        expected_warnings=WITHOUT_UNITS,
         reference="The elastica of the same stiffness, as for the strip of Sze, Liu & Lo (2004).",
     ),
     "errors_ring": ErrorProblem(
@@ -109,6 +120,9 @@ ERROR_PROBLEMS = {
             "kratos": series("n", (6, 8, 12), shape="slit ring", increments=40, power=3.0),
         },
         quick={SELF: series("n", (4,), shape="slit ring")},
+        accepted=1e-2,
+        quick_accepted=0.2,
+        expected_warnings=WITHOUT_UNITS,
         reference=(
             "Sze, Liu & Lo (2004), to five digits. The first meshes differ from it by more than 1 "
             "%."
@@ -119,11 +133,10 @@ ERROR_PROBLEMS = {
         script="airbag",
         measure="error of the height",
         error=height_error,
-        curves={
-            SELF: series("n", (4, 8, 16, 32)),
-            "kratos": series("n", (4, 8, 16)),
-        },
+        curves={SELF: series("n", (4, 8, 16, 32)), "kratos": series("n", (4, 8, 16))},
         quick={SELF: series("n", (4, 8))},
+        accepted=1e-3,
+        quick_accepted=2e-3,
         reference="0.2164 m, as several authors found; the fourth digit is not certain.",
     ),
     "errors_sheet": ErrorProblem(
@@ -140,6 +153,8 @@ ERROR_PROBLEMS = {
             "kratos, no wrinkling": sheet_points((20, 40, 80), 0.02, n=20, wrinkling=0),
         },
         quick={SELF: sheet_points((4,), 0.004, n=6, relative=1e-6)},
+        accepted=1e-11,
+        quick_accepted=1e-11,
         reference="The angular momentum at the start. Neither load nor damping acts.",
     ),
     "errors_contact": ErrorProblem(
@@ -155,6 +170,8 @@ ERROR_PROBLEMS = {
             "newton, 100 sweeps": series("dt", (1e-4, 5e-5, 2e-5), n=10, iterations=100),
         },
         quick={SELF: series("dt", (4e-4,), n=4, until=2e-3)},
+        accepted=1e-11,
+        quick_accepted=1e-11,
         reference="The energy at the start. Neither load nor damping acts.",
     ),
     "errors_pendulum": ErrorProblem(
@@ -170,12 +187,13 @@ ERROR_PROBLEMS = {
             "gossamer, P2": [{"n": n, "elements": 2 * n, "order": 2, "dt": 1e-2} for n in (3, 6)],
             "exudyn": [{"n": n, "elements": n, "dt": 5e-3} for n in (3, 6, 9)],
         },
-        quick={
-            "gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}],
-        },
+        quick={"gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}]},
+        accepted=5.0,
+        quick_accepted=5.0,
         reference=(
             "gossamer_fx, quadratic film of 9 × 9 cells, steps of 5 ms; 1 mm from 12 × 12 cells."
         ),
         answer={"n": 9, "elements": 18, "order": 2, "dt": 5e-3},
+        quick_answer={"n": 3, "elements": 3, "order": 1, "dt": 1e-2, "until": 0.1},
     ),
 }

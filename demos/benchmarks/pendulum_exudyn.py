@@ -106,13 +106,7 @@ for e, body in enumerate(film.elementNumbers):
     for r in gauss:
         for s in gauss:
             of_film.append(
-                mbs.AddSensor(
-                    SensorBody(
-                        bodyNumber=body,
-                        localPosition=[r, s, 0],
-                        **position,
-                    )
-                )
+                mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=[r, s, 0], **position))
             )
             # Place of the point in the square, 0 to 1.
             places.append(((e % n + (1 + r) / 2) / n, (e // n + (1 + s) / 2) / n))

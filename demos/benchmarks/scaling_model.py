@@ -31,12 +31,16 @@ from pathlib import Path
 from contestants import SELF, run
 from problems import Figures
 
+from gossamer_fx.analysis.cases.case_set import Judgement
+
 # Cells along a side of the sheet, small and large: exponents follow from both, parts from the large
 # one.
 SIZES = (80, 160)
 QUICK_SIZES = (40, 80)
 STEPS = 3
 TIMEOUT = 1800.0  # s
+# Factor between a predicted and a measured iteration, beyond which the model is wrong.
+LARGEST_MISS = 3.0
 
 # Neighbours of a part of a film that is divided into many.
 NEIGHBOURS = 6
@@ -194,9 +198,10 @@ class Parts:
         }
 
 
-def predict(is_quick: bool, folder: Path) -> None:
+def predict(is_quick: bool, folder: Path) -> list[Judgement]:
     """Measure the parts, print and write predictions for `UNKNOWNS` on `CORES` to
-    FOLDER/model.csv."""
+    FOLDER/model/runs.csv; returns comparisons of predictions with measured times."""
+    judgements = []
     small_size, large_size = QUICK_SIZES if is_quick else SIZES
     small = _measure(small_size, 1)
     large = _measure(large_size, 1)
@@ -210,13 +215,16 @@ def predict(is_quick: bool, folder: Path) -> None:
     )
     for cores, found in ((1, small), (2, two)):
         expected = 1e3 * sum(parts.iteration(found["dofs"], cores, here).values())
+        measured = found["iteration [ms]"]
         # On two ranks Krylov iterations are more: their parts overlap along one boundary only.
-        print(
+        words = (
             f"check: {cores} ranks, {found['dofs']:.0f} unknowns: predicted {expected:.1f} ms, "
-            f"measured {found['iteration [ms]']:.1f} ms of CPU an iteration, "
-            f"{found['Krylov/Newton']:.1f} "
+            f"measured {measured:.1f} ms of CPU an iteration, {found['Krylov/Newton']:.1f} "
             "Krylov iterations"
         )
+        print(words)
+        is_near = measured / LARGEST_MISS < expected < LARGEST_MISS * measured
+        judgements.append(Judgement(words, is_near))
     rows = [_row(parts, unknowns, cores, machine) for unknowns in UNKNOWNS for cores in CORES]
     print("unknowns cores      ms  speed-up  largest part")
     for row in rows:
@@ -225,11 +233,13 @@ def predict(is_quick: bool, folder: Path) -> None:
             f"{row['speed-up']:9.0f}  "
             f"{row['largest part']}, {100 * float(row['its share']):.0f} %"
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "model.csv").open("w", newline="") as file:
+    path = folder / "model" / "runs.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
         table.writerows(rows)
+    return judgements
 
 
 def _measure(cells: int, ranks: int) -> Figures:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import resource
 import time
 
-import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -72,9 +70,3 @@ class Stopwatch:
 def megabytes() -> float:
     """Largest memory of this process so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def show(figures: dict[str, float]) -> None:
-    """The last line of a contestant."""
-    if COMM.rank == 0:
-        print(json.dumps({key: float(np.real(value)) for key, value in figures.items()}))

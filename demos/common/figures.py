@@ -39,7 +39,7 @@ def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:
     Args:
         axes: of the curves.
         xlabel, ylabel: quantities and units.
-        legend: further arguments of the legend, e.g. its place.
+        legend: further arguments of the legend, e.g. `loc`.
     """
     axes.set(xlabel=xlabel, ylabel=ylabel)
     axes.grid(alpha=0.3)

@@ -40,7 +40,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import Schedule
 
 TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH = 0.8  # m

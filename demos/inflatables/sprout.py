@@ -76,7 +76,7 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 from gossamer_fx.records.outputs.output import Probe
 from gossamer_fx.solve.system.totals import relative_drift
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
@@ -175,7 +175,7 @@ class Settling:
         self._energies: list[float] = []
         self._largest = 0.0
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The ratio after the last step; a step that is made again replaces its record."""
         while self._times and self._times[-1] >= run.time:
             self._times.pop()

@@ -1,11 +1,12 @@
 """Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs
 every one.
 
-Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in docs/verification.md between the
-lines `<!-- studies -->` and `<!-- /studies -->`.  What is in the CSV already is not computed again:
-an interrupted study goes on where it stopped.  Ends with code 1 if something is not as a study
-declares.  On two ranks:
-./gossamer mpi 2 demos/studies NAME [--quick].
+Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the
+table in docs/verification.md between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is
+in the folder already is not computed again: an interrupted study goes on where it stopped.  Ends
+with code 1 if something is not as a study declares, also in the quick form, and on every warning
+that a study does not expect.
+On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from demos.studies.engine.report import picture, shortfalls, summary, table
-from demos.studies.engine.study import Study, run
+from demos.studies.engine.study import SUMMARY_HEAD, Study
+from gossamer_fx.analysis.cases.case_set import run_cases, verdict
+from gossamer_fx.analysis.cases.results import markdown_table
 from gossamer_fx.core.checks.errors import InputError
 
 HERE = Path(__file__).parent
@@ -29,55 +31,54 @@ PAGE = HERE.parent.parent / "docs" / "verification.md"
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
 
 
-def main() -> int:
-    """Compute the studies that the command line names; returns 1 if one falls short of its
-    references.
-    """
+def study_of(name: str) -> Study:
+    """The study of a module of this folder."""
+    found: Study = importlib.import_module(f"demos.studies.{name}").STUDY
+    return found
+
+
+def write_page(summaries: dict[str, list[list[str]]]) -> None:
+    """Replace the rows of full studies in the table of the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    old = BETWEEN.search(page)
+    lines = old[0].strip().splitlines() if old is not None else []
+    kept: dict[str, list[list[str]]] = {}
+    # The first two lines are the headings.
+    for line in lines[2:]:
+        cells = [cell.strip() for cell in line.split("|")[1:-1]]
+        kept.setdefault(cells[0], []).append(cells)
+    found = kept | summaries
+    table = markdown_table([SUMMARY_HEAD, *(row for name in sorted(found) for row in found[name])])
+    PAGE.write_text(BETWEEN.sub(lambda match: f"\n{table}\n", page), encoding="utf-8")
+
+
+def main(words: list[str] | None = None) -> int:
+    """Compute the studies that the command line names; returns 1 if one falls short."""
     comm = MPI.COMM_WORLD
-    parser = argparse.ArgumentParser(prog="gossamer study", description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "name",
-        choices=[*NAMES, "all"],
-        metavar="NAME",
-        help=", ".join([*NAMES, "all"]),
-    )
+    about = (__doc__ or "").splitlines()[0]
+    parser = argparse.ArgumentParser(prog="gossamer study", description=about)
+    names = [*NAMES, "all"]
+    parser.add_argument("name", choices=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/studies"),
-        help="folder of the results",
+        "--out", type=Path, default=Path("out/studies"), help="folder of the results"
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
-    wanted = parser.parse_args()
-    names = NAMES if wanted.name == "all" else [wanted.name]
-    missing = []
-    done = []
-    for name in names:
-        study: Study = importlib.import_module(f"demos.studies.{name}").STUDY
-        if wanted.fresh and comm.rank == 0:
-            for kept in (f"{name}.csv", f"{name}-quick.csv"):
-                (wanted.out / kept).unlink(missing_ok=True)
-        # No rank may read a file that another one is about to remove.
-        comm.barrier()
-        results = run(study, wanted.out, comm, wanted.quick)
-        missing += [f"{name}: {words}" for words in shortfalls(study, results) if not wanted.quick]
-        done.append((study, results))
-        if comm.rank == 0:
-            text = table(study, results)
-            (wanted.out / f"{name}.md").write_text(text)
-            if study.draw is not None:
-                study.draw(results, wanted.out / f"{name}.png")
-            elif study.measures:
-                picture(study, results, wanted.out / f"{name}.png")
-            print(text)
+    wanted = parser.parse_args(words)
+    judgements = {}
+    summaries: dict[str, list[list[str]]] = {}
+    for name in NAMES if wanted.name == "all" else [wanted.name]:
+        study = study_of(name)
+        cases = study.case_set(comm, wanted.quick)
+        results = run_cases(cases, comm, wanted.out / name, fresh=wanted.fresh)
+        judgements[name] = cases.judgements(results)
+        summaries[name] = list(study.summary(results))
+    text, is_well = verdict(judgements)
     if comm.rank == 0:
-        # The page of verification shows full studies, and all of them.
-        if wanted.name == "all" and not wanted.quick and PAGE.is_file():
-            text = summary(done)
-            PAGE.write_text(BETWEEN.sub(lambda match: f"\n{text}\n", PAGE.read_text()))
-        print("\n".join(missing) or "Everything is as the studies declare.")
-    return 1 if missing else 0
+        if not wanted.quick and PAGE.is_file():
+            write_page(summaries)
+        print(text)
+    return 0 if is_well else 1
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import Measure, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
@@ -103,9 +103,7 @@ def problem(
         "σ1_M": stress_at(film, search, "bottom left"),
         "wrinkled": wrinkled,
         "slack": slack,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
         "compile_seconds": search.compile_seconds,
     }
 

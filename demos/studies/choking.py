@@ -29,7 +29,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.inflatables.folded_tube import OPEN, build
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 
 # End of a run [s], and diameter of the round tube of the demo [m].
 UNTIL = 12e-3
@@ -103,12 +104,11 @@ def draw(results: list[Result], path: Path) -> None:
         # A row of the picture for each tube.
         for y, result in enumerate(rows):
             for i in range(1, 5):
-                ratio = result.values.get(f"ratio{i} {1e3 * at:g} ms")
+                ratio = result.numbers.get(f"ratio{i} {1e3 * at:g} ms")
                 if ratio is not None:
-                    label = (
-                        # One legend for all panels: the long tube has all four folds.
-                        f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
-                    )
+                    # One legend for all panels: the long tube has all four folds.
+                    has_legend = at == TIMES[0] and result.values["tube"] == "long"
+                    label = f"fold {i}" if has_legend else None
                     panel.plot(
                         ratio,
                         y,
@@ -123,7 +123,7 @@ def draw(results: list[Result], path: Path) -> None:
         )
         panel.grid(axis="y", color="#e4e7ea")
         panel.spines[["top", "right"]].set_visible(False)
-    axes[0].set_yticks(range(len(rows)), [str(result.case["tube"]) for result in rows])
+    axes[0].set_yticks(range(len(rows)), [str(result.values["tube"]) for result in rows])
     axes[0].invert_yaxis()
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path, dpi=130)
@@ -137,6 +137,8 @@ STUDY = Study(
     {"tube": list(CASES)},
     lambda case: 1.0,
     quick={"tube": ["sharp"]},
+    shows=("mean1", "ratio1 3 ms"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         *(
             "ratio1 3 ms",

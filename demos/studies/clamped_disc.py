@@ -13,7 +13,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import Measure, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import quarter_disc
 
@@ -50,9 +50,7 @@ def problem(comm: MPI.Comm, law: str, element: str, q: float, nodes: int) -> dic
     return {
         "w0/a": comm.allreduce(float(heights.max(initial=0.0)), op=MPI.MAX),
         "V/a³": 4 * found.totals.supplied / p,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
         "compile_seconds": equilibrium.compile_seconds,
     }
 

@@ -35,7 +35,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import stability
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -558,7 +559,7 @@ def cases() -> list[str]:
 def draw(results: list[Result], path: Path) -> None:
     """The map."""
     stability.draw(
-        [r for r in results if "=" in str(r.case["case"]) or r.case["case"] == "ordinary"], path
+        [r for r in results if "=" in str(r.values["case"]) or r.values["case"] == "ordinary"], path
     )
 
 
@@ -569,6 +570,8 @@ STUDY = Study(
     {"case": cases()},
     lambda case: 1.0,
     quick={"case": ["films barrier 0.0002", "block", "corner", "speed=10"]},
+    shows=("iterations", "energy_error"),
+    limits={"energy_error": 1e-8},
     columns=("iterations", "substeps", "energy_error", "momentum_error", "deviation", "seconds"),
     may_fail=True,
     draw=draw,

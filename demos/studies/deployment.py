@@ -57,6 +57,9 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [4], "h": [1e-4]},
     quick_options={"until": 4e-3},
+    shows=("opened1 [ms]", "opened2 [ms]", "p2/p1 at 3 ms"),
+    quick_shows=("p2/p1 at 3 ms", "distance [mm]"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         *(
             "opened1 [ms]",

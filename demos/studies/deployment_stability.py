@@ -37,7 +37,8 @@ from mpi4py import MPI
 
 from demos.sails import ikaros, spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 
 DIAMETER = 1.0
 REV = 8.0
@@ -143,7 +144,7 @@ def draw(results: list[Result], path: Path) -> None:
 
     by_case: dict[str, list[Result]] = {}
     for result in results:
-        case, _, _ = str(result.case["case"]).partition(" nudge=")
+        case, _, _ = str(result.values["case"]).partition(" nudge=")
         by_case.setdefault(case, []).append(result)
 
     figure, (left, middle, right) = pyplot.subplots(
@@ -189,7 +190,7 @@ def _cell(axes: object, x: int, y: int, runs: list[Result], title: str) -> None:
     """A square of the map, in the colour of the worst outcome of its runs."""
     from matplotlib.patches import Rectangle
 
-    done = [run.values for run in runs if not run.failed]
+    done = [run.numbers for run in runs if not run.failed]
     colour = "#DDDDDD"
     lines = [title] if title else []
     if done:
@@ -221,8 +222,10 @@ STUDY = Study(
     problem,
     {"case": [*MAP, *ALONE, *IKAROS, *NUDGED]},
     lambda case: 1.0,
-    quick={"case": ["ordinary", "tilt=2 stuck=0.015", "ikaros stuck=1"]},
-    quick_options={"until": 0.01},
+    # A coarse disc that opens, and one that is stopped while its film is still rolled up.
+    quick={"case": ["cells=1 largest=0.002", "cells=1 tilt=15 stuck=0.1"]},
+    shows=("outcome", "largest_radius", "nutation"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         "outcome",
         "largest_radius",

@@ -29,7 +29,7 @@ from scipy import sparse
 
 import gossamer_fx as gx
 from demos.studies.elastica_law import FILM, HEIGHT, LENGTH, half_wavelength, moved, sheared, waved
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import NOT_REGULAR, Study
 from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.meshes.sheet import sheet
 
@@ -114,6 +114,8 @@ STUDY = Study(
     {"body": list(BODIES), "columns": [12, 16, 24, 36]},
     lambda case: LENGTH / case["columns"],
     quick={"columns": [12, 24]},
+    shows=("at rest", "force", "height [mm]"),
+    expected_warnings=NOT_REGULAR,
     columns=(
         "cell [mm]",
         "unstable",

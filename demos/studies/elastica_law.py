@@ -39,8 +39,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study, search_figures
 from demos.studies.wrinkled_plate import SEARCH, wrinkles
+from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
@@ -177,9 +178,7 @@ def solved(above: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
         "force": float(search.reaction(above)[0][0]),
         "energy": sum(found.totals.stored.values()),
         "unknowns": search.system.numbering.size,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
     }
 
 
@@ -213,9 +212,9 @@ def draw(results: list[Result], path: Path) -> None:
     for panel, what in zip(axes, ("force", "energy"), strict=True):
         for model, colour in (("tension field", BLUE), ("Elastica", RED), (WITH_TENSION, GREEN)):
             done = [r for r in results if not r.failed]
-            rows = [r for r in done if r.case["model"] == model]
-            shares = [r.values["r"] for r in rows]
-            errors = [100 * r.values[f"{what} error"] for r in rows]
+            rows = [r for r in done if r.values["model"] == model]
+            shares = [r.numbers["r"] for r in rows]
+            errors = [100 * r.numbers[f"{what} error"] for r in rows]
             panel.plot(shares, errors, "o-", color=colour, label=model)
         panel.axhline(0.0, color="black", linewidth=0.8)
         panel.set(xlabel="Euler's strain over the strain along the wrinkles")
@@ -233,6 +232,7 @@ STUDY = Study(
     {"thickness": [400e-6, 200e-6, 100e-6, 50e-6], "model": list(MODELS)},
     lambda case: case["thickness"],
     quick={"thickness": [400e-6], "model": ["plate", "Elastica"]},
+    shows=("force error", "energy error"),
     columns=(
         "λ [mm]",
         "plate's λ [mm]",

@@ -46,7 +46,8 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study, search_figures
+from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import sheet
@@ -176,9 +177,7 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
         "K": FILM["E"] * thickness * HEIGHT**2 * CURVATURE / (2 * P),
         "potential": stored - TENSION * thickness * opening,
         "unknowns": search.system.numbering.size,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
     }
 
 
@@ -305,12 +304,12 @@ def draw(results: list[Result], path: Path) -> None:
     axes = figure.subplots()
     colours = {"plate": GREY, "tension field": BLUE, "Elastica": RED, WITH_TENSION: GREEN}
     for model, colour in colours.items():
-        rows = [r for r in results if r.case["model"] == model and not r.failed]
-        stresses = [r.values["s/σ0"] for r in rows]
-        excess = [r.values["excess"] for r in rows]
+        rows = [r for r in results if r.values["model"] == model and not r.failed]
+        stresses = [r.numbers["s/σ0"] for r in rows]
+        excess = [r.numbers["excess"] for r in rows]
         axes.plot(stresses, excess, "o-", color=colour, label=model)
         if model == WITH_TENSION:
-            by_hand = [r.values["excess by hand"] for r in rows]
+            by_hand = [r.numbers["excess by hand"] for r in rows]
             axes.plot(stresses, by_hand, "--", color=colour, label="by hand")
     axes.set(
         xlabel="predicted stress of the wrinkles over the tension",
@@ -329,6 +328,7 @@ STUDY = Study(
     {"thickness": [200e-6, 140e-6, 100e-6, 70e-6], "model": list(MODELS)},
     lambda case: case["thickness"],
     quick={"thickness": [200e-6], "model": ["plate", "tension field", WITH_TENSION]},
+    shows=("excess", "error"),
     columns=(
         "λ [mm]",
         "plate's λ [mm]",

@@ -44,7 +44,8 @@ from mpi4py import MPI
 from demos.inflatables import folded_tube
 from demos.sails import spin_deployment
 from demos.studies.engine.deployments import LEDGER, NUDGE
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 
 # Arguments of the demos that cases change by a nudge, and their values.
 REV = 8.0
@@ -252,7 +253,9 @@ def draw(results: list[Result], path: Path) -> None:
     for column, sail in enumerate(sails):
         delays, sizes = axes[:, column]
         done = [r for r in results if _is_drawn(r, sail)]
-        finite = [r.values["delay"] for r in done if math.isfinite(r.values["delay"])]
+        # Without an opening of the sail without creases there is no delay.
+        all_delays = [r.numbers.get("delay", math.nan) for r in done]
+        finite = [delay for delay in all_delays if math.isfinite(delay)]
         # Sails that do not open are drawn above all delays.
         never = 1.25 * max([2 * VISIBLE, *finite])
         for low, style in ((False, "-"), (True, "--")):
@@ -260,20 +263,20 @@ def draw(results: list[Result], path: Path) -> None:
                 # The legend has one entry for both pressures.
                 label = "" if low else name
                 rows = [r for r in done if _kind(r) == kind and _is_slow(r) == low]
-                rows.sort(key=lambda r: r.values["memory"])
-                memory = [r.values["memory"] for r in rows]
-                delay = [min(r.values["delay"], never) for r in rows]
+                rows.sort(key=lambda r: r.numbers["memory"])
+                memory = [r.numbers["memory"] for r in rows]
+                delay = [min(r.numbers.get("delay", math.nan), never) for r in rows]
                 line = {"color": colour, "linestyle": style}
                 delays.plot(memory, [100 * y for y in delay], **line)
                 for x, y in zip(memory, delay, strict=True):
                     marker = "x" if y == never else "o"
                     delays.plot(x, 100 * y, marker, color=colour)
-                size = [r.values["size"] for r in rows]
+                size = [r.numbers["size"] for r in rows]
                 sizes.plot(memory, size, marker="o", label=label, **line)
             for r in done:
                 if not _kind(r) and _is_slow(r) == low:
                     sizes.axhline(
-                        r.values["size"],
+                        r.numbers["size"],
                         color="black",
                         linewidth=0.9,
                         linestyle=style,
@@ -298,7 +301,7 @@ def draw(results: list[Result], path: Path) -> None:
 def _is_drawn(result: Result, sail: str) -> bool:
     """Whether a result is one of a sail that the picture shows: not a nudged start, another mesh or
     step."""
-    case = str(result.case["case"])
+    case = str(result.values["case"])
     others = ("nudge", "cells", "dt", "largest", "n=6")
     is_other = any(word in case for word in others)
     return case.startswith(sail) and not result.failed and not is_other
@@ -306,13 +309,13 @@ def _is_drawn(result: Result, sail: str) -> bool:
 
 def _is_slow(result: Result) -> bool:
     """Whether a tube is filled from a tank of little pressure, or a disc spins slowly."""
-    case = str(result.case["case"])
+    case = str(result.values["case"])
     return "pressure" in case or "rev" in case
 
 
 def _kind(result: Result) -> str:
     """The word of a case that tells its creases; empty without creases."""
-    case = str(result.case["case"])
+    case = str(result.values["case"])
     if "yield_angle" in case:
         return "yield_angle"
     return next((word for word in case.split() if word.startswith("set_angle_ratio")), "")
@@ -331,6 +334,9 @@ STUDY = Study(
         ]
     },
     quick_options={"until": 2e-3},
+    shows=("memory", "halfway", "effect"),
+    quick_shows=("memory", "crease_angle", "crease_loss"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
         "memory",
         "effect",

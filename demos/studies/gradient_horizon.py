@@ -38,7 +38,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.inflatables import folded_tube
 from demos.sails import spin_deployment
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.analysis.sensitivity.transient import GROWTH_TO_WARN_OF
 from gossamer_fx.core.model.body import Array
 
@@ -260,16 +261,16 @@ def draw(results: list[Result], path: Path) -> None:
         "disc": "spinning disc: radius of tips by spin",
     }
     for axes, result in zip(panels, results, strict=True):
-        milliseconds = 1e3 * np.array([result.values[f"time {k}"] for k in range(FRAMES)])
+        milliseconds = 1e3 * np.array([result.numbers[f"time {k}"] for k in range(FRAMES)])
         for change, colour in zip(CHANGES, (BLUE, GREEN, RED), strict=True):
-            errors = [result.values[f"error {change:g} at {k}"] for k in range(FRAMES)]
+            errors = [result.numbers[f"error {change:g} at {k}"] for k in range(FRAMES)]
             label = f"change of {change:g}"
             axes.semilogy(milliseconds, errors, "o-", ms=3, color=colour, label=label)
         axes.axhline(TOLERATED, color=GREY, ls="--", lw=1, label="tolerated, 10 %")
-        at = result.values.get("warned at [ms]", math.nan)
+        at = result.numbers.get("warned at [ms]", math.nan)
         if math.isfinite(at):
             axes.axvline(at, color=GREY, ls=":", lw=1.5, label="a warning is given")
-        axes.set_title(titles[result.case["scene"]], fontsize=10)
+        axes.set_title(titles[result.values["scene"]], fontsize=10)
         axes.set(xlabel="t [ms]", ylabel="error of the predicted change, relative")
         axes.legend(frameon=False, fontsize=8)
         axes.grid(alpha=0.3)
@@ -284,6 +285,8 @@ STUDY = Study(
     lambda case: 1.0,
     quick={"scene": ["tube"]},
     quick_options={"share": 0.1},
+    shows=("predicts 0.01 [ms]", "growth"),
+    limits={"energy_error": 1e-8},
     columns=(
         *(f"predicts {change:g} [ms]" for change in CHANGES),
         "warned at [ms]",

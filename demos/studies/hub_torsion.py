@@ -25,7 +25,7 @@ from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import Measure, Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.records.fields.fields import FieldFunctions
@@ -210,9 +210,7 @@ def problem(
         "θ/exact": θ / (θ + slope * (measured - c)),
         "T/exact": measured / c,
         "σ1/exact": mean_ratio(fields.functions[0], solution, (RIM - HUB) / cells),
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
         "compile_seconds": search.compile_seconds,
     }
 
@@ -237,8 +235,15 @@ STUDY = Study(
     {"law": list(LAWS), "element": ["P1", "P2"], "torque": [0.5, 1.5, 3.0], "nodes": [12, 24, 48]},
     lambda case: (RIM - HUB) / case["nodes"],
     (
-        Measure("θ/exact", 1.0, 1.5e-2, lambda case: 2.0),
-        Measure("σ1/exact", 1.0, 3e-2),
+        Measure(
+            "θ/exact",
+            1.0,
+            1.5e-2,
+            lambda case: 2.0,
+            quick_tolerance=0.08,
+            is_quick_asymptotic=False,
+        ),
+        Measure("σ1/exact", 1.0, 3e-2, quick_tolerance=0.08),
     ),
     quick={"law": ["Miyazaki 1e-6"], "torque": [1.5], "nodes": [6, 12]},
     columns=("T/exact", "iterations", "seconds"),

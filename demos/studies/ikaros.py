@@ -26,6 +26,9 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"pitch": [0.8], "h": [2e-2]},
     quick_options={"until": 1.0},
+    shows=("opened", "spin_of_hub", "spin_of_sail"),
+    quick_shows=("spin_of_hub", "spin_of_sail"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *LEDGER),
     may_fail=True,
 )

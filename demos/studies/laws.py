@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from demos.studies.engine.study import Study
+from demos.studies.engine.study import Study, search_figures
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.records.fields.film_states import AreaFractions
 
@@ -71,9 +71,7 @@ def problem(comm: MPI.Comm, scene: str, law: str) -> dict[str, float]:
         "taut": taut,
         "wrinkled": wrinkled,
         "slack": slack,
-        "iterations": found.iterations,
-        "residual": found.residual,
-        "seconds": found.seconds,
+        **search_figures(found),
     }
 
 
@@ -84,6 +82,7 @@ STUDY = Study(
     {"scene": ["strip", "airbag"], "law": list(STRIP)},
     lambda case: math.nan,
     quick={"scene": ["strip"], "law": ["Linear", "Miyazaki 1e-6"]},
+    shows=("error", "wrinkled"),
     columns=(
         "m or V",
         "error",

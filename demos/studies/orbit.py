@@ -257,5 +257,6 @@ STUDY = Study(
     lambda case: case["h"],
     (Measure("result/exact", 1.0, 1e-3, lambda case: 2.0),),
     quick={"scene": list(SWINGS), "h": [60.0, 30.0]},
+    shows=("energy", "momentum"),
     columns=("energy", "momentum", "iterations", "seconds"),
 )

@@ -47,6 +47,8 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cell": [0.06], "h": [4e-4]},
     quick_options={"until": 5e-3},
+    shows=("span", "reach", "spin"),
+    limits={"energy_error": 1e-8, "penetrations": 0},
     columns=("span", "reach", "spin", "least pressure", "largest pressure", *LEDGER),
     may_fail=True,
 )

@@ -27,7 +27,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.meshes.tube import flat_tube
 
@@ -160,7 +161,7 @@ def draw(results: list[Result], path: Path) -> None:
     # Rows of the picture by the names of the axes.
     rows: dict[str, list[Result]] = {}
     for result in results:
-        name = str(result.case["case"])
+        name = str(result.values["case"])
         rows.setdefault(" × ".join(word.split("=")[0] for word in name.split()), []).append(result)
     # Colours that remain different for colour-blind readers.
     colours = {
@@ -174,7 +175,7 @@ def draw(results: list[Result], path: Path) -> None:
     )
     for y, cells in enumerate(rows.values()):
         for x, result in enumerate(cells):
-            rejected = result.values.get("substeps", 0)
+            rejected = result.numbers.get("substeps", 0)
             if result.failed:
                 kind = "failed, by name"
             elif rejected:
@@ -183,13 +184,13 @@ def draw(results: list[Result], path: Path) -> None:
                 kind = "completed"
             axes.add_patch(pyplot.Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
             # The case is a list of words such as "cells=8"; the label has the values only.
-            words = str(result.case["case"]).split()
+            words = str(result.values["case"]).split()
             lines = [word.split("=")[1] for word in words if "=" in word]
             if not result.failed:
-                count = f"{result.values['iterations']:.1f} it."
+                count = f"{result.numbers['iterations']:.1f} it."
                 if rejected:
                     count += f", {rejected:.0f} rej."
-                lines += [count, f"{result.values['energy_error']:.0e}"]
+                lines += [count, f"{result.numbers['energy_error']:.0e}"]
             told = "\n".join(lines)
             axes.text(
                 x + 0.47,
@@ -228,6 +229,9 @@ STUDY = Study(
     {"case": cases()},
     lambda case: 1.0,
     quick={"case": ["ordinary", "u=1e-12", "h=10", "pressure=1e+08"]},
+    shows=("iterations", "pressure"),
+    # A cell that completed with larger ones has ended the study already.
+    limits={"energy_error": ENERGY, "mass_error": MASS},
     columns=("iterations", "substeps", "energy_error", "mass_error", "seconds"),
     may_fail=True,
     draw=draw,

@@ -84,5 +84,6 @@ STUDY = Study(
     {"rule": list(RULES), "h": [1e-4, 1e-3, 4e-3]},
     lambda case: case["h"],
     quick={"rule": ["Gonzalez", "exact"], "h": [1e-3]},
+    shows=("newton_per_step", "substeps"),
     columns=COLUMNS,
 )

@@ -15,7 +15,8 @@ from mpi4py import MPI
 
 from demos.orbit.windmill import FLIGHT
 from demos.sails.ikaros_devices import Build, figures, steady
-from demos.studies.engine.study import Result, Study
+from demos.studies.engine.study import Study
+from gossamer_fx.analysis.cases.results import Result
 
 AS_BUILT = "as built"
 # What differs from the sail as built.
@@ -53,8 +54,8 @@ def draw(results: list[Result], path: Path) -> None:
 
     figure = new_figure(width=11.0, height=5.2)
     axes = figure.subplots(1, 3, sharey=True)
-    names = list(dict.fromkeys(str(result.case["build"]) for result in results))
-    spins = sorted({float(result.case["rpm"]) for result in results})
+    names = list(dict.fromkeys(str(result.values["build"]) for result in results))
+    spins = sorted({float(result.values["rpm"]) for result in results})
     colours = [BLUE, RED, GREEN, GREY]
     height = 0.8 / len(spins)
     panels = (
@@ -64,9 +65,9 @@ def draw(results: list[Result], path: Path) -> None:
     )
     for panel, (name, label, is_logarithmic) in zip(axes, panels, strict=True):
         for k, spin in enumerate(spins):
-            done = [r for r in results if float(r.case["rpm"]) == spin and not r.failed]
-            rows = [names.index(str(r.case["build"])) + (k + 0.5) * height - 0.4 for r in done]
-            values = [abs(r.values[name]) for r in done]
+            done = [r for r in results if float(r.values["rpm"]) == spin and not r.failed]
+            rows = [names.index(str(r.values["build"])) + (k + 0.5) * height - 0.4 for r in done]
+            values = [abs(r.numbers[name]) for r in done]
             panel.barh(rows, values, height=height, color=colours[k % 4], label=f"{spin:g} rpm")
         panel.set_xlabel(label)
         panel.grid(axis="x", alpha=0.3)
@@ -90,6 +91,7 @@ STUDY = Study(
     {"rpm": [1.0, 2.5], "build": list(BUILDS)},
     lambda case: case["rpm"],
     quick={"rpm": [2.5], "build": ["neither bending nor tapes", "no bending"]},
+    shows=("warp", "spin change"),
     columns=(
         "rms height",
         "warp",

@@ -38,12 +38,7 @@ def thrown(speed: float, X: np.ndarray) -> np.ndarray:
 
 
 def problem(
-    comm: MPI.Comm,
-    stiffness: float,
-    speed: float,
-    h: float,
-    cells: int,
-    until: float = UNTIL,
+    comm: MPI.Comm, stiffness: float, speed: float, h: float, cells: int, until: float = UNTIL
 ) -> dict[str, float]:
     """Stiffness and speed as multiples of the softest and slowest; time step h [s]; cells along a
     panel."""

@@ -29,12 +29,7 @@ N0 = 10.0
 THICKNESS = 2e-5
 E = 2.3e9
 NU = 0.3
-TENSIONED = gx.Miyazaki(
-    E,
-    NU,
-    density=0.028 / THICKNESS,
-    thickness=THICKNESS,
-)
+TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 # Isotropic stretch that gives the tension N0.
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 # Spin [rad/s], and radius of the hub over that of the film.
@@ -70,11 +65,7 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
         )
         return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
     if scene == "hub":
-        film = gx.Membrane(
-            ring(comm, HUB, 1.0, cells, 6 * cells, order),
-            SPUN,
-            order=order,
-        )
+        film = gx.Membrane(ring(comm, HUB, 1.0, cells, 6 * cells, order), SPUN, order=order)
         return gx.Scene(film, gx.Fixed(film, "hub"), gx.loads.Centrifugal(film, (0.0, 0.0, SPIN)))
     # The circle is stretched, the disc is spun.
     law = SPUN
@@ -83,10 +74,7 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
         law = TENSIONED
         stretch = STRETCH
     film = gx.Membrane(
-        quarter_disc(comm, cells, 1.0, order),
-        law,
-        order=order,
-        displacement=lambda X: stretch * X,
+        quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X
     )
     # A quarter with two planes of symmetry.
     held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
@@ -105,11 +93,7 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     began = time.process_time()
     # The first mode of a free disc is a translation along its axis, which is not a vibration.
     heave = scene == "free disc"
-    modes = gx.analysis.modes(
-        equilibrium,
-        len(exact) + heave,
-        above=0.1 if heave else 0.0,
-    )[heave:]
+    modes = gx.analysis.modes(equilibrium, len(exact) + heave, above=0.1 if heave else 0.0)[heave:]
     ratios = np.array([mode.frequency for mode in modes]) / exact
     return {
         "lowest/exact": ratios[0],

@@ -28,7 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import Measure, Study
+from demos.studies.engine.study import NOT_REGULAR, Measure, Study
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
 
@@ -196,6 +196,7 @@ STUDY = Study(
         Measure("force/film's", 1.0, 0.05),
     ),
     quick={"start": ["theory"], "cells": [1]},
+    expected_warnings=NOT_REGULAR,
     columns=(
         "counted",
         "force [N]",

@@ -1,9 +1,10 @@
 """Compare predictions with measurements: python3 -m demos.validation NAME|FILE|all [--quick].
 
 A case is a TOML file of demos/validation/cases, or one of your own of the same form.  For each test
-this prints predicted and measured values, the error of a peer and ours; it writes FOLDER/NAME.json,
-.md and .png.  Tests whose results are stored are not computed again.  Ends with code 1 if an error
-is larger than the case asks, or, in the quick form, if a test fails.
+this prints predicted and measured values, the error of a peer and ours; it writes runs.csv, NAME.md
+and NAME.png to FOLDER/NAME, in the quick form to FOLDER/NAME-quick.  Tests that have results there
+are not computed again.  Ends with code 1 if a test fails, an error is larger than the case asks of
+this form, or on a warning that the case does not expect.
 
 With --set the tests have other inputs; with --sensitivity each input is changed in turn and the
 errors are printed.
@@ -24,9 +25,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
-from demos.validation.engine.report import figure, misses, table
-from demos.validation.engine.results import Stored, read, result_path, run
+from demos.validation.engine.comparison import results_by_test
+from demos.validation.engine.report import figure, rows
+from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
+from gossamer_fx.analysis.cases.case_set import Judgement, run_cases, verdict
+from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 
 HERE = Path(__file__).resolve().parent
@@ -53,9 +57,7 @@ def main(words: list[str] | None = None) -> int:
         "--store is for the inputs of the cases; leave --set out.",
     )
     changes = dict(_change(word) for word in wanted.set)
-    # Sentences about errors that are too large, of all cases.
-    missed = []
-    folder = STORED if wanted.store else wanted.out
+    judgements: dict[str, list[Judgement]] = {}
     for path in _paths(wanted.name):
         case = with_inputs(read_case(path, MODELS), changes)
         # Of all cases only those with such a test are run; a single case without one is refused.
@@ -68,21 +70,39 @@ def main(words: list[str] | None = None) -> int:
                 if comm.rank == 0:
                     print(line, flush=True)
             continue
-        stored = run(case, folder, comm, quick=wanted.quick, only=wanted.only, fresh=wanted.fresh)
-        missed += misses(case, stored, wanted.quick)
-        if comm.rank == 0:
-            _report(case, stored, folder, wanted.quick)
-    if comm.rank == 0 and not wanted.sensitivity:
+        judgements[case.name] = _validate(case, comm, wanted)
+    if wanted.sensitivity:
+        return 0
+    text, is_well = verdict(judgements)
+    if comm.rank == 0:
         if wanted.store:
-            # Only this rank is here, so that an error need not be shared with others.
-            on_rank_zero(MPI.COMM_SELF, write_page)
-        if wanted.quick:
-            # A coarse mesh need not predict well, so only failures count.
-            all_well = "All tests ran; errors are judged in the full form."
-        else:
-            all_well = "All errors are within what the cases ask."
-        print("\n".join(missed) or all_well)
-    return 1 if missed else 0
+            write_page()
+        # Cases of which no test has such a name leave nothing to be compared.
+        print(text if judgements else "No test has such a name.")
+    return 0 if is_well or not judgements else 1
+
+
+def _validate(case: Case, comm: MPI.Intracomm, wanted: argparse.Namespace) -> list[Judgement]:
+    """Compute, report and judge the tests of a case; with --store together with stored results."""
+    known: list[Result] = []
+    if wanted.store and not wanted.fresh:
+        known = read_results(STORED / f"{case.name}.json", case.name)
+    cases = case_set(case, comm, wanted.quick, wanted.only, known)
+    folder = wanted.out / f"{case.name}{'-quick' * wanted.quick}"
+    if comm.rank == 0:
+        print(f"source: {case.source}" + f"\npeer: {case.peer}" * bool(case.peer))
+    new = run_cases(cases, comm, folder, fresh=wanted.fresh)
+    if not wanted.store:
+        return cases.judgements(new)
+    by_test = {result.values["test"]: result for result in [*known, *new]}
+    results = [result for _, result in results_by_test(case, list(by_test.values()))]
+
+    def store() -> None:
+        write_results(STORED / f"{case.name}.json", case.name, results)
+        figure(case, results, STORED / f"{case.name}.png")
+
+    on_rank_zero(comm, store)
+    return cases.judgements(results)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -141,28 +161,13 @@ def _paths(name: str) -> list[Path]:
     return [Path(name)]
 
 
-def _report(case: Case, stored: Stored, folder: Path, quick: bool) -> None:
-    """Print the table of a case, and write it and the figure next to the results."""
-    text = table([(case, stored)], quick)
-    path = result_path(folder, case, quick)
-    # Stored results are shown by docs/measured.md, which has its own table.
-    if folder != STORED:
-        path.with_suffix(".md").write_text(text, encoding="utf-8")
-    figure(case, stored, path.with_suffix(".png"), quick)
-    print(f"{case.title}\nsource: {case.source}")
-    if case.peer:
-        print(f"peer: {case.peer}")
-    print(text)
-
-
 def page_table() -> str:
     """The table of the page, from the stored results of all cases."""
     found = []
     for name in NAMES:
         case = read_case(CASES / f"{name}.toml", MODELS)
-        stored = read(result_path(STORED, case, quick=False), case)
-        found.append((case, stored))
-    return table(found)
+        found.append((case, read_results(STORED / f"{name}.json", name)))
+    return markdown_table(rows(found))
 
 
 def write_page() -> None:

@@ -25,8 +25,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.analysis.cases.error_curves import (
+    ErrorCurve,
+    draw_error_curves,
+    observed_order,
+)
+from gossamer_fx.analysis.cases.results import markdown_table, number_text
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import corner_points, sizes
 from gossamer_fx.core.model.body import Array
@@ -105,19 +111,19 @@ class Convergence:
         for name, errors in self.errors.items():
             orders = np.full(len(errors), np.nan)
             for k in range(1, len(errors)):
-                ratio = self.sizes[k - 1] / self.sizes[k]
-                if errors[k - 1] > 0 and errors[k] > 0 and ratio != 1:
-                    orders[k] = math.log(errors[k - 1] / errors[k]) / math.log(ratio)
+                orders[k] = observed_order(
+                    errors[k - 1], errors[k], self.sizes[k - 1], self.sizes[k]
+                )
             found[name] = orders
         return found
 
     def table(self) -> str:
         """A table in Markdown: size, number of cells, value, relative error, order and CPU time of
         each mesh."""
-        return "\n".join(self._lines())
+        return "\n".join([markdown_table(self._rows()).rstrip(), *self._notes()])
 
-    def _lines(self) -> Iterator[str]:
-        """The lines of the table."""
+    def _rows(self) -> Iterator[list[str]]:
+        """Cells of the table, row by row; first the headings."""
         has_cells = bool(self.cells.any())
         head = ["h"]
         if has_cells:
@@ -125,8 +131,7 @@ class Convergence:
         for name in self.values:
             head += [name, "error", "order"]
         head.append("CPU time [s]")
-        yield "| " + " | ".join(head) + " |"
-        yield "|---" * len(head) + "|"
+        yield head
         errors = self.errors
         orders = self.orders
         for k in range(len(self.sizes)):
@@ -134,10 +139,13 @@ class Convergence:
             if has_cells:
                 cells.append(f"{self.cells[k]:.0f}")
             for name, values in self.values.items():
-                cells += [f"{values[k]:.6g}", _number(errors[name][k], ".1e")]
-                cells.append(_number(orders[name][k], ".1f"))
+                cells += [f"{values[k]:.6g}", number_text(errors[name][k], ".1e")]
+                cells.append(number_text(orders[name][k], ".1f"))
             cells.append(f"{self.seconds[k]:.2g}")
-            yield "| " + " | ".join(cells) + " |"
+            yield cells
+
+    def _notes(self) -> Iterator[str]:
+        """Lines below the table: to what errors refer, or why there are none."""
         for name, is_extrapolated in self.is_extrapolated.items():
             if is_extrapolated:
                 yield (
@@ -170,52 +178,29 @@ class Convergence:
         Raises:
             OutputFailure: the file cannot be written.
         """
-        # Imported here, as only pictures need it.
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-
-        figure, panels = pyplot.subplots(
-            1, 2, figsize=(9.0, 3.8), sharey=True, layout="constrained"
+        curves = self._curves(name, others or {}, of_errors=True)
+        if curves:
+            draw_error_curves(path, {"relative error": curves})
+            return
+        # Errors need a limit.  Without any, the values themselves show why there is none.
+        draw_error_curves(
+            path,
+            {"value": self._curves(name, others or {}, of_errors=False)},
+            title="No errors: see the remarks below the table",
+            are_errors=False,
         )
-        left, right = panels
-        curves = list(self._curves(name, others or {}, of_errors=True))
-        left.set_ylabel("relative error")
-        if not curves:
-            # Errors need a limit.  Without any, the values themselves show why there is none.
-            curves = list(self._curves(name, others or {}, of_errors=False))
-            left.set_ylabel("value")
-            figure.suptitle("No errors: see the remarks below the table", fontsize=10)
-        for label, seconds, steps, values in curves:
-            left.plot(seconds, values, marker="o", markersize=4, label=label)
-            right.plot(steps, values, marker="o", markersize=4, label=label)
-        left.set_xlabel("CPU time [s]")
-        right.set_xlabel("size of cells h")
-        right.legend(frameon=False)
-        for panel in panels:
-            panel.set_xscale("log")
-            panel.grid(True, which="both", alpha=0.25)
-            if left.get_ylabel() == "relative error":
-                panel.set_yscale("log")
-        try:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=130)
-        except OSError as error:
-            raise OutputFailure(
-                f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-            ) from error
-        finally:
-            pyplot.close(figure)
 
     def _curves(
         self, name: str, others: Mapping[str, Convergence], *, of_errors: bool
-    ) -> Iterator[tuple[str, Array, Array, Array]]:
-        """Yield the curves of `plot`, one for each quantity of each series.
+    ) -> list[ErrorCurve]:
+        """Curves of `plot`, one for each quantity of each series.
 
-        Yields:
-            label, CPU times (m,) [s], sizes of cells (m,), and values or errors (m,) on m meshes.
+        Args:
+            name: label of this series; may be empty.
+            others: further series by label.
+            of_errors: whether errors are drawn, of quantities that have any, instead of values.
         """
+        curves = []
         for label, found in {name: self, **others}.items():
             quantities = found.values
             if of_errors:
@@ -224,7 +209,8 @@ class Convergence:
                 words = ", ".join(word for word in (label, quantity) if word)
                 if label and len(found.values) == 1:
                     words = label
-                yield words, found.seconds, found.sizes, values
+                curves.append(ErrorCurve(words, found.seconds, values, found.sizes))
+        return curves
 
 
 @check_arguments
@@ -475,10 +461,3 @@ def _numbers(found: Any) -> dict[str, float]:
         numbers[str(name)] = number
     check(bool(numbers), "convergence: the quantity has no number; return one, or several by name.")
     return numbers
-
-
-def _number(value: float, form: str) -> str:
-    """A number in a table; nothing for NaN."""
-    if math.isnan(value):
-        return ""
-    return f"{value:{form}}"

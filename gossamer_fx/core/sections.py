@@ -61,8 +61,7 @@ def _of_shape(
     E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
 ) -> Section:
     """Section of isotropic material with the area A [m²], the second moments I2 = ∫X2² dA and I3
-    along the principal axes d2 and d3 [m⁴], the torsion constant J [m⁴] and the shear coefficient
-    k."""
+    [m⁴], the torsion constant J [m⁴] and the shear coefficient k."""
     G = E / (2 * (1 + nu))
     return Section(
         EA=E * A,
@@ -112,9 +111,7 @@ def tube(
     Args:
         outer_radius: [m].
         wall_thickness: [m], at most the radius.
-        E: Young's modulus [Pa].
-        nu: Poisson's ratio, in (-1, 0.5].
-        density: [kg/m³].
+        E, nu, density: as of `solid_circle`.
 
     Raises:
         InputError: a value is not positive, or out of range.
@@ -150,9 +147,7 @@ def rectangle(
     Args:
         width2: along d2 [m].
         width3: along d3 [m].
-        E: Young's modulus [Pa].
-        nu: Poisson's ratio, in (-1, 0.5].
-        density: [kg/m³].
+        E, nu, density: as of `solid_circle`.
 
     Raises:
         InputError: a value is not positive, or nu is out of range.

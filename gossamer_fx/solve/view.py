@@ -1,63 +1,146 @@
-"""The protocol of a run: what outputs, probes and events may read of a scene in time."""
+"""The view of a state that outputs and probes read.
+
+A `Simulation`, an `Equilibrium` and a mode of vibration are such views.  An output therefore writes
+any of them, and depends on none of the codes that make them.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
 
 from mpi4py import MPI
 
 from gossamer_fx.solve.scene.scene import Scene
-from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Stepper, Stepping, StepSolver
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 
+# A name with a unit at its end, e.g. "pressure [Pa]".
+_NAME_AND_UNIT = re.compile(r"(.*\S)\s*\[([^]]*)\]")
 
-# `Simulation` is the implementation.  Probes import the protocol only, so that they do not depend
-# on the code that runs them.
-class Run(Protocol):
-    """A scene in time, after its last accepted step.  All members are the same on every rank.
+
+@dataclass(frozen=True)
+class Axis:
+    """What a record goes along: the time of a run, or the load parameter of a path of equilibria.
+
+    Attributes:
+        name: e.g. "time" or "pressure".
+        unit: e.g. "s" or "Pa"; empty for a pure number.
+    """
+
+    name: str
+    unit: str = ""
+
+    @classmethod
+    def of(cls, words: str) -> Axis:
+        """The axis of a name with its unit, e.g. "pressure [Pa]"."""
+        # Tables and run.json, which both hold the name, write other characters in different ways.
+        shown = "".join(c if c.isprintable() else "\ufffd" for c in words)
+        found = _NAME_AND_UNIT.fullmatch(shown)
+        if found is None:
+            return cls(shown)
+        return cls(found[1], found[2])
+
+    @property
+    def symbol(self) -> str:
+        """The name in captions: "t" for the time."""
+        return "t" if self.name == "time" else self.name
+
+    @property
+    def column(self) -> str:
+        """Name of the first column of tables: "time", or with the unit, e.g. "pressure [Pa]"."""
+        return "time" if self.name == "time" else self.label(self.unit)
+
+    def label(self, unit: str) -> str:
+        """Label of the axis of a figure in a multiple of the unit, e.g. "t [ms]"."""
+        return f"{self.symbol} [{unit}]" if unit else self.symbol
+
+    def words(self, value: float, digits: int = 6) -> str:
+        """A value in a message, e.g. "t = 0.1 s"."""
+        return f"{self.symbol} = {value:.{digits}g} {self.unit}".rstrip()
+
+
+TIME = Axis("time", "s")
+LOAD_PARAMETER = Axis("load parameter")
+
+
+@dataclass(frozen=True)
+class Balance:
+    """How the balances of energy and gas close.
+
+    Attributes:
+        at_rest: whether no energy so far was larger than what round-off gives to a scene at rest.
+        energy_error: closing error of the energy, as a share of the largest one; zero at rest.
+        energy_defect: the same [J].
+        largest_energy: to which the error refers [J].
+        mass_error: closing error of the gas masses, as a share of the largest mass.
+    """
+
+    at_rest: bool
+    energy_error: float
+    energy_defect: float
+    largest_energy: float
+    mass_error: float
+
+
+@dataclass(frozen=True)
+class Account:
+    """How a state was made, for tables, run.json and the terminal.
+
+    Attributes:
+        kind: "run", "equilibrium" or "mode".
+        method: class and numbers of the time stepper or the search.
+        until: value on the axis at which the record ends.
+        iterations: of Newton's method in all steps.
+        last_iterations: of Newton's method in the last step.
+        rejected: number of rejected steps.
+        seconds: wall time of all steps [s].
+        compile_seconds: wall time before the first step [s].
+        output_seconds: wall time of outputs [s].
+        solver: of what the wall time was spent in the solver, in words.
+        balance: None where no energy is conserved from state to state.
+        caption: words for the state in pictures; empty: the value on the axis.
+        details: further entries of run.json.
+    """
+
+    kind: str
+    method: Mapping[str, Any]
+    until: float
+    iterations: int = 0
+    last_iterations: int = 0
+    rejected: int = 0
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
+    output_seconds: float = 0.0
+    solver: str = ""
+    balance: Balance | None = None
+    caption: str = ""
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@runtime_checkable
+class StateView(Protocol):
+    """A state of a scene.  All members are the same on every rank, and may be collective.
 
     Attributes:
         comm: communicator of the scene.
         scene: what was given.
         system: the compiled scene, with its state.
-        stepper: the time stepping rule that was given.
-        solver: the rule at work on the system.
-        stepping: the choice of step lengths.
-        history: what earlier steps left for the next, e.g. for extrapolation.
-        first: totals at the start.
-        step: number of steps that were made.
-        iterations: Newton iterations of all steps.
-        last_iterations: Newton iterations of the last step.
-        substeps: sub-steps of rejected steps.
-        until: time at which the run ends [s].
-        seconds: wall-clock time of the run so far [s].
-        compile_seconds: wall-clock time before the first step [s].
-        output_seconds: wall-clock time in outputs [s].
+        axis: what `time` is.
+        step: number of steps, or of searches, that were made.
     """
 
     comm: MPI.Intracomm
     scene: Scene
     system: System
-    stepper: Stepper
-    solver: StepSolver
-    stepping: Stepping
-    history: History
-    first: Totals
+    axis: Axis
     step: int
-    iterations: int
-    last_iterations: int
-    substeps: int
-    until: float
-    seconds: float
-    compile_seconds: float
-    output_seconds: float
 
     @property
     def time(self) -> float:
-        """Time of the state [s]."""
+        """Time of the state [s], or load parameter in the unit of the axis."""
         ...
 
     @property
@@ -66,29 +149,8 @@ class Run(Protocol):
         ...
 
     @property
-    def at_rest(self) -> bool:
-        """Whether no energy so far was larger than what round-off gives to a scene at rest."""
-        ...
-
-    @property
-    def energy_error(self) -> float:
-        """Closing error of the energy balance, as a share of the largest energy so far; zero at
-        rest."""
-        ...
-
-    @property
-    def energy_defect(self) -> float:
-        """Closing error of the energy balance [J]."""
-        ...
-
-    @property
-    def largest_energy(self) -> float:
-        """Largest energy so far [J], to which `energy_error` refers."""
-        ...
-
-    @property
-    def mass_error(self) -> float:
-        """Closing error of the gas masses, as a share of the largest mass."""
+    def account(self) -> Account:
+        """How the state was made."""
         ...
 
     @property
@@ -102,8 +164,4 @@ class Run(Protocol):
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        ...
-
-    def log(self, words: str) -> None:
-        """Pass a line to the listeners of the log."""
         ...

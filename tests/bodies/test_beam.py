@@ -23,7 +23,7 @@ from spectrum import angular_frequencies
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.statics.equilibrium import Continuation, Equilibrium
-from gossamer_fx.mechanics.bodies.ports import global_node
+from gossamer_fx.mechanics.bodies.meshed import global_node
 from gossamer_fx.meshes.line import line
 
 COMM = MPI.COMM_WORLD
@@ -47,7 +47,7 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     search = Continuation(first_step=(section.line_density / P) ** 0.5, inner_tolerance=1e-6)
     statics = Equilibrium(scene, search)
     found = statics.find()
-    node = global_node(beam, beam.mesh, "end")
+    node = global_node(beam, "end")
     # Nine coordinates a node: its position, then two directors.
     x, _, z = statics.system.q0.array_r[9 * node : 9 * node + 3]
     return float(z), float(1 - x), found.iterations

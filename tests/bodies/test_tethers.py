@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.connectors.paid_out_ropes import PaidOutRopes
+from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN
 

@@ -153,6 +153,38 @@ def rubbing_on_a_ball(comm):
     return gx.Scene(contact), 5e-5, 24
 
 
+def rubbing_on_a_cone(comm):
+    """A film that falls on the tip of a cone that is part of a rigid body, and sets it in
+    rotation."""
+    top = gx.RigidBody(
+        0.02, (1e-5, 1.2e-5, 1.5e-5), position=(0.1, 0.1, -0.0505), name="a", comm=comm
+    )
+    body = gx.Membrane(
+        sheet(comm, 5, 5, 0.2, 0.2),
+        gx.Linear(**SOFT),
+        velocity=lambda X: np.vstack([0.5 + X[1], 3 * X[0], -1 + X[1]]),
+    )
+    cone = gx.contact.Cone(
+        start=(0.1, 0.1, -0.06), end=(0.11, 0.1, -0.0038), radii=(0.04, 0.006), body=top
+    )
+    contact = gx.Contact(body, cone, distance=1e-3, stiffness=5e6, friction=0.3, slip_velocity=0.05)
+    return gx.Scene(contact), 5e-5, 24
+
+
+def rubbing_in_a_funnel(comm):
+    """A film whose corners slide on the mantle of a funnel."""
+    scene, h, steps = rubbing_on_floor(comm)
+    given = next(item for item in scene.items if isinstance(item, gx.Contact))
+    # The circle through the corners of the film is 0.9 activation distances from the mantle.
+    funnel = gx.contact.Cone(
+        start=(0.1, 0.1, -0.2), end=(0.1, 0.1, 0.0), radii=(0.0, 0.14195), inside=True
+    )
+    contact = gx.Contact(
+        *given.bodies, funnel, distance=1e-3, stiffness=5e6, friction=0.3, slip_velocity=0.05
+    )
+    return gx.Scene(contact), h, steps
+
+
 def hinged(comm):
     """Two rigid bodies on a hinge with a spring, and a cable that hangs on one of them."""
     axis = (0.0, 0.0, 1.0)
@@ -513,6 +545,8 @@ PARAMETERS = {
     rubbing_on_floor: ["contact.friction", "contact.stiffness", "film.E", "film.initial_velocity"],
     rubbing: ["contact.friction", "contact.stiffness", "film.thickness", "film.initial_velocity"],
     rubbing_on_a_ball: ["contact.friction", "a.velocity", "a.spin", "film.initial_velocity"],
+    rubbing_on_a_cone: ["contact.friction", "contact.stiffness", "a.spin", "film.initial_velocity"],
+    rubbing_in_a_funnel: ["contact.friction", "contact.stiffness", "film.initial_velocity"],
 }
 CASES = [(make, name) for make, names in PARAMETERS.items() for name in names]
 # On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact,

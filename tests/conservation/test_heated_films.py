@@ -249,7 +249,6 @@ def test_steps_that_are_undone_leave_the_balance_closed(comm) -> None:
 
 @pytest.mark.mpi
 def test_a_restart_goes_on_with_the_same_temperatures(comm, folder: Path) -> None:
-    pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
 
     def made(until: float, **options: object) -> gx.Simulation:
         film = gx.Membrane(

@@ -57,7 +57,7 @@ def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
     assert seen["mass_error"] < 1e-12
     assert seen["volume"] > 1e-3
     comm.barrier()  # rank 0 writes the picture
-    for name in ("ledger.csv", "gas.csv", "tube.png", "fields/film.bp", "run.json"):
+    for name in ("ledger.csv", "gas.csv", "tube.png", "fields/film.pvd", "run.json"):
         assert (folder / name).exists()
 
 

@@ -7,8 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ROUNDING, ContactLaw
+from gossamer_fx.mechanics.contact.stencils import (
+    EdgeEdge,
+    PointInCylinder,
+    PointInSphere,
+    PointPlane,
+    PointTriangle,
+)
 
 # Which two of the vectors r, a, b make each measure.
 FIRST = [0, 0, 0, 1, 1, 2]
@@ -17,11 +24,11 @@ SECOND = [0, 1, 2, 1, 2, 2]
 
 # r, a, b as combinations of the four points.
 ROWS = {
-    PairKind.POINT_TRIANGLE: [[1, -1, 0, 0], [0, 1, -1, 0], [0, 1, 0, -1]],
-    PairKind.EDGE_EDGE: [[1, 0, -1, 0], [-1, 1, 0, 0], [0, 0, 1, -1]],
-    PairKind.POINT_PLANE: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]],
-    PairKind.POINT_IN_SPHERE: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
-    PairKind.POINT_IN_CYLINDER: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    PointTriangle.number: [[1, -1, 0, 0], [0, 1, -1, 0], [0, 1, 0, -1]],
+    EdgeEdge.number: [[1, 0, -1, 0], [-1, 1, 0, 0], [0, 0, 1, -1]],
+    PointPlane.number: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]],
+    PointInSphere.number: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    PointInCylinder.number: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
 # Two Gauss points integrate cubic functions, as the kernel does.
 GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
@@ -98,18 +105,18 @@ class PairTwin:
         x0: np.ndarray,
         law: ContactLaw,
     ) -> None:
-        self.kind = PairKind(pairs.kind[row])
+        self.kind = int(pairs.kind[row])
         self.law = law
         self.points = pairs.points[row]
         self.stiffness = pairs.stiffness[row]
         self.width = pairs.width[row]
         self.offset = pairs.offset[row]
-        self.is_edges = self.kind == PairKind.EDGE_EDGE
+        self.is_edges = self.kind == EdgeEdge.number
         # Only distances of edges are rounded; their gradient jumps where the closest points do.
         self.rounding = ROUNDING * self.width if self.is_edges else 0.0
         self.R = np.array(ROWS[self.kind], float)
         self.base = np.zeros(2)
-        if self.kind <= PairKind.EDGE_EDGE:
+        if self.kind <= EdgeEdge.number:
             measures = measures_of(self.R @ x0[self.points])
             self.base = closest_parameters(measures, self.is_edges)
             # r from closest point to closest point: small numbers without cancellation.
@@ -121,11 +128,11 @@ class PairTwin:
 
     def distance(self, e: np.ndarray) -> tuple[float, np.ndarray]:
         """Return s and φ = ds/de."""
-        if self.kind == PairKind.POINT_PLANE:
+        if self.kind == PointPlane.number:
             return e[1], np.array([0, 1.0, 0, 0, 0, 0])
-        if self.kind == PairKind.POINT_IN_SPHERE:
+        if self.kind == PointInSphere.number:
             return -e[0], np.array([-1.0, 0, 0, 0, 0, 0])
-        if self.kind == PairKind.POINT_IN_CYLINDER:
+        if self.kind == PointInCylinder.number:
             gradient = np.array([0, -2 * e[1], -2 * e[2], 0, 0, 0])
             return -(e[1] ** 2) - e[2] ** 2, gradient
         rounded = self._before_the_base_moved(e) + self.rounding * ROUNDING_MEASURES
@@ -152,7 +159,7 @@ class PairTwin:
         if self.law == ContactLaw.BARRIER:
             return (1 - x) ** 3 / (4 * x)
         # Walls give a linear distance, pairs of surfaces a squared one.
-        is_wall = self.kind >= PairKind.POINT_PLANE
+        is_wall = self.kind >= PointPlane.number
         scaled_gap = x if is_wall else np.sqrt(x)
         return (1 - scaled_gap) ** 2 / 2
 

@@ -4,8 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind, PairTable
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairTable
+from gossamer_fx.mechanics.contact.stencils import (
+    EdgeEdge,
+    PointInCylinder,
+    PointInSphere,
+    PointPlane,
+    PointTriangle,
+)
+
+# The kinds of which there are random pairs here; those of cones are in test_cone.py.
+KINDS = tuple(
+    stencil.number
+    for stencil in (PointTriangle, EdgeEdge, PointPlane, PointInSphere, PointInCylinder)
+)
 
 
 def near_pairs(
@@ -21,24 +34,24 @@ def near_pairs(
     """
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n, 4, 3))
-    if kind == PairKind.POINT_TRIANGLE:
+    if kind == PointTriangle.number:
         _place_above_triangle(x, d, rng)
-    elif kind == PairKind.EDGE_EDGE:
+    elif kind == EdgeEdge.number:
         _place_across_edge(x, d, rng)
     else:
         _place_at_wall(x, kind, d, rng)
     # Origins of walls move, directions do not.
     moves = np.ones((4, 1))
-    if kind > PairKind.EDGE_EDGE:
+    if kind > EdgeEdge.number:
         moves[2:] = 0.0
     # A step of about a third of the distance: some pairs begin to touch, others separate.
     y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * moves
     # In rooms of radius 1 the squared distance is -r², from -1 at the wall to -(1 - d)².
     offset, width = {
-        PairKind.POINT_PLANE: (0.0, d),
-        PairKind.POINT_IN_SPHERE: (-1.0, 1 - (1 - d) ** 2),
-        PairKind.POINT_IN_CYLINDER: (-1.0, 1 - (1 - d) ** 2),
-    }.get(PairKind(kind), (0.0, d * d))
+        PointPlane.number: (0.0, d),
+        PointInSphere.number: (-1.0, 1 - (1 - d) ** 2),
+        PointInCylinder.number: (-1.0, 1 - (1 - d) ** 2),
+    }.get(int(kind), (0.0, d * d))
     pairs = ActivePairs(
         kind=np.full(n, kind, np.uint8),
         points=np.arange(4 * n, dtype=np.int32).reshape(n, 4),
@@ -103,11 +116,11 @@ def _place_at_wall(
     x[:, 2] = axis
     x[:, 3] = _unit(x[:, 3] - along_axis[:, None] * axis)
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
-    if kind == PairKind.POINT_PLANE:
+    if kind == PointPlane.number:
         x[:, 0] = x[:, 1] + height * axis + x[:, 3]
         return
     x[:, 0] = x[:, 1] + (1 - height) * axis
-    if kind == PairKind.POINT_IN_CYLINDER:
+    if kind == PointInCylinder.number:
         # Anywhere along the cylinder, whose axis is the cross product.
         distance = rng.normal(size=(len(x), 1))
         x[:, 0] += distance * np.cross(axis, x[:, 3])
@@ -128,7 +141,7 @@ def make_degenerate(kind: int, x: np.ndarray) -> None:
     other = slice(count // 3, 2 * count // 3)
     last_sixth = slice(5 * count // 6, count)
     x[last_sixth, 0] = x[last_sixth, 2]
-    if kind == PairKind.EDGE_EDGE:
+    if kind == EdgeEdge.number:
         x[third, 3] = x[third, 2] + x[third, 1] - x[third, 0]
         x[other, 3] = x[other, 2]
     else:
@@ -179,11 +192,11 @@ def all_pairs(surface: CollisionPrimitives) -> set[tuple[int, int, int]]:
     for vertex in surface.vertices:
         for number, triangle in enumerate(surface.triangles):
             if vertex not in triangle:
-                pairs.add((int(PairKind.POINT_TRIANGLE), int(vertex), number))
+                pairs.add((PointTriangle.number, int(vertex), number))
     for i, edge in enumerate(surface.edges):
         for j in range(i + 1, len(surface.edges)):
             if not set(edge) & set(surface.edges[j]):
-                pairs.add((int(PairKind.EDGE_EDGE), i, j))
+                pairs.add((EdgeEdge.number, i, j))
     return pairs
 
 
@@ -193,7 +206,7 @@ def table_of_primitives(
     """Return pairs that are given by their kind and primitives."""
     points = []
     for kind, first, second in pairs:
-        if kind == PairKind.POINT_TRIANGLE:
+        if kind == PointTriangle.number:
             points.append([first, *surface.triangles[second]])
         else:
             points.append([*surface.edges[first], *surface.edges[second]])

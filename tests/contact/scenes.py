@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.compiled import CompiledContacts
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.sheet import sheet
 
 # A polymer film of 0.1 mm, of 0.14 kg/m².
@@ -55,9 +55,7 @@ def film(
     )
 
 
-def obstacle_of(
-    kind: str, block: gx.RigidBody, **given
-) -> gx.contact.Plane | gx.contact.Sphere | gx.contact.Cylinder | gx.contact.Box:
+def obstacle_of(kind: str, block: gx.RigidBody, **given) -> Obstacle:
     """Return an obstacle on a block, in the way of a film that falls from z = 0."""
     makes, geometry = {
         "plane": (gx.contact.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
@@ -67,10 +65,18 @@ def obstacle_of(
             {"start": (-0.06, 0, -0.022), "end": (0.03, 0, -0.022), "radius": 0.02},
         ),
         "box": (gx.contact.Box, {"centre": (0, 0, -0.022), "sizes": (0.04, 0.04, 0.04)}),
+        "cone": (
+            gx.contact.Cone,
+            {"start": (0.01, 0, -0.06), "end": (0.003, 0, -0.005), "radii": (0.04, 0.004)},
+        ),
         "in ball": (gx.contact.Sphere, {"centre": (0, 0, 0.02), "radius": 0.077, "inside": True}),
         "in cylinder": (
             gx.contact.Cylinder,
             {"start": (0, 0, 0.01), "end": (1, 0, 0.01), "radius": 0.0523, "inside": True},
+        ),
+        "in cone": (
+            gx.contact.Cone,
+            {"start": (0, 0, -0.15), "end": (0, 0, 0.05), "radii": (0, 0.0972), "inside": True},
         ),
         "in box": (
             gx.contact.Box,
@@ -82,8 +88,7 @@ def obstacle_of(
 
 def contact_set_of(run) -> ContactSet:
     """Return the only contact of a run."""
-    compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
-    (contact_set,) = compiled.contact_sets.values()
+    (contact_set,) = (c for c in run.system.compiled if isinstance(c, ContactSet))
     return contact_set
 
 

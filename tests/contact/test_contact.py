@@ -97,7 +97,8 @@ def _down(X):
 
 
 @pytest.mark.parametrize(
-    "kind", ["plane", "ball", "cylinder", "box", "in ball", "in cylinder", "in box"]
+    "kind",
+    ["plane", "ball", "cylinder", "box", "cone", "in ball", "in cylinder", "in box", "in cone"],
 )
 def test_films_hit_solids(kind):
     comm = MPI.COMM_SELF

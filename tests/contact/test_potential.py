@@ -7,26 +7,26 @@ import numpy as np
 import pytest
 
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
     PairState,
     energy_of_pairs,
     evaluate,
-    infinite_at_crossings,
     pair_starts,
     unit_energies,
 )
+from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
 from tests.contact.pairs_twin import PairTwin
-from tests.contact.random_pairs import near_pairs
+from tests.contact.random_pairs import KINDS, near_pairs
 
 BARRIER = ContactLaw.BARRIER
-EDGE_EDGE = PairKind.EDGE_EDGE
-POINT_TRIANGLE = PairKind.POINT_TRIANGLE
+EDGE_EDGE = EdgeEdge.number
+POINT_TRIANGLE = PointTriangle.number
 every_kind = pytest.mark.parametrize(
     "kind",
-    list(PairKind),
-    ids=lambda kind: kind.name,
+    KINDS,
+    ids=lambda kind: type(STENCILS[kind]).__name__,
 )
 every_law = pytest.mark.parametrize(
     "law",
@@ -273,10 +273,13 @@ def test_those_and_only_those_that_pass_through_are_pushed_back(kind: int) -> No
 
 def crossing_edges(width: float) -> ActivePairs:
     """Return one pair of edges with the barrier of a squared activation distance [m²]."""
-    kind = np.array([EDGE_EDGE], np.uint8)
-    new_width, offset = infinite_at_crossings(kind, np.full(1, width), np.zeros(1))
+    activation_distance = np.full(1, np.sqrt(width))
+    zero = np.zeros(1)
+    new_width, offset = STENCILS[EDGE_EDGE].energy_range(
+        activation_distance, radius=zero, shape=zero, is_barrier=True
+    )
     return ActivePairs(
-        kind=kind,
+        kind=np.array([EDGE_EDGE], np.uint8),
         points=np.arange(4, dtype=np.int32)[None],
         identifier=np.zeros(1, np.int64),
         stiffness=np.ones(1),

@@ -3,7 +3,7 @@ solved."""
 
 from __future__ import annotations
 
-import json
+import csv
 import os
 import subprocess
 import sys
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from gossamer_fx.analysis.cases.results import Result, read_results
 from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(__file__).parents[2]
@@ -19,48 +20,49 @@ RESULTS = sorted((BENCHMARKS / "results").glob("*.json"))
 
 
 @pytest.fixture
-def error_curves(monkeypatch: pytest.MonkeyPatch):
+def bench(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import error_curves
+    import bench
 
-    return error_curves
+    return bench
 
 
-def test_the_page_shows_what_is_stored(error_curves) -> None:
-    page = error_curves.PAGE.read_text(encoding="utf-8")
-    assert error_curves.BETWEEN.search(page)[0] == error_curves.page_part()
+def test_the_page_shows_what_is_stored(bench) -> None:
+    page = bench.PAGE.read_text(encoding="utf-8")
+    shown = page.split("<!-- benchmark -->\n")[1].split("<!-- /benchmark -->")[0]
+    assert shown == bench.page_part()
     # At least four problems are stored, or the page is empty.
     assert len(RESULTS) >= 4
 
 
 @pytest.mark.parametrize("path", RESULTS, ids=[path.stem for path in RESULTS])
-def test_stored_points_are_those_of_the_problem(error_curves, path: Path) -> None:
-    stored = json.loads(path.read_text(encoding="utf-8"))
-    problem = error_curves.ERROR_PROBLEMS[stored["problem"]]
-    asked = [(program, words) for program, cases in problem.curves.items() for words in cases]
-    assert [(point["program"], point["words"]) for point in stored["points"]] == asked
-    for point in stored["points"]:
-        assert "failure" in point or (point["cpu"] > 0 and point["error"] > 0)
+def test_stored_points_are_those_of_the_problem_and_as_it_declares(bench, path: Path) -> None:
+    points = read_results(path, path.stem)
+    problem = bench.ERROR_PROBLEMS[path.stem]
+    asked = [
+        {"program": program, **words}
+        for program, cases in problem.curves.items()
+        for words in cases
+    ]
+    assert [point.values for point in points] == asked
+    for point in points:
+        assert point.failed or (point.numbers["cpu"] > 0 and point.numbers["error"] > 0)
+    judgements = list(bench.judge_points(problem, points, quick=False))
+    assert judgements and all(one.holds for one in judgements)
     assert path.with_suffix(".png").is_file()
 
 
-def test_a_failure_is_a_remark_and_unconverged_steps_are_counted(error_curves) -> None:
-    problem = error_curves.ERROR_PROBLEMS["errors_sheet"]
-    words = {"steps": 20, "n": 4}
+def test_a_failure_is_a_remark_and_unconverged_steps_are_counted(bench) -> None:
+    problem = bench.ERROR_PROBLEMS["errors_sheet"]
+    values = {"program": "kratos", "steps": 20, "n": 4}
+    numbers = {"cpu": 2.0, "error": 1e-3, "unknowns": 75, "unconverged": 3}
     points = [
-        {"program": "kratos", "words": words, "failure": "no convergence"},
-        {
-            "program": "kratos",
-            "words": words,
-            "cpu": 2.0,
-            "error": 1e-3,
-            "unknowns": 75,
-            "unconverged": 3,
-        },
+        Result(values, {}, 1.0, failed="no convergence"),
+        Result(values, numbers, 1.0),
     ]
-    failed, unconverged = error_curves.table(problem, {"points": points}).splitlines()[2:]
-    assert failed.endswith("| failed |")
-    assert unconverged.endswith("| 75 | 0.001 | 2 | 3 of 20 steps unconverged |")
+    _, failed, unconverged = bench.point_rows(problem, points)
+    assert failed[-1] == "failed"
+    assert unconverged[2:] == ["75", "0.001", "2", "3 of 20 steps unconverged"]
 
 
 @pytest.mark.skipif(
@@ -73,9 +75,9 @@ def test_a_quick_form_solves_draws_and_stores(tmp_path: Path) -> None:
         [*command, "--out", str(tmp_path)], capture_output=True, text=True, timeout=HANG_TIMEOUT
     )
     assert done.returncode == 0, done.stderr
-    points = json.loads((tmp_path / "errors_strip.json").read_text(encoding="utf-8"))["points"]
-    coarse, fine = (point["error"] for point in points)
+    rows = csv.DictReader((tmp_path / "errors_strip" / "runs.csv").open())
+    coarse, fine = (float(row["error [%]"]) for row in rows)
     # Order two on 4 and 6 cells along the strip.
     # (4/6)² = 0.44; 0.6 leaves room for other errors.
     assert fine < 0.6 * coarse
-    assert (tmp_path / "errors_strip.png").is_file()
+    assert (tmp_path / "errors_strip" / "errors_strip.png").is_file()

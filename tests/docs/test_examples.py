@@ -32,28 +32,11 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     curve = line(COMM, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
     stiff = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
-    section = gx.sections.tube(
-        0.02,
-        5e-4,
-        E=100e9,
-        nu=0.3,
-        density=1560.0,
-    )
-    hub = gx.RigidBody(
-        10.0,
-        (1.0, 1.0, 1.5),
-        comm=COMM,
-        name="hub",
-    )
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    hub = gx.RigidBody(10.0, (1.0, 1.0, 1.5), comm=COMM, name="hub")
     mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=COMM)
     air = gx.IdealGas(gamma=1.4, R=287.0)
-    tank = gx.Tank(
-        1e-3,
-        gas=air,
-        pressure=2e5,
-        temperature=300.0,
-        name="tank",
-    )
+    tank = gx.Tank(1e-3, gas=air, pressure=2e5, temperature=300.0, name="tank")
     return {
         "gx": gx,
         "np": np,

@@ -43,8 +43,8 @@ def test_a_quick_study_ends_as_it_declares(tmp_path: Path, name: str) -> None:
         str(tmp_path),
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.endswith("Everything is as the studies declare.\n")
-    measured = (tmp_path / f"{name}.md").read_text(encoding="utf-8").count("|")
+    assert done.stdout.endswith(" comparisons are as declared.\n")
+    measured = (tmp_path / name / f"{name}.md").read_text(encoding="utf-8").count("|")
     # A table has more than ten cells, or the study has written none.
     assert measured > 10
 
@@ -60,8 +60,8 @@ def test_a_quick_validation_predicts(tmp_path: Path, name: str) -> None:
         str(tmp_path),
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.endswith("All tests ran; errors are judged in the full form.\n")
-    assert (tmp_path / f"{name}-quick.png").exists()
+    assert done.stdout.endswith(" comparisons are as declared.\n")
+    assert (tmp_path / f"{name}-quick" / f"{name}.png").exists()
 
 
 @pytest.mark.slow

@@ -327,7 +327,6 @@ def heated_run(comm, until: float, **options: object) -> tuple[gx.Simulation, ob
 
 @pytest.mark.mpi
 def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: Path) -> None:
-    pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
     whole, heating = heated_run(comm, 1.0)
     half, _ = heated_run(comm, 0.5, checkpoints=gx.Checkpoints(folder))
     restored, _ = heated_run(comm, 0.5, restart=folder)

@@ -31,6 +31,11 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
         ),
         [0, 4],
     )
+    # Normals outwards: pressure acts from inside.  Corners of the cells are on the torus, whose
+    # section becomes a polygon, and whose centre line another one.
+    section = around / 2 * math.sin(2 * math.pi / around) * 0.17**2
+    length = along * math.sin(2 * math.pi / along) * 1.5
+    assert mesh.enclosed_volume() == pytest.approx(section * length, rel=1e-3)
     film = gx.Membrane(
         mesh,
         gx.Linear(

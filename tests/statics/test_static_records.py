@@ -11,11 +11,13 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis import modes, remedies
+from gossamer_fx.analysis import modes
 from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
+from gossamer_fx.analysis.statics import remedies
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.records.plot.curve_panels import run_curves
 
 LAW = gx.Miyazaki(
     E=1e9,
@@ -45,7 +47,7 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
     equilibrium, film = drum(comm)
     result = equilibrium.find()
     recording = gx.Recording(folder / "drum", title="Drum")
-    gx.outputs.record(equilibrium, [recording, gx.outputs.VTX(folder / "drum.bp", film)])
+    gx.outputs.record(equilibrium, [recording, gx.outputs.VTU(folder / "drum.pvd", film)])
     comm.barrier()
     reader = gx.plot.RunReader(folder / "drum")
     assert reader.kind == "equilibrium"
@@ -81,18 +83,28 @@ def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
     equilibrium, film = drum(comm)
     height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
     recording = gx.Recording(folder / "path", probes={"height": height})
+    ledger = gx.Ledger(folder / "ledger.csv")
     gx.outputs.record(
         equilibrium,
-        [recording],
+        [recording, ledger],
         at=[0.0, 1.0, 2.0],
+        along="wind [Pa]",
     )
     comm.barrier()
     reader = gx.plot.RunReader(folder / "path")
     assert reader.times.tolist() == [0.0, 1.0, 2.0]
+    # The parameter has its name and unit in tables, captions and run.json.
+    assert (reader.axis.name, reader.axis.unit) == ("wind", "Pa")
+    for name in ("probes.csv", "ledger.csv", "states.csv"):
+        assert next(iter(reader.table(name))) == "wind [Pa]"
+    assert (folder / "ledger.csv").read_text().startswith("wind [Pa],step,")
+    assert "energy_error" not in reader.table("ledger.csv")
+    assert reader.caption(2, None) == "equilibrium at wind = 2 Pa"
+    assert run_curves(reader).label == "wind [Pa]"
     heights = reader.table("probes.csv")["height"]
     # The film is stiffer the more it is stretched, but the load grows in equal parts.
     assert heights[0] < heights[1] < heights[2] < 3 * heights[0]
-    with pytest.raises(gx.InputError, match=r"from 1 s to 0\.5 s; give ascending times"):
+    with pytest.raises(gx.InputError, match=r"from 1 to 0\.5; give ascending values"):
         gx.outputs.record(equilibrium, [gx.Recording(folder / "back")], at=[0.0, 1.0, 0.5])
     assert not (folder / "back").exists()
 

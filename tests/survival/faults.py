@@ -70,8 +70,8 @@ def main() -> None:
         gx.Ledger(out / "ledger.csv"),
         gx.outputs.Probes(out / "probes.csv", {"one": lambda run: 1.0}),
         *(
-            [gx.outputs.VTX(out / "film.bp", fields=("displacement", "state"))]
-            if "vtx" in sys.argv[3:]
+            [gx.outputs.VTU(out / "film.pvd", fields=("displacement", "state"))]
+            if "fields" in sys.argv[3:]
             else []
         ),
         Trouble(what, out),

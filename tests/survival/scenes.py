@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,23 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-    residual_stiffness=1e-6,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
 GAS = gx.IdealGas(gamma=1.4, R=296.8)
 DT = 1e-3
+
+
+class Watch:
+    """An output that looks at each step of a run."""
+
+    times = ()
+
+    def __init__(self, look: Callable[[gx.Simulation], object]) -> None:
+        self.look = look
+
+    def open(self, run: gx.Simulation) -> None: ...
+    def close(self, run: gx.Simulation) -> None: ...
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        self.look(run)
 
 
 def flutter(x: np.ndarray) -> np.ndarray:
@@ -33,25 +42,12 @@ def flutter(x: np.ndarray) -> np.ndarray:
 
 def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW) -> gx.Scene:
     """A free film that wrinkles and goes slack."""
-    return gx.Scene(
-        gx.Membrane(
-            sheet(comm, n, n),
-            law,
-            order=order,
-            velocity=flutter,
-        )
-    )
+    return gx.Scene(gx.Membrane(sheet(comm, n, n), law, order=order, velocity=flutter))
 
 
 def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
     """A tube pressed flat, with a tank and a valve: film, gas, and scalar unknowns."""
-    law = gx.Miyazaki(
-        E=2.5e9,
-        nu=0.34,
-        density=1420.0,
-        thickness=25e-6,
-        residual_stiffness=1e-6,
-    )
+    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
     film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
     tube = gx.Chamber(
         film,
@@ -76,13 +72,7 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
         normal=(0, 0, 1),
         name="boom",
     )
-    hub = gx.RigidBody(
-        1.0,
-        (0.02, 0.03, 0.04),
-        spin=(0.0, 0.0, 0.0),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
     control = gx.control.AttitudeControl(
         hub.frame(),
         (0.0, 0.0, 0.1),

@@ -22,17 +22,10 @@ from tests.survival.scenes import DT, GAS, LAW
 COMM = MPI.COMM_WORLD
 USUAL: dict[str, Any] = {
     "g": (0.0, 0.0, -9.81),
-    "pressure": 3.0,
-    "damping": 0.1,
     "area": 1e-6,
-    "discharge": 0.8,
     "force": (1.0, 0.0, 0.0),
-    "stiffness": 2.0,
-    "target": (0.0, 0.0, 0.1),
     "outside": 1e5,
-    "conductance": 2.0,
     "motion": lambda x, t: 0.1 * t * x,
-    "edge": (0.0, 1.0, 0.0),
     "point": "bottom right",
     "ramp": 2.0,
 }
@@ -44,47 +37,36 @@ def scene(**changed: Any) -> gx.Scene:
     ramp = p["ramp"]
     table = [0.0, 1.0]
     film = gx.Membrane(sheet(COMM, 2, 2), LAW)
-    hub = gx.RigidBody(
-        1.0,
-        (0.02, 0.03, 0.04),
-        comm=COMM,
-        name="hub",
-    )
-    bottle = gx.Tank(
-        1e-3,
-        gas=GAS,
-        pressure=2e5,
-        temperature=300.0,
-        name="bottle",
-    )
+    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), comm=COMM, name="hub")
+    bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
     valve = gx.Orifice(
         bottle,
         gx.gas.Ambient(p["outside"], 300.0),
         area=p["area"],
-        discharge_coefficient=p["discharge"],
+        discharge_coefficient=0.8,
         name="valve",
     )
     return gx.Scene(
         film,
         hub,
         valve,
-        gx.gas.WallHeat(bottle, p["conductance"], temperature=310.0),
+        gx.gas.WallHeat(bottle, 2.0, temperature=310.0),
         gx.Gravity(film, p["g"]),
-        gx.Pressure(film, p["pressure"]),
-        gx.Damping(film, mass_factor=p["damping"]),
+        gx.Pressure(film, 3.0),
+        gx.Damping(film, mass_factor=0.1),
         gx.loads.Force(film.port(p["point"]), p["force"], name="pull"),
         gx.loads.Force(
             hub.port(), lambda t: (ramp * t, np.interp(t, [0, 1], table), 0.0), name="push"
         ),
         gx.control.AttitudeControl(
             hub.frame(),
-            p["target"],
-            stiffness=p["stiffness"],
+            (0.0, 0.0, 0.1),
+            stiffness=2.0,
             damping=0.3,
             period=DT,
         ),
         gx.Fixed(film, "left", motion=p["motion"], name="mover"),
-        gx.loads.EdgeLoad(film, "right", force=p["edge"]),
+        gx.loads.EdgeLoad(film, "right", force=(0.0, 1.0, 0.0)),
     )
 
 
@@ -94,29 +76,23 @@ def run(steps: int, made: gx.Scene, **options: Any) -> gx.Simulation:
     return sim
 
 
+# That any argument is compared is tested in test_every_argument.py.
 OTHER: dict[str, tuple[Any, str]] = {
     "g": (
         (0.0, 0.0, -1.62),
         r"g of 'gravity of film' is \[0.0, 0.0, -9.81\] there and \[0.0, 0.0, -1.62\] here",
     ),
-    "pressure": (4.0, "pressure of 'pressure' is 3 there and 4 here"),
-    "damping": (0.2, "mass_factor of '.*' is 0.1 there and 0.2 here"),
     "area": (2e-6, "area of 'valve' is 1e-06 there and 2e-06 here"),
-    "discharge": (0.7, "discharge_coefficient of 'valve'"),
     "force": ((2.0, 0.0, 0.0), "force of 'pull'"),
-    "stiffness": (3.0, "stiffness of 'attitude control'"),
-    "target": ((0.0, 0.0, 0.2), "target of 'attitude control'"),
     "outside": (2e5, "pressure of '.*' is 100000 there and 200000 here"),
-    "conductance": (3.0, "conductance of 'wall'"),
     "motion": (
         lambda x, t: 0.2 * t * x,
-        r"the function motion of 'mover' is another one \(constants: \[0.1\] there and \[0.2\]",
+        "motion source of 'mover' is",
     ),
-    "edge": ((0.0, 2.0, 0.0), "force of '.*'"),
     "point": ("top right", "port at of 'pull'"),
     "ramp": (
         3.0,
-        r"the function force of 'push' is another one \(outside ramp: 2 there and 3 here",
+        "force outside ramp of 'push' is 2 there and 3 here",
     ),
 }
 
@@ -284,11 +260,7 @@ OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
     "E in free flight": (
         {
             "law": gx.Miyazaki(
-                E=2e9,
-                nu=0.3,
-                density=1400.0,
-                thickness=1e-4,
-                residual_stiffness=1e-6,
+                E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6
             )
         },
         "law E of 'film' is 1e.09 there and 2e.09 here",
@@ -312,11 +284,10 @@ def test_another_motion_of_an_obstacle_is_refused(folder: Path) -> None:
     def sinks(t: float) -> tuple[float, float, float]:
         return (0.0, 0.0, -0.1 * t)
 
-    words = "the function obstacles 1 motion of 'contact' is another one"
+    words = "obstacles 1 motion function of 'contact' is 'rises' there and .*sinks"
     with pytest.raises(gx.InputError, match=words):
         run(2, touching({"motion": sinks}), restart=folder)
-    measured = run(2, touching({"motion": rises}), restart=folder).step
-    assert measured == 2
+    assert run(2, touching({"motion": rises}), restart=folder).step == 2
 
 
 def flying(**changed: Any) -> gx.Scene:
@@ -337,17 +308,6 @@ def flying(**changed: Any) -> gx.Scene:
 
 OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "density": ({}, {"density": 9e-13}, "of 'drag' is.* 2e-13 there and 9e-13 here"),
-    "Sun": (
-        {},
-        {"sun": (0.0, 1.0, 0.0)},
-        r"sun of 'orbit' is \[1.0, 0.0, 0.0\] there and \[0.0, 1.0, 0.0\] here",
-    ),
-    "J2": ({}, {"gravity": "J2"}, "gravity of 'orbit' is 'point' there and 'J2' here"),
-    "start": (
-        {},
-        {"start": gx.orbit.Elements(7.1e6)},
-        "start a of 'orbit' is 7000000 there and 7100000",
-    ),
     "epoch": (
         {"epoch": "2026-01-01"},
         {"epoch": "2026-06-01"},
@@ -373,8 +333,7 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
     if "epoch" in usual:
         pytest.importorskip("erfa")
     run(1, flying(**usual), checkpoints=gx.Checkpoints(folder))
-    measured = run(2, flying(**usual), restart=folder).step
-    assert measured == 2
+    assert run(2, flying(**usual), restart=folder).step == 2
     with pytest.raises(gx.InputError, match=rf"of another scene: .*{words}.*name it in changes"):
         run(2, flying(**changed), restart=folder)
 
@@ -396,15 +355,13 @@ def test_small_numbers_are_compared_relatively(
     folder: Path, what: str, small: Any, other: Any, words: str
 ) -> None:
     run(1, scene(**{what: small}), checkpoints=gx.Checkpoints(folder))
-    measured = run(2, scene(**{what: small}), restart=folder).step
-    assert measured == 2
+    assert run(2, scene(**{what: small}), restart=folder).step == 2
     with pytest.raises(gx.InputError, match=words):
         run(2, scene(**{what: other}), restart=folder)
 
 
 def test_what_is_noticed_of_a_function() -> None:
-    """Its name, constants and values of enclosing scopes, whatever the version of Python; not the
-    order of names."""
+    """Its source, default arguments and values of enclosing scopes."""
 
     def noticed(one: Any, other: Any) -> bool:
         there, here = (json.loads(json.dumps(describe(f))) for f in (one, other))
@@ -415,11 +372,14 @@ def test_what_is_noticed_of_a_function() -> None:
 
     assert not noticed(valve(2.0), valve(2.0))
     assert noticed(valve(2.0), valve(2.5))
-    assert noticed(lambda t: 2.0 * t, lambda t: 3.0 * t)
-    assert noticed(lambda t: 2 * t, lambda t: 3 * t)
-    assert noticed(lambda t: np.sin(t), lambda t: np.cos(t))
-    assert noticed(lambda t, a=1.0: a * t, lambda t, a=2.0: a * t)
-    assert noticed(lambda t: 1e-13 * t, lambda t: 9e-13 * t)
+
+    def doubled(t: float) -> float:
+        return 2.0 * t
+
+    def tripled(t: float) -> float:
+        return 3.0 * t
+
+    tripled.__qualname__ = doubled.__qualname__
+    assert noticed(doubled, tripled)
     assert noticed(np.sin, np.cos)
-    assert not noticed(lambda t, s: t - s, lambda t, s: s - t)  # as the docs say
     assert noticed(math.inf, 1.0) and not noticed(math.nan, math.nan)

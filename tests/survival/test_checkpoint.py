@@ -15,17 +15,17 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.survival.scenes import (
     DT,
+    Watch,
     clamped_plate,
     filled_tube,
     fluttering_sheet,
     numbers,
     turning_beam,
 )
-
-adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
 
 COMM = MPI.COMM_WORLD
 SCENES: dict[str, Callable[[MPI.Comm], gx.Scene]] = {
@@ -47,14 +47,9 @@ def run_to(steps: int, scene: gx.Scene, **options: object) -> gx.Simulation:
 @pytest.mark.parametrize("kind", SCENES)
 def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> None:
     whole = run_to(9, SCENES[kind](COMM))
-    run_to(
-        4,
-        SCENES[kind](COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder))
     rest = run_to(9, SCENES[kind](COMM), restart=folder)
-    measured = (rest.step, rest.time)
-    assert measured == (9, whole.time)
+    assert (rest.step, rest.time) == (9, whole.time)
     assert rest.iterations == whole.iterations
     assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
     np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, rtol=0, atol=1e-10)
@@ -67,24 +62,14 @@ def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> No
 def test_other_number_of_ranks(folder: Path, kind: str) -> None:
     """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under
     mpirun -n 2."""
-    run_to(
-        4,
-        SCENES[kind](COMM),
-        checkpoints=gx.Checkpoints(folder / "all"),
-    )
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder / "all"))
     alone = run_to(
-        4,
-        SCENES[kind](MPI.COMM_SELF),
-        checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"),
+        4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}")
     )
     alone.run(until=6 * DT)
     COMM.barrier()
     apart = run_to(6, SCENES[kind](MPI.COMM_SELF), restart=folder / "all")
-    joined = run_to(
-        6,
-        SCENES[kind](COMM),
-        restart=folder / "own 0" / "step-00000004",
-    )
+    joined = run_to(6, SCENES[kind](COMM), restart=folder / "own 0" / "step-00000004")
     for run in (apart, joined):
         assert numbers(run) == pytest.approx(numbers(alone), rel=1e-8, abs=1e-10)
 
@@ -93,11 +78,7 @@ def test_other_number_of_ranks(folder: Path, kind: str) -> None:
 def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
     """Every node of the state that is read has the position and velocity that its point of the mesh
     has."""
-    run_to(
-        3,
-        fluttering_sheet(COMM, 5, order=2),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(3, fluttering_sheet(COMM, 5, order=2), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     for comm in (COMM, MPI.COMM_SELF):
         run = run_to(3, fluttering_sheet(comm, 5, order=2), restart=folder)
@@ -129,9 +110,7 @@ def test_step_control_goes_on_where_it_was(folder: Path) -> None:
     whole = go(0.01, events=[gx.At(0.004)])
     go(0.004, checkpoints=gx.Checkpoints(folder))
     rest = go(0.01, restart=folder)
-    measured = (rest.step, rest.iterations)
-    expected = (whole.step, whole.iterations)
-    assert measured == expected
+    assert (rest.step, rest.iterations) == (whole.step, whole.iterations)
     assert rest.stepping.wanted == pytest.approx(whole.stepping.wanted, rel=1e-6)
     assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
 
@@ -139,18 +118,13 @@ def test_step_control_goes_on_where_it_was(folder: Path) -> None:
 @pytest.mark.mpi
 def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
     def go(steps: int, **options: object) -> gx.Simulation:
-        run = gx.Simulation(
-            fluttering_sheet(COMM),
-            gx.GeneralizedAlpha(dt=1e-4),
-            **options,
-        )
+        run = gx.Simulation(fluttering_sheet(COMM), gx.GeneralizedAlpha(dt=1e-4), **options)
         run.run(until=steps * 1e-4)
         return run
 
     whole = go(6)
     go(3, checkpoints=gx.Checkpoints(folder))
-    measured = numbers(go(6, restart=folder))
-    assert measured == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
+    assert numbers(go(6, restart=folder)) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
 
 
 # ---- outputs -------------------------------------------------------------------------------------
@@ -160,11 +134,9 @@ def outputs(folder: Path) -> list:
     return [
         gx.Ledger(folder / "ledger.csv"),
         gx.outputs.Probes(
-            folder / "probes.csv",
-            {"kinetic": lambda run: run.totals.kinetic},
-            every=3,
+            folder / "probes.csv", {"kinetic": lambda run: run.totals.kinetic}, every=3
         ),
-        gx.outputs.VTX(folder / "film.bp", every=2),
+        gx.outputs.VTU(folder / "film.pvd", every=2),
     ]
 
 
@@ -177,11 +149,7 @@ def table(path: Path) -> np.ndarray:
 def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
     """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written
     again."""
-    run_to(
-        15,
-        fluttering_sheet(COMM),
-        outputs=outputs(folder / "whole"),
-    )
+    run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
     broken = folder / "broken"
     saves = {"every": 5, "keep": 9}
     run_to(
@@ -205,25 +173,17 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
             theirs = table(folder / "whole" / name)
             assert ours.shape == theirs.shape
             assert ours[:, :2] == pytest.approx(theirs[:, :2], rel=1e-12)
-        times = []
-        for segment in ("film.bp", "film_0001.bp", "film_0002.bp"):
-            with adios2.FileReader(str(broken / segment)) as file:
-                times += np.atleast_1d(
-                    file.read("step", step_selection=[0, file.num_steps()])
-                ).tolist()
-        measured = np.array(times) / DT
+        parts = read_records(broken / "film.pvd")
+        # The run and its two restarts
+        assert len(parts) == 3
+        measured = np.concatenate([part.times for part in parts]) / DT
         expected = [0, 2, 4, 6, 8, 10, 12, 14, 15]
         assert measured == pytest.approx(expected, abs=1e-9)
-        assert not (broken / "film_0003.bp").exists()
 
 
 @pytest.mark.mpi
 def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
-    run = gx.Simulation(
-        fluttering_sheet(COMM),
-        gx.Midpoint(dt=DT),
-        outputs=outputs(folder),
-    )
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs=outputs(folder))
     run.run(until=2 * DT)
     run.run(until=4 * DT)
     COMM.barrier()
@@ -231,42 +191,16 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
         measured = table(folder / "ledger.csv")[:, 1].tolist()
         expected = [0, 1, 2, 3, 4]
         assert measured == expected
-        with adios2.FileReader(str(folder / "film_0001.bp")) as file:
-            measured = file.read("step", step_selection=[0, 1])
-            assert measured == pytest.approx(4 * DT)
+        [part] = read_records(folder / "film.pvd")
+        assert part.times == pytest.approx([0, 2 * DT, 4 * DT])
 
 
 @pytest.mark.mpi
 def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
-    run = run_to(
-        13,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder, every=3),
-    )
+    run = run_to(13, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, every=3))
     assert run.checkpoints.latest == folder / "step-00000013" == gx.run.latest_checkpoint(folder)
     COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000012", "step-00000013"]
-    with pytest.raises(
-        gx.InputError,
-        match="holds checkpoints of a run up to step 13; go on from them with restart",
-    ):
-        run_to(
-            1,
-            fluttering_sheet(COMM),
-            checkpoints=gx.Checkpoints(folder),
-        )
-    COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000012", "step-00000013"]
-    run_to(
-        1,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder, overwrite=True),
-    )
-    COMM.barrier()
-    measured = sorted(p.name for p in folder.iterdir())
-    assert measured == ["step-00000000", "step-00000001"]
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
 
 
 @pytest.mark.mpi
@@ -294,14 +228,11 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
 ) -> None:
     ball = gx.PointMass(1.0, comm=COMM)
     run = gx.Simulation(
-        gx.Scene(ball),
-        gx.Midpoint(dt=DT),
-        checkpoints=gx.Checkpoints(folder, every=1, keep=keep),
+        gx.Scene(ball), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=1, keep=keep)
     )
     run.run(until=5 * DT)
     COMM.barrier()
-    measured = sorted(int(path.name[5:]) for path in folder.iterdir())
-    assert measured == steps
+    assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -317,35 +248,21 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
         (
             lambda: fluttering_sheet(
                 COMM,
-                law=gx.Miyazaki(
-                    E=2e9,
-                    nu=0.3,
-                    density=1400.0,
-                    thickness=1e-4,
-                ),
+                law=gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4),
             ),
             "law E of 'film' is 1e.09 there and 2e.09 here",
         ),
         (
             lambda: fluttering_sheet(
                 COMM,
-                law=gx.Miyazaki(
-                    E=1e9,
-                    nu=0.3,
-                    density=700.0,
-                    thickness=1e-4,
-                ),
+                law=gx.Miyazaki(E=1e9, nu=0.3, density=700.0, thickness=1e-4),
             ),
             "law density of 'film' is 1400 there and 700 here",
         ),
     ],
 )
 def test_another_scene_is_refused(folder: Path, other: Callable[[], gx.Scene], words: str) -> None:
-    run_to(
-        4,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     with pytest.raises(gx.InputError, match=rf"checkpoint '.*' is of another scene: .*{words}"):
         run_to(5, other(), restart=folder)
 
@@ -354,11 +271,7 @@ def test_another_scene_is_refused(folder: Path, other: Callable[[], gx.Scene], w
 def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
     with pytest.raises(gx.InputError, match="There is no checkpoint in"):
         run_to(5, fluttering_sheet(COMM), restart=folder / "none")
-    run_to(
-        4,
-        fluttering_sheet(COMM),
-        checkpoints=gx.Checkpoints(folder),
-    )
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     last = folder / "step-00000004"
     part = last / "rank-0000.npz"
@@ -396,8 +309,7 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
     refused("is damaged")
     put(page, text.encode())
     COMM.barrier()
-    measured = run_to(5, fluttering_sheet(COMM), restart=folder).step
-    assert measured == 5
+    assert run_to(5, fluttering_sheet(COMM), restart=folder).step == 5
 
 
 @pytest.mark.mpi
@@ -410,11 +322,7 @@ def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
             **options,
         )
 
-    go(
-        4,
-        {"one": lambda run: 1.0},
-        checkpoints=gx.Checkpoints(folder / "c"),
-    )
+    go(4, {"one": lambda run: 1.0}, checkpoints=gx.Checkpoints(folder / "c"))
     with pytest.raises(gx.InputError, match="has other columns"):
         go(5, {"two": lambda run: 1.0}, restart=folder / "c")
     COMM.barrier()
@@ -423,12 +331,6 @@ def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
     COMM.barrier()
     with pytest.raises(gx.InputError, match="is shorter than it was"):
         go(5, {"one": lambda run: 1.0}, restart=folder / "c")
-
-
-@pytest.mark.parametrize("bad", [{"every": 0}, {"minutes": -1.0}, {"keep": 0}, {"every": 1.5}])
-def test_bad_requests(bad: dict) -> None:
-    with pytest.raises(gx.InputError):
-        gx.Checkpoints("x", **bad)
 
 
 def test_the_version_is_that_of_the_package() -> None:
@@ -458,8 +360,7 @@ def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
         restart=folder / "c" / "step-00000000",
     )
     COMM.barrier()
-    measured = table(folder / "ledger.csv")[:, 1].tolist()
-    assert measured == [0, 1, 2]
+    assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("end", ["ended", "stopped"])
@@ -470,22 +371,13 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
     steps = 2
 
     def run(until: int, **options: object) -> gx.Simulation:
-        run = gx.Simulation(
-            filled_tube(COMM, 2),
-            gx.Midpoint(dt=dt),
-            **options,
-        )
+        run = gx.Simulation(filled_tube(COMM, 2), gx.Midpoint(dt=dt), **options)
         run.run(until=until * dt)
         return run
 
-    class Stop:
-        times = ()
-
-        def open(self, run: gx.Simulation) -> None: ...
-        def close(self, run: gx.Simulation) -> None: ...
-        def record(self, run: gx.Simulation, last: bool) -> None:
-            if run.step == steps // 2 - 1:
-                os.kill(os.getpid(), signal.SIGTERM)
+    def stop(run: gx.Simulation) -> None:
+        if run.step == steps // 2 - 1:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     whole = run(steps)
     if end == "ended":
@@ -493,13 +385,8 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
         assert first.substeps > 0
     else:
         with pytest.raises(gx.run.Interrupted):
-            run(
-                steps,
-                outputs=[Stop()],
-                checkpoints=gx.Checkpoints(folder),
-            )
+            run(steps, outputs=[Watch(stop)], checkpoints=gx.Checkpoints(folder))
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
     assert (rest.system.q0.array_r == whole.system.q0.array_r).all()
-    measured = rest.chamber("tube").pressure
-    assert measured == whole.chamber("tube").pressure
+    assert rest.chamber("tube").pressure == whole.chamber("tube").pressure

@@ -38,14 +38,7 @@ OTHER_VALUES: dict[str, list[Any]] = {
     "motion": [lambda X, t: 0.1 * t * X, lambda t: (t, 0.0, 0.0)],
     "direction": [lambda X, t: 0.1 * t * X],
     "components": [(0,), (1, 2)],
-    "law": [
-        gx.Linear(
-            E=7e9,
-            nu=0.3,
-            density=1.0,
-            thickness=1e-4,
-        )
-    ],
+    "law": [gx.Linear(E=7e9, nu=0.3, density=1.0, thickness=1e-4)],
     "gas": [gx.IdealGas(gamma=1.3, R=300.0)],
     "normal": [(0.0, 1.0, 0.0), True],
     "outside": [gx.gas.Ambient(7e4, 290.0, name="other air")],

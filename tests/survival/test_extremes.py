@@ -22,10 +22,8 @@ def test_cells_of_the_map_keep_their_books(case: str) -> None:
 
 def test_the_map_covers_its_ranges() -> None:
     known = [values_of(case) for case in cases()]
-    expected = len({tuple(v.values()) for v in known})
-    assert len(known) == expected
-    measured = set(STUDY.quick["case"])
-    assert measured <= set(cases())
+    assert len(known) == len({tuple(v.values()) for v in known})
+    assert set(STUDY.quick["case"]) <= set(cases())
     for axis, (least, most) in {
         "u": (1e-12, 1.0),
         "thickness": (1e-6, 1e-3),
@@ -36,20 +34,14 @@ def test_the_map_covers_its_ranges() -> None:
         "dead": (1e-9, 1e-3),
     }.items():
         values = [v[axis] for v in known]
-        measured = (min(values), max(values))
-        assert measured == (least, most)
+        assert (min(values), max(values)) == (least, most)
 
 
 @pytest.mark.mpi
 def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
     """A piston that is pushed through its closed end: pV = const cannot pass V = 0, however long
     the step."""
-    mass = gx.PointMass(
-        1.0,
-        velocity=(0.0, 0.0, -100.0),
-        comm=COMM,
-        name="piston",
-    )
+    mass = gx.PointMass(1.0, velocity=(0.0, 0.0, -100.0), comm=COMM, name="piston")
     room = gx.Chamber(
         gx.gas.Piston(mass.port(), 1e-2, direction=(0.0, 0.0, 1.0)),
         gas=gx.IdealGas(gamma=1.4, R=287.0),
@@ -58,20 +50,12 @@ def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
         dead_volume=1e-2,
         name="room",
     )
-    run = gx.Simulation(
-        gx.Scene(mass, room),
-        gx.Midpoint(dt=0.05),
-        halvings=0,
-    )
+    run = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=0)
     with pytest.raises(gx.StepFailure, match="failed"):
         run.run(until=0.05)
     assert pytest.approx(1e-2) == run.chamber("room").volume
     with pytest.raises(NotConverged):
         run.solver.step(0.05)
-    patient = gx.Simulation(
-        gx.Scene(mass, room),
-        gx.Midpoint(dt=0.05),
-        halvings=20,
-    )
+    patient = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=20)
     patient.run(until=0.05)
     assert patient.chamber("room").volume > 0 and abs(patient.energy_error) <= 1e-9

@@ -14,12 +14,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from tests.hanging import HANG_TIMEOUT
-from tests.survival.on_ranks import python
+from tests.survival.on_ranks import complete, complete_module
 from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
-ROOT = Path(gx.__file__).parent.parent
 # A command that may mount file systems in a separate name space; others need a user name space for
 # that.
 MOUNTING = ["unshare", "--mount"]
@@ -30,14 +28,19 @@ if os.geteuid() != 0:
 def meet(
     folder: Path, what: str, *options: str, ranks: int = 1
 ) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*python(ranks), "-m", "tests.survival.faults", str(folder), what, *options],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=HANG_TIMEOUT,
-    )
+    return complete_module("faults", folder, what, *options, ranks=ranks)
+
+
+def on_small_disk(folder: Path, script: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in which `$mount` mounts a file system of 2 MB in memory on a folder, and `$run`
+    is the program of faults; skip the test where no file system can be mounted."""
+    variables = f"mount='{sys.executable} -m tests.survival.small_disk {folder}'; "
+    variables += f"run='{sys.executable} -m tests.survival.faults {folder} nothing fields'; "
+    folder.mkdir()
+    said = complete([*MOUNTING, "sh", "-c", f"{variables} $mount || exit 77; {script}"])
+    if said.returncode == 77 or "unshare" in said.stderr:
+        pytest.skip("no file system can be mounted here without privileges")
+    return said
 
 
 def rows(path: Path) -> list[int]:
@@ -72,7 +75,7 @@ def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path, ranks: 
 
 
 def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
-    said = meet(tmp_path, "full", "vtx")
+    said = meet(tmp_path, "full", "fields")
     assert said.returncode == 3, said.stderr
     assert "Cannot write" in said.stdout
     assert whole_checkpoints(tmp_path / "checkpoints")
@@ -81,41 +84,26 @@ def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_restart_where_nothing_can_be_written_is_refused(tmp_path: Path, ranks: int) -> None:
     """In a sentence, with fields too, and all that was written is as it was."""
-    assert meet(tmp_path, "nothing", "vtx", ranks=ranks).returncode == 0
+    assert meet(tmp_path, "nothing", "fields", ranks=ranks).returncode == 0
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    said = meet(tmp_path, "nothing", "vtx", "restart", "no room", ranks=ranks)
+    said = meet(tmp_path, "nothing", "fields", "restart", "no room", ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert said.stdout.count("Cannot write") == 1 and "Traceback" not in said.stderr
-    measured = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    assert measured == before
-    assert meet(tmp_path, "nothing", "vtx", "restart", ranks=ranks).returncode == 0
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+    assert meet(tmp_path, "nothing", "fields", "restart", ranks=ranks).returncode == 0
     assert rows(tmp_path / "ledger.csv") == list(range(61))
 
 
 def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     """On a small file system in memory, where the system lets one be mounted."""
-    assert meet(tmp_path / "run", "nothing", "vtx").returncode == 0
+    assert meet(tmp_path / "run", "nothing", "fields").returncode == 0
     disk = tmp_path / "disk"
-    disk.mkdir()
-    again = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx restart"
-    mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
-    script = (
-        f"{mount} && cp -r {tmp_path}/run/. {disk} || exit 77;"
-        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm "
-        f"{disk}/filler;[ $code = 3 ] && {again}"
+    said = on_small_disk(
+        disk,
+        f"cp -r {tmp_path}/run/. {disk} || exit 77;"
+        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; $run restart; code=$?;"
+        f"rm {disk}/filler; [ $code = 3 ] && $run restart",
     )
-    said = subprocess.run(
-        [*MOUNTING, "sh", "-c", script],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=HANG_TIMEOUT,
-    )
-    if (
-        said.returncode in (1, 77) and "unshare" in said.stderr + said.stdout
-    ) or said.returncode == 77:
-        pytest.skip("no file system can be mounted here without privileges")
     assert said.returncode == 0, said.stderr
     assert "Cannot write" in said.stdout and "No space left on device" in said.stdout
 
@@ -132,9 +120,7 @@ def test_a_file_that_is_gone_is_named(tmp_path: Path, what: str, words: str, ran
     said = meet(tmp_path, what, ranks=ranks)
     assert said.returncode == 3, said.stderr
     assert words in said.stdout
-    measured = rows(tmp_path / "probes.csv")[:6]
-    expected = [0, 1, 2, 3, 4, 5]
-    assert measured == expected
+    assert rows(tmp_path / "probes.csv")[:6] == [0, 1, 2, 3, 4, 5]
 
 
 def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
@@ -142,8 +128,7 @@ def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
     assert said.returncode == 1
     assert "ZeroDivisionError: of this rank alone" in said.stderr
     assert "rank 1 failed alone" in said.stderr
-    expected = [0, 1, 2, 3, 4, 5, 6]
-    assert rows(tmp_path / "ledger.csv") == expected
+    assert rows(tmp_path / "ledger.csv") == [0, 1, 2, 3, 4, 5, 6]
     assert whole_checkpoints(tmp_path / "checkpoints") == ["step-00000002", "step-00000004"]
 
 
@@ -161,25 +146,12 @@ def test_a_start_on_a_disk_that_is_full_says_so(tmp_path: Path, free: int) -> No
     """With so many kB free: for nothing, an output, all but the first checkpoint, and some
     steps."""
     disk = tmp_path / "disk"
-    disk.mkdir()
-    start = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx"
-    mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
-    script = (
-        f"{mount} || exit 77;"
+    said = on_small_disk(
+        disk,
         f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null;"
-        f"truncate -s {(2048 - free) * 1024} {disk}/filler; {start}; code=$?; rm {disk}/filler;"
-        f"cp -r {disk}/. {tmp_path}; exit $code"
+        f"truncate -s {(2048 - free) * 1024} {disk}/filler; $run; code=$?; rm {disk}/filler;"
+        f"cp -r {disk}/. {tmp_path}; exit $code",
     )
-    said = subprocess.run(
-        [*MOUNTING, "sh", "-c", script],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=HANG_TIMEOUT,
-    )
-    if said.returncode == 77 or "unshare:" in said.stderr:
-        pytest.skip("no file system can be mounted here without privileges")
     assert said.returncode == 3, said.stdout + said.stderr
     assert said.stdout.count("Cannot write") == 1
     assert "(No space left on device)" in said.stdout or free == 100
@@ -198,18 +170,18 @@ def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTX", "Checkpoints"])
+@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTU", "Checkpoints"])
 def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     folder: Path, what: str
 ) -> None:
     if COMM.rank == 0:
         (folder / "file").write_text("")
     COMM.barrier()
-    at = folder / "file" / "x.bp"
+    at = folder / "file" / "x.pvd"
     outputs = {
         "Ledger": [gx.Ledger(at)],
         "Probes": [gx.outputs.Probes(at, {"one": lambda run: 1.0})],
-        "VTX": [gx.outputs.VTX(at)],
+        "VTU": [gx.outputs.VTU(at)],
     }
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):

@@ -18,27 +18,19 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.records.outputs.vtu import read_records
+from gossamer_fx.records.outputs.vtu_format import read_vtu
 from tests.hanging import HANG_TIMEOUT
+from tests.survival import on_ranks
 from tests.survival.on_ranks import python
 
-adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
-
 STEPS = 24
-ROOT = Path(gx.__file__).parent.parent
 
 
 def start(ranks: int, folder: Path, *options: str, steps: int = STEPS) -> subprocess.Popen[str]:
     """The tube on some ranks; each rank in a separate session."""
     command = [*python(ranks), "-m", "tests.survival.tube_run", str(folder), str(steps), *options]
-    return subprocess.Popen(
-        command,
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    return on_ranks.start(command, start_new_session=True)
 
 
 def whole(folder: Path) -> Path:
@@ -87,17 +79,18 @@ def agree(broken: Path, unbroken: Path, tolerance: float = 1e-7) -> None:
         )
         assert steps[0] == steps[1]
         np.testing.assert_allclose(times[0], times[1], rtol=1e-12)
-    np.testing.assert_allclose(vtx_times(broken), vtx_times(unbroken), rtol=1e-12)
+    np.testing.assert_allclose(field_times(broken), field_times(unbroken), rtol=1e-12)
     left = sorted(p.name for p in (broken / "checkpoints").iterdir())
     assert all(re.fullmatch(r"step-\d{8}", name) for name in left), left
 
 
-def vtx_times(folder: Path) -> list[float]:
+def field_times(folder: Path) -> list[float]:
     times: list[float] = []
-    for segment in sorted(folder.glob("tube*.bp"), key=lambda p: p.stem):
-        with adios2.FileReader(str(segment)) as file:
-            times += np.atleast_1d(file.read("step", step_selection=[0, file.num_steps()])).tolist()
-            assert np.isfinite(file.read("displacement", block_id=0)).all()
+    for part in read_records(folder / "tube.pvd"):
+        times += part.times
+        for files in part.files:
+            for file in files:
+                assert np.isfinite(read_vtu(file).arrays["displacement [m]"]).all()
     return times
 
 
@@ -115,8 +108,7 @@ def rows(table: Path) -> int:
 
 def wait_until_ready(run: subprocess.Popen[str]) -> None:
     assert run.stdout is not None
-    measured = run.stdout.readline().strip()
-    assert measured == "ready", run.communicate()[1]
+    assert run.stdout.readline().strip() == "ready", run.communicate()[1]
 
 
 @pytest.mark.slow
@@ -177,9 +169,7 @@ def test_a_signal_ends_the_run_after_its_step(
     assert last["step"] == told[1] and Path(told[2]) == gx.run.latest_checkpoint(
         out / "checkpoints"
     )
-    measured = Path(told[2]).name
-    expected = f"step-{int(told[1]):08d}"
-    assert measured == expected
+    assert Path(told[2]).name == f"step-{int(told[1]):08d}"
 
 
 ALONE = [sys.executable]
@@ -201,14 +191,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     tmp_path: Path, number: signal.Signals, launch: list[str]
 ) -> None:
     """Of two seconds, ten times what mpirun leaves its ranks."""
-    run = subprocess.Popen(
-        [*launch, "-m", "tests.survival.long_steps", str(tmp_path)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    run = on_ranks.start([*launch, "-m", "tests.survival.long_steps", str(tmp_path)])
     assert run.stdout is not None and "step" in run.stdout.readline()
     time.sleep(0.3)
     run.send_signal(number)
@@ -218,8 +201,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     assert told, said
     newest = gx.run.latest_checkpoint(tmp_path / "saves")
     assert newest is not None and newest.name == f"step-{int(told[1]):08d}" and int(told[1]) >= 3
-    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
-    assert measured == "stopped"
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "stopped"
 
 
 def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> None:
@@ -250,15 +232,8 @@ def test_no_rank_outlives_its_launcher(tmp_path: Path, victim: str) -> None:
     folder."""
     for attempt in range(3):
         out = tmp_path / f"run {attempt}"
-        run = subprocess.Popen(
-            [*LAUNCHER, "-m", "tests.survival.tube_run", str(out), "100000"],
-            cwd=ROOT,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
+        command = [*LAUNCHER, "-m", "tests.survival.tube_run", str(out), "100000"]
+        run = on_ranks.start(command, start_new_session=True)
         wait_until_ready(run)
         wait_for(run, lambda out=out: rows(out / "ledger.csv") >= 3)
         ranks = ranks_of(run)

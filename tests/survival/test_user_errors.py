@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
 import subprocess
 import sys
@@ -14,10 +13,8 @@ from pathlib import Path
 import pytest
 
 import gossamer_fx as gx
-from tests.hanging import HANG_TIMEOUT
-from tests.survival.on_ranks import python
+from tests.survival.on_ranks import complete, complete_module
 
-ROOT = Path(gx.__file__).parent.parent
 WORDS = {
     "pressure": r"Pressure 'pressure' at t = 0.0035 s: it raises ZeroDivisionError \(of the user\); correct its fun",
     "nan": r"Pressure 'other pressure' at t = 0.0035 s: it returns nan; it must return a finite number.",
@@ -35,22 +32,7 @@ LAST = dict.fromkeys(WORDS, 3) | {"event": 4, "when": 2, "probe": 3}
 def run(
     folder: Path, what: str, ranks: int, rank: int, *options: str
 ) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [
-            *python(ranks),
-            "-m",
-            "tests.survival.user_errors",
-            str(folder),
-            what,
-            str(rank),
-            *options,
-        ],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=HANG_TIMEOUT,
-    )
+    return complete_module("user_errors", folder, what, rank, *options, ranks=ranks)
 
 
 def steps(path: Path) -> list[int]:
@@ -98,19 +80,11 @@ def test_a_scene_that_one_rank_refuses_ends_the_program(tmp_path: Path, rank: in
 def test_a_failed_step_shows_one_traceback(tmp_path: Path) -> None:
     code = """
 import gossamer_fx as gx
-from tests.survival.on_ranks import python
 from tests.survival.scenes import *
 film = next(iter(fluttering_sheet(MPI.COMM_WORLD, 2).items))
 tight = gx.Midpoint(dt=1e-2, tolerances=gx.Tolerances(max_iterations=1))
 gx.Simulation(gx.Scene(film), tight).run(until=1.0)
 """
-    said = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=HANG_TIMEOUT,
-    )
+    said = complete([sys.executable, "-c", code])
     assert re.search(r"StepFailure: The step at t = \S+ s failed", said.stderr)
     assert said.stderr.count("Traceback (most recent call last)") == 1

@@ -32,7 +32,7 @@ def main() -> None:
             {"p": gx.probes.GasState(tube, "pressure"), "V": gx.probes.GasState(tube, "volume")},
             every=2,
         ),
-        gx.outputs.VTX(out / "tube.bp", every=4),
+        gx.outputs.VTU(out / "tube.pvd", every=4),
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=wanted.every)
     restart = gx.run.latest_checkpoint(saves.folder) if wanted.restart else None

@@ -3,9 +3,11 @@ argument."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +115,17 @@ def triangle(model: Any) -> None:
 
 
 def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
-    """Arguments that are taken, by the names of gossamer_fx; what is written is in `folder`."""
+    """Arguments that are taken, by the names of gossamer_fx: those given here, and defaults.
+
+    What is written is in `folder`.
+    """
+    calls: dict[str, Call] = {}
+
+    def add(name: str, /, **given: Any) -> None:
+        parameters = inspect.signature(attrgetter(name)(gx)).parameters.values()
+        usual = {one.name: one.default for one in parameters if one.default is not one.empty}
+        calls[name] = usual | given
+
     reader = gx.plot.RunReader(inputs.run)
     strip = gx.analysis.HangingStrip(0.05, 0.01, bending_stiffness=2.6e-5)
     weights = [1e-5, 1e-4, 5e-4]
@@ -152,594 +164,370 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         ("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0
     )
     orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=z)
-    return {
-        "orbit.Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
-        "orbit.Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
-        "loads.AirDrag": {"body": film, "density": 0.1, "drag_coefficient": 1.2, "wind": z},
-        "gas.Ambient": {"pressure": 1.0, "temperature": 300.0},
-        "probes.AxialStrain": {"line": spring, "which": "mean"},
-        "probes.Tension": {"line": spring, "which": "least"},
-        "probes.Length": {"line": spring},
-        "probes.AngularVelocity": {"frame": A, "axis": "x"},
-        "probes.AreaFraction": {"body": film, "state": "taut"},
-        "At": {"time": 0.1},
-        "connectors.AttachedMass": {"port": film.port("bottom left"), "mass": 1.0},
-        "probes.Attitude": {"orbit": orbit, "of": film, "axis": "along"},
-        "control.AttitudeControl": {
-            "frame": A,
-            "target": z,
-            "stiffness": 1.0,
-            "damping": 1.0,
-            "period": 0.1,
-        },
-        "connectors.AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
-        "constraints.BallJoint": {"a": P, "b": Q},
-        "Beam": {"mesh": curve, "section": section, "normal": z},
-        "contact.Box": {"centre": z, "sizes": (1.0, 1.0, 1.0), "inside": False, "name": "box"},
-        "Cable": {"mesh": curve, "law": gx.CableLaw(**cable_law), "order": 1},
-        "CableLaw": cable_law,
-        "Case": {
-            "scene": scene,
-            "stepper": gx.Midpoint(dt=0.1),
-            "until": 1.0,
-            "title": "",
-            "frames": 10,
-            "halvings": 8,
-        },
-        "loads.Centrifugal": {"body": film, "spin": z, "centre": z},
-        "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
-        "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
-        "probes.ContactForce": {"contact": touching, "body": film, "axis": "x"},
-        "probes.ContactGap": {"contact": touching},
-        "analysis.Continuation": {
-            "tolerance": 1e-8,
-            "first_step": 2e-3,
-            "growth_factor": 1.6,
-            "cut_factor": 0.5,
-            "inner_tolerance": 0.1,
-            "cap_growth": 1.1,
-            "fast_iterations": 12,
-            "max_iterations": 25,
-            "total_iterations": 1000,
-        },
-        "connectors.Crease": {
-            "body": creased,
-            "edges": "crease",
-            "stiffness": 1e-3,
-            "rest_angle": 1.0,
-            "yield_angle": 0.5,
-        },
-        "contact.Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
-        "probes.FoldAngle": {
-            "crease": gx.connectors.Crease(creased, "crease", stiffness=1e-3),
-            "which": "mean",
-        },
-        "analysis.HangingStrip": {
-            "length": 0.05,
-            "width": 0.01,
-            "bending_stiffness": 2.6e-5,
-            "area_density": 0.07,
-        },
-        "analysis.identify_crease": {
-            "strip": strip,
-            "weights": weights,
-            "angles": [angle for angle, _ in measured],
-            "distances": [distance for _, distance in measured],
-            "angle_uncertainty": 0.01,
-        },
-        "connectors.Damper": {"a": P, "b": Q, "damping": 1.0},
-        "Damping": {
-            "body": film,
-            "mass_factor": 1.0,
-            "stiffness_factor": 1.0,
-            "tension_only": True,
-        },
-        "probes.Displacement": {"port": P, "axis": "x"},
-        "orbit.Drag": {
-            "body": film,
-            "orbit": orbit,
-            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
-            "closed": False,
-            "rotation": 1e-5,
-        },
-        "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
-        "analysis.EnclosedVolume": {"film": film},
-        "analysis.ChamberPressure": {"chamber": tank},
-        "analysis.CrossingTime": {"of": gx.analysis.EnclosedVolume(film), "value": 1e-3},
-        "analysis.Energy": {},
-        "analysis.TravellingWaves": {
-            "forward": 1.0,
-            "backward": 0.0,
-            "forward_frequency": 2.0,
-            "backward_frequency": 0.0,
-        },
-        "analysis.travelling_waves": {
-            "time": np.arange(20.0),
-            "cosine": np.cos(np.arange(20.0)),
-            "sine": np.sin(np.arange(20.0)),
-        },
-        "analysis.Frequency": {"equilibrium": inputs.equilibrium, "number": 1},
-        "analysis.Limit": {"of": gx.analysis.Energy(), "low": 0.0, "high": 1.0},
-        "analysis.Functional": {
-            "value": lambda run: 0.0,
-            "derivative": lambda run: {},
-            "unit": "m",
-        },
-        "analysis.Integral": {"body": film, "form": lambda q: q[2] * film.dx, "unit": "m³"},
-        "analysis.EdgeCable": {"body": film, "edges": "left", "force": 1.0},
-        "loads.EdgeLoad": {"body": film, "edges": "left", "force": z},
-        "loads.EdgeMoment": {"body": plate, "edges": "left", "moment": 1.0},
-        "Elastica": {**film_law, "half_wavelength": 0.01},
-        "orbit.Elements": dict(
-            zip(
-                ("a", "e", "i", "node", "perigee", "anomaly"),
-                (7e6, 0.1, 0.5, 1.0, 1.0, 1.0),
-                strict=True,
-            )
-        ),
-        "Equilibrium": {"scene": scene, "search": gx.analysis.Continuation()},
-        "orbit.ExponentialAtmosphere": dict.fromkeys(
-            ("density", "altitude", "scale_height", "temperature"), 1.0
-        ),
-        "Fixed": {
-            "body": beam,
-            "group": "start",
-            "direction": (1.0, 0.0, 0.0),
-            "twist": 0.1,
-            "motion": lambda x, t: 0 * x,
-        },
-        "constraints.FixedJoint": {"a": A, "b": B},
-        "plot.FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
-        "loads.Force": {"port": P, "force": z},
-        "Frame": {"origin": Q, "directors": (Q, Q, Q), "name": "axes"},
-        "probes.GasState": {"chamber": tank, "quantity": "pressure"},
-        "GeneralizedAlpha": {"dt": 1e-3, "spectral_radius": 0.8},
-        "Gravity": {"body": film, "g": z},
-        "Ground": {"vector": z},
-        "IdealGas": {"gamma": 1.4, "R": 287.0},
-        "assemblies.InflatableTube": {
-            "mesh": flat_tube(WORLD, 0.25, 0.03, 4, 2),
-            "law": law,
-            "gas": gas,
-            "pressure": 1.0,
-            "temperature": 293.0,
-            "dead_volume": 1e-6,
-            "discharge_coefficient": 0.8,
-            "laminar": 1e-3,
-            "folds": gx.fold.Zigzag(0.25, 2, width=0.047, lift=1e-4),
-            "origin": (0.0, 0.0, 0.0),
-            "turn": (0.0, 0.0, 1.0),
-            "caps": {"tip": 1e-3},
-            "rod_width": 2e-3,
-            "crease_stiffness": 1e-3,
-            "set_angle_ratio": 0.5,
-            "yield_angle": 0.5,
-            "properties": {"thickness": {"compartment 1": 2e-5}},
-            "contact_distance": 5e-4,
-        },
-        "probes.JointForce": {"joint": gx.constraints.BallJoint(P, Q), "axis": "x"},
-        "Ledger": {"path": folder / "ledger.csv"},
-        "assemblies.LiddedBox": {
-            "sizes": (0.1, 0.1, 0.1),
-            "centre": z,
-            "wall_thickness": 2e-3,
-            "mass": 0.1,
-            "stiffness": 0.1,
-            "rest_angle": 2.5,
-            "release_time": 0.1,
-            "damping": 1e-3,
-            "max_angle": 2.0,
-            "stop_stiffness": 1e4,
-            "body": block,
-            "turn": (0.0, 0.0, 1.0),
-        },
-        "Linear": film_law,
-        "constraints.Link": {"a": P, "b": Q},
-        "probes.MeanSpin": {"body": film, "axis": "z"},
-        "probes.AngularMomentum": {"axis": "z", "frame": gx.ground_frame()},
-        "probes.Nutation": {"frame": gx.ground_frame()},
-        "probes.Imbalance": {"ports": [P, P], "frame": gx.ground_frame()},
-        "probes.Waves": {
-            "ports": [P, P, P, P],
-            "frame": gx.ground_frame(),
-            "number": 1,
-            "part": "sine",
-            "quantity": "radius",
-        },
-        "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
-        "LinearOrthotropic": {**fabric, "direction": (1.0, 0.0, 0.0)},
-        "materials.AroundAxis": {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.0)},
-        "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
-        "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
-        "Miyazaki": {**film_law, "residual_stiffness": 1e-6},
-        "Orthotropic": {
-            **fabric,
-            "direction": (1.0, 0.0, 0.0),
-            "residual_stiffness": 1e-6,
-        },
-        "Orifice": {
-            "a": tank,
-            "b": gx.gas.Ambient(),
-            "area": 1e-6,
-            "discharge_coefficient": 0.8,
-            "laminar": 1e-5,
-        },
-        "orbit.Optics": dict.fromkeys(
-            ("reflectivity", "specular", "emissivity", "lambertian"), 0.5
-        ),
-        "orbit.Sunlight": {
-            "body": film,
-            "direction": z,
-            "optics": gx.orbit.Optics(),
-            "groups": {"film": gx.orbit.Optics()},
-            "pressure": 5e-6,
-            "name": "light",
-        },
-        "orbit.Orbit": {
-            "start": gx.orbit.Elements(7e6),
-            "sun": z,
-            "mu": 1e14,
-            "radius": 6e6,
-            "pressure": 5e-6,
-            "ut1_utc": 0.1,
-            "following": 100.0,
-        },
-        "probes.OrbitState": {"orbit": orbit, "quantity": "a"},
-        "steppers.PathAverage": {"points": 10},
-        "steppers.VariationalMidpoint": {"dt": 1e-3},
-        "probes.Penetrations": {"contact": touching},
-        "plot.Picture": {
-            "path": folder / "a.png",
-            "times": (0.1,),
-            "title": "",
-            "section": ((0, 0, 0), (0, 0, 1)),
-            "colour": "group",
-        },
-        "gas.Piston": {"port": P, "area": 1.0, "direction": z},
-        "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
-        "contact.Plane": {"point": z, "normal": z, "friction": 0.1},
-        "PointMass": {"mass": 1.0, "position": z, "velocity": z},
-        "probes.PolarPosition": {"port": P, "frame": B, "quantity": "radius"},
-        "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
-        "probes.Position": {"port": P, "axis": "x"},
-        "Pressure": {"body": film, "pressure": 1.0},
-        "analysis.Prestress": {**film_law, "tension": 10.0},
-        "constraints.PrismaticJoint": hinge,
-        "constraints.CylindricalJoint": hinge,
-        "outputs.Probes": {
-            "path": folder / "a.csv",
-            "probes": {"a": lambda run: 0.0},
-            "every": 1,
-            "times": (0.1,),
-        },
-        "Recording": {
-            "folder": folder / "run",
-            "fields": {},
-            "every": 10,
-            "times": (0.1,),
-            "title": "",
-        },
-        "gas.Reservoir": {"pressure": 1e5, "temperature": 300.0},
-        "constraints.RevoluteJoint": hinge,
-        "RigidBody": {
-            "mass": 1.0,
-            "inertia": (1.0, 1.0, 1.0),
-            "position": z,
-            "velocity": z,
-            "spin": z,
-        },
-        "RigidRegion": {"body": film, "group": "left", "rigid_body": None, "sliding": False},
-        "RigidMotion": {"spin": z, "velocity": z, "centre": z},
-        "probes.RingArea": {"ring": gx.gas.Ring(film, "left")},
-        "gas.Ring": {"body": film, "edges": "left"},
-        "connectors.Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "damping": 0.1},
-        "connectors.RopeBundle": {
-            "ends": [(P, Q)],
-            "lengths": [1.0],
-            "stiffness": 1.0,
-            "damping": 0.1,
-        },
-        "assemblies.RotationGuides": {
-            "hub": block,
-            "count": 4,
-            "radius": 0.8,
-            "rod_radius": 0.02,
-            "height": 0.5,
-            "mass": 1.0,
-            "brake_damping": 1.0,
-            "first_angle": 0.1,
-            "drawn": lambda t: 0.1 * t,
-            "reel_depth": 0.6,
-        },
-        "sections.Section": edges,
-        "Series": {"probes": {"a": lambda run: 0.0}},
-        "Simulation": {
-            "scene": scene,
-            "stepper": gx.Midpoint(dt=0.1),
-            "outputs": [],
-            "halvings": 8,
-        },
-        "materials.ThermalExpansion": {
-            "alpha": 2e-5,
-            "temperature": 310.0,
-            "reference": 300.0,
-        },
-        "orbit.ThermalProperties": {
-            "heat_capacity": 10.0,
-            "absorptivity": 0.2,
-            "emissivity": (0.1, 0.5),
-        },
-        "orbit.SolarHeating": {
-            "film": film,
-            "orbit": orbit,
-            "properties": gx.orbit.ThermalProperties(10.0, absorptivity=0.2, emissivity=0.5),
-            "initial_temperature": 300.0,
-            "space_temperature": 2.7,
-            "infrared": 237.0,
-            "albedo": 0.3,
-            "shadow_pixels": 8,
-        },
-        "orbit.SolarPressure": {
-            "body": film,
-            "orbit": orbit,
-            "optics": gx.orbit.Optics(),
-            "shadow_pixels": 8,
-        },
-        "contact.Sphere": {"centre": z, "radius": 0.1, "inside": False},
-        "connectors.Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
-        "StepControl": {
-            "target_iterations": 15,
-            "error": 1e-3,
-            "max_factor": 1.5,
-            "min_factor": 0.5,
-            "min_step": 1e-9,
-        },
-        "connectors.Stop": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0},
-        "probes.SunAngle": {"orbit": orbit, "of": film},
-        "orbit.Surface": {
-            "area": 1.0,
-            "normal": z,
-            "centre": z,
-            "optics": gx.orbit.Optics(),
-            "two_sided": True,
-        },
-        "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
-        "connectors.Tape": {
-            "body": film,
-            "law": gx.CableLaw(**cable_law),
-            "bars": ends,
-            "lengths": [1.0],
-            "name": "tape",
-        },
-        "connectors.Tether": {
-            "a": P,
-            "b": Q,
-            "length": 1.0,
-            "stiffness": 1.0,
-            "brake_force": 0.1,
-            "total_length": 2.0,
-        },
-        "TensionField": film_law,
-        "Seam": {"a": film, "edge_a": "left", "b": film, "edge_b": "right", "closing": (0.0, 1.0)},
-        "patterns.gores": {"profile": [[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]], "n": 4},
-        "TabulatedCable": {"strain": [0.0, 0.1], "force": [0.0, 50.0], "line_density": 0.1},
-        "TensionOnly": cable_law,
-        "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},
-        "Tolerances": {
-            "relative": 1e-10,
-            "absolute": 0.0,
-            "floor": 4.0,
-            "energy": 1e-12,
-            "scalars": 1e-12,
-            "max_iterations": 40,
-        },
-        "loads.Torque": {"frame": A, "torque": z},
-        "connectors.TorsionDamper": {**hinge, "damping": 1.0},
-        "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
-        "outputs.VTU": {
-            "path": folder / "a.pvd",
-            "fields": ("displacement",),
-            "every": 1,
-            "times": (0.1,),
-        },
-        "outputs.VTX": {
-            "path": folder / "a.bp",
-            "fields": ("displacement",),
-            "every": 1,
-            "times": (0.1,),
-        },
-        "plot.View": {
-            "azimuth": 0.5,
-            "elevation": 0.3,
-            "follow": True,
-            "zoom": False,
-            "opacity": 0.5,
-        },
-        "probes.Velocity": {"port": P, "axis": "x"},
-        "gas.WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
-        "When": {"probe": lambda run: 0.0, "value": 1.0, "tolerance": 1e-9},
-        "fields.field_values": {"state": gx.Equilibrium(scene), "body": film, "field": "stress1"},
-        "fields.line_values": {"state": gx.Equilibrium(gx.Scene(spring)), "line": spring},
-        "fields.LineValues": {
-            "points": np.zeros((1, 3)),
-            "tension": np.zeros(1),
-            "strain": np.zeros(1),
-            "length": np.ones(1),
-        },
-        "fields.positions": {"state": gx.Equilibrium(scene), "body": film},
-        "analysis.find_form": {
-            "body": soap,
-            "scene": lambda: gx.Scene(*(gx.Fixed(soap, edge) for edge in EDGES)),
-            "change": 1e-3,
-            "updates": 20,
-        },
-        "fold.Ikaros": {
-            "n": 4,
-            "inner": 5,
-            "outer": 9,
-            "pitch": 0.3,
-            "bends": 2,
-            "gap": 1e-3,
-            "hub_gap": 1e-4,
-            "ramp": 1.0,
-            "wound": False,
-        },
-        "fold.Miura": {
-            "a": 0.1,
-            "b": 0.1,
-            "gamma": 1.0,
-            "theta": 0.5,
-            "opening": 1e-4,
-            "lift": 1e-5,
-        },
-        "fold.Roll": {
-            "length": 1.0,
-            "bends": 99,
-            "radius": 0.03,
-            "pitch": 2e-3,
-            "flat": 0.1,
-            "width": 0.1,
-            "opening": 1e-4,
-        },
-        "fold.Spiral": {
-            "length": 1.0,
-            "columns": 50,
-            "around": 20,
-            "rows": 4,
-            "pitch": 0.02,
-            "gap": 1e-4,
-        },
-        "fold.Star": {"n": 8, "side": 0.04, "columns": 2, "reach": 20, "gap": 1e-4},
-        "fold.Zigzag": {
-            "length": 1.0,
-            "panels": 5,
-            "angle": 1.4,
-            "width": 0.1,
-            "opening": 1e-3,
-            "lift": 1e-4,
-            "bends": 3,
-            "spacing": 1e-2,
-        },
-        "gmsh_mesh": {"build": triangle, "comm": WORLD},
-        "ground_frame": {"point": z},
-        "run.latest_checkpoint": {"folder": folder},
-        "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
-        "analysis.gradient": {
-            "source": inputs.equilibrium,
-            "of": gx.analysis.Energy(),
-            "by": [f"{inputs.film.name}.E"],
-        },
-        "analysis.fit": {
-            "equilibrium": inputs.equilibrium,
-            "of": [gx.analysis.Energy()],
-            "measured": [1.0],
-            "by": [f"{inputs.film.name}.E"],
-            "uncertainty": 0.1,
-            "bounds": {f"{inputs.film.name}.E": (1e8, 3e9)},
-            "iterations": 2,
-            "tolerance": 0.1,
-        },
-        "analysis.fit_runs": {
-            "evaluate": lambda values: [energy_of_a_run(values)],
-            "start": {"film.E": 1e9},
-            "measured": [1e18],
-            "uncertainty": 1e17,
-            "bounds": {"film.E": (0.5e9, 3e9)},
-            "iterations": 2,
-            "tolerance": 0.1,
-            "comm": WORLD,
-        },
-        "analysis.minimise": {
-            "equilibrium": inputs.equilibrium,
-            "of": gx.analysis.Energy(),
-            "by": [f"{inputs.film.name}.E"],
-            "bounds": {f"{inputs.film.name}.E": (1e9, 3e9)},
-            "limits": [gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
-            "iterations": 1,
-            "tolerance": 0.1,
-        },
-        "analysis.minimise_runs": {
-            "evaluate": energy_of_a_run,
-            "start": {"film.E": 1e9},
-            "bounds": {"film.E": (0.5e9, 3e9)},
-            "method": "L-BFGS-B",
-            "iterations": 1,
-            "tolerance": 0.1,
-            "comm": WORLD,
-        },
-        "analysis.modes": {
-            "equilibrium": inputs.equilibrium,
-            "count": 1,
-            "spin": (0.0, 0.0, 0.0),
-            "above": 0.0,
-        },
-        "control.patch": {"centre": P, "points": [P, P, P]},
-        "reduction.RecordedShapes": {"body": inputs.film, "folder": inputs.run},
-        "reduction.Snapshots": {"body": film, "every": 2},
-        "analysis.convergence": {
-            "quantity": lambda n: 1.0 + 1.0 / n,
-            "meshes": [2, 4, 8],
-            "sizes": [0.5, 0.25, 0.125],
-            "exact": 1.0,
-        },
-        "outputs.record": {
-            "equilibrium": inputs.equilibrium,
-            "outputs": [gx.Ledger(folder / "static.csv")],
-            "at": [0.0],
-        },
-        "outputs.record_modes": {
-            "equilibrium": inputs.equilibrium,
-            "modes": inputs.modes,
-            "folder": folder / "hostile modes",
-            "amplitude": 0.1,
-            "frames": 2,
-            "overwrite": True,
-        },
-        "plot.modes": {
-            "folders": [inputs.mode],
-            "path": folder / "modes.png",
-            "view": None,
-        },
-        "analysis.ModeShapes": {
-            "body": inputs.film,
-            "equilibrium": inputs.equilibrium,
-            "modes": inputs.modes,
-            "height": 0.1,
-        },
-        "reduction.OutsideBasis": {"body": gx.reduction.reduce(film, [motion], modes=1)},
-        "reduction.reduce": {"body": film, "motions": [motion], "modes": 1},
-        "sweep.RobustDesign": {
-            "outcome": lambda comm, folder, **values: {"y": 1.0},
-            "control": {"a": [1, 2]},
-            "goals": {"y": "smaller"},
-            "noise": {"n": [0.0, 1.0]},
-            "array": "L18",
-            "usual": {"a": 1},
-        },
-        "sweep.Factorial": {
-            "outcome": lambda comm, folder, **values: {"y": 1.0},
-            "over": {"a": [1, 2]},
-            "listed": False,
-        },
-        "plot.InlineReport": {"run": reader, "height": 500},
-        # Files are exported by one process; here each rank has a folder.
-        "plot.export": {"run": reader, "folder": folder / f"vtu {WORLD.rank}"},
-        "plot.RunReader": {"folder": inputs.run},
-        "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
-        "plot.curves": {"run": reader, "path": folder / "a.png"},
-        "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
-        "plot.overlay": {
-            "run": reader,
-            "measured": [inputs.run.parent / "measured.csv"],
-            "path": folder / "a.png",
-        },
-        "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
-        "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
-        "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},
-        "sections.solid_circle": {"radius": 0.1, **tube},
-        "sections.tube": {"outer_radius": 0.02, "wall_thickness": 5e-4, **tube},
-        "write_report": {"run": reader, "path": folder / "a.html"},
-    }
+    add("orbit.Accommodation", normal=0.9, tangential=0.9)
+    add("orbit.Air", density=1e-12, molecule=1e-26)
+    add("loads.AirDrag", body=film, density=0.1, wind=z)
+    add("gas.Ambient", pressure=1.0)
+    add("probes.AxialStrain", line=spring)
+    add("probes.Tension", line=spring, which="least")
+    add("probes.Length", line=spring)
+    add("probes.AngularVelocity", frame=A, axis="x")
+    add("probes.AreaFraction", body=film, state="taut")
+    add("At", time=0.1)
+    add("connectors.AttachedMass", port=film.port("bottom left"), mass=1.0)
+    add("probes.Attitude", orbit=orbit, of=film, axis="along")
+    add("control.AttitudeControl", frame=A, target=z, stiffness=1.0, damping=1.0, period=0.1)
+    add("connectors.AxialSpring", port=P, stiffness=1.0, direction=z, origin=z)
+    add("constraints.BallJoint", a=P, b=gx.Ground((1.0, 0.0, 0.0)))
+    add("Beam", mesh=curve, section=section)
+    add("contact.Box", centre=z, sizes=(1.0, 1.0, 1.0), name="box")
+    add("Cable", mesh=curve, law=gx.CableLaw(**cable_law))
+    add("CableLaw", **cable_law)
+    add("Case", scene=scene, stepper=gx.Midpoint(dt=0.1), until=1.0, frames=10)
+    add("loads.Centrifugal", body=film, spin=z, centre=z)
+    add("Chamber", gas=gas, pressure=1e5, temperature=300.0, volume=1.0)
+    add("Checkpoints", folder=folder / "checkpoints", minutes=10.0)
+    add("probes.ContactForce", contact=touching, body=film, axis="x")
+    add("probes.ContactGap", contact=touching)
+    add("analysis.Continuation")
+    add(
+        "connectors.Crease",
+        body=creased,
+        edges="crease",
+        stiffness=1e-3,
+        rest_angle=1.0,
+        yield_angle=0.5,
+    )
+    add("contact.Cone", start=z, end=(1.0, 0.0, 0.0), radii=(0.0, 0.1))
+    add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
+    add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
+    add(
+        "analysis.HangingStrip",
+        length=0.05,
+        width=0.01,
+        bending_stiffness=2.6e-5,
+        area_density=0.07,
+    )
+    add(
+        "analysis.identify_crease",
+        strip=strip,
+        weights=weights,
+        angles=[angle for angle, _ in measured],
+        distances=[distance for _, distance in measured],
+        angle_uncertainty=0.01,
+    )
+    add("connectors.Damper", a=P, b=Q, damping=1.0)
+    add("Damping", body=film, mass_factor=1.0, stiffness_factor=1.0, tension_only=True)
+    add("probes.Displacement", port=P, axis="x")
+    add(
+        "orbit.Drag",
+        body=film,
+        orbit=orbit,
+        atmosphere=gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
+        rotation=1e-5,
+    )
+    add("constraints.Driven", body=block, axis=z, angle=lambda t: t)
+    add("analysis.EnclosedVolume", film=film)
+    add("analysis.ChamberPressure", chamber=tank)
+    add("analysis.CrossingTime", of=gx.analysis.EnclosedVolume(film), value=1e-3)
+    add("analysis.Energy")
+    add(
+        "analysis.TravellingWaves",
+        forward=1.0,
+        backward=0.0,
+        forward_frequency=2.0,
+        backward_frequency=0.0,
+    )
+    add(
+        "analysis.travelling_waves",
+        time=np.arange(20.0),
+        cosine=np.cos(np.arange(20.0)),
+        sine=np.sin(np.arange(20.0)),
+    )
+    add("analysis.Frequency", equilibrium=inputs.equilibrium, number=1)
+    add("analysis.Limit", of=gx.analysis.Energy(), low=0.0, high=1.0)
+    add("analysis.Functional", value=lambda run: 0.0, derivative=lambda run: {}, unit="m")
+    add("analysis.Integral", body=film, form=lambda q: q[2] * film.dx, unit="m³")
+    add("analysis.EdgeCable", body=film, edges="left", force=1.0)
+    add("loads.EdgeLoad", body=film, edges="left", force=z)
+    add("loads.EdgeMoment", body=plate, edges="left", moment=1.0)
+    add("Elastica", **film_law, half_wavelength=0.01)
+    add("orbit.Elements", a=7e6)
+    add("Equilibrium", scene=scene)
+    add("orbit.ExponentialAtmosphere", density=1.0, altitude=1.0, scale_height=1.0)
+    add("Fixed", body=beam, group="start", direction=(1.0, 0.0, 0.0), motion=lambda x, t: 0 * x)
+    add("constraints.FixedJoint", a=A, b=B)
+    add("plot.FlightPicture", path=folder / "a.png", orbit=orbit, probes={})
+    add("loads.Force", port=P, force=z)
+    add("Frame", origin=Q, directors=(Q, Q, Q))
+    add("probes.GasState", chamber=tank, quantity="pressure")
+    add("GeneralizedAlpha", dt=1e-3)
+    add("Gravity", body=film, g=z)
+    add("Ground", vector=z)
+    add("IdealGas", gamma=1.4, R=287.0)
+    add(
+        "assemblies.InflatableTube",
+        mesh=flat_tube(WORLD, 0.25, 0.03, 4, 2),
+        law=law,
+        gas=gas,
+        folds=gx.fold.Zigzag(0.25, 2, width=0.047, lift=1e-4),
+        turn=(0.0, 0.0, 1.0),
+        caps={"tip": 1e-3},
+        crease_stiffness=1e-3,
+        set_angle_ratio=0.5,
+        yield_angle=0.5,
+        properties={"thickness": {"compartment 1": 2e-5}},
+        contact_distance=5e-4,
+    )
+    add("probes.JointForce", joint=gx.constraints.BallJoint(P, Q), axis="x")
+    add("Ledger", path=folder / "ledger.csv")
+    add(
+        "assemblies.LiddedBox",
+        sizes=(0.1, 0.1, 0.1),
+        centre=z,
+        release_time=0.1,
+        damping=1e-3,
+        body=block,
+        turn=(0.0, 0.0, 1.0),
+    )
+    add("Linear", **film_law)
+    add("constraints.Link", a=P, b=Q)
+    add("probes.MeanSpin", body=film)
+    add("probes.AngularMomentum", axis="z", frame=gx.ground_frame())
+    add("probes.Nutation", frame=gx.ground_frame())
+    add("probes.Imbalance", ports=[P, P], frame=gx.ground_frame())
+    add("probes.Waves", ports=[P, P, P, P], frame=gx.ground_frame(), number=1)
+    add("Membrane", mesh=mesh, law=law)
+    add("LinearOrthotropic", **fabric, direction=(1.0, 0.0, 0.0))
+    add("materials.AroundAxis", axis=(0.0, 0.0, 1.0))
+    add("Midpoint", dt=1e-3, rule=gx.steppers.PathAverage(), tolerances=gx.Tolerances())
+    add("probes.LoadResultant", orbit=orbit, load="drag", action="force", axis="x")
+    add("Miyazaki", **film_law)
+    add("Orthotropic", **fabric, direction=(1.0, 0.0, 0.0))
+    add("Orifice", a=tank, b=gx.gas.Ambient(), area=1e-6)
+    add("orbit.Optics")
+    add("orbit.Sunlight", body=film, direction=z, groups={"film": gx.orbit.Optics()})
+    add("orbit.Orbit", start=gx.orbit.Elements(7e6), sun=z, mu=1e14)
+    add("probes.OrbitState", orbit=orbit, quantity="a")
+    add("steppers.PathAverage")
+    add("steppers.VariationalMidpoint", dt=1e-3)
+    add("probes.Penetrations", contact=touching)
+    add("plot.Picture", path=folder / "a.png", times=(0.1,), section=((0, 0, 0), (0, 0, 1)))
+    add("gas.Piston", port=P, area=1.0, direction=z)
+    add("Plate", mesh=mesh, law=law)
+    add("contact.Plane", point=z, normal=z, friction=0.1)
+    add("PointMass", mass=1.0, position=z, velocity=z)
+    add("probes.PolarPosition", port=P, frame=B)
+    add("Port", body=film, nodes=(0,))
+    add("probes.Position", port=P, axis="x")
+    add("Pressure", body=film, pressure=1.0)
+    add("analysis.Prestress", **film_law, tension=10.0)
+    add("constraints.PrismaticJoint", **hinge)
+    add("constraints.CylindricalJoint", **hinge)
+    add("outputs.Probes", path=folder / "a.csv", probes={"a": lambda run: 0.0}, times=(0.1,))
+    add("Recording", folder=folder / "run", fields={}, times=(0.1,))
+    add("gas.Reservoir", pressure=1e5, temperature=300.0)
+    add("constraints.RevoluteJoint", **hinge)
+    add("RigidBody", mass=1.0, inertia=(1.0, 1.0, 1.0), position=z, velocity=z, spin=z)
+    add("RigidRegion", body=film, group="left", rigid_body=None)
+    add("RigidMotion", spin=z, velocity=z, centre=z)
+    add("probes.RingArea", ring=gx.gas.Ring(film, "left"))
+    add("gas.Ring", body=film, edges="left")
+    add("connectors.Rope", a=P, b=Q, length=1.0, stiffness=1.0)
+    add("connectors.RopeBundle", ends=[(P, Q)], lengths=[1.0], stiffness=1.0)
+    add(
+        "assemblies.RotationGuides",
+        hub=block,
+        count=4,
+        radius=0.8,
+        first_angle=0.1,
+        drawn=lambda t: 0.1 * t,
+        reel_depth=0.6,
+    )
+    add("sections.Section", **edges)
+    add("Series", probes={"a": lambda run: 0.0})
+    add("Simulation", scene=scene, stepper=gx.Midpoint(dt=0.1), outputs=[])
+    add("materials.ThermalExpansion", alpha=2e-5, temperature=310.0)
+    add("orbit.ThermalProperties", heat_capacity=10.0, absorptivity=0.2, emissivity=(0.1, 0.5))
+    add(
+        "orbit.SolarHeating",
+        film=film,
+        orbit=orbit,
+        properties=gx.orbit.ThermalProperties(10.0, absorptivity=0.2, emissivity=0.5),
+        initial_temperature=300.0,
+    )
+    add("orbit.SolarPressure", body=film, orbit=orbit)
+    add("contact.Sphere", centre=z, radius=0.1)
+    add("connectors.Spring", a=P, b=Q, stiffness=1.0, length=1.0)
+    add("StepControl", error=1e-3, min_step=1e-9, max_step=1.0)
+    add("connectors.Stop", a=P, b=Q, length=1.0, stiffness=1.0)
+    add("probes.SunAngle", orbit=orbit, of=film)
+    add("orbit.Surface", area=1.0, normal=z, centre=z)
+    add("Tank", volume=1e-3, gas=gas, pressure=1e5, temperature=300.0)
+    add("connectors.Tape", body=film, law=gx.CableLaw(**cable_law), bars=ends, lengths=[1.0])
+    add("connectors.Tether", a=P, b=Q, length=1.0, stiffness=1.0, brake_force=0.1, total_length=2.0)
+    add("TensionField", **film_law)
+    add("Seam", a=film, edge_a="left", b=film, edge_b="right")
+    add("patterns.gores", profile=[[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]], n=4)
+    add("TabulatedCable", strain=[0.0, 0.1], force=[0.0, 50.0], line_density=0.1)
+    add("TensionOnly", **cable_law)
+    add("Tie", a=film, group_a="left", b=plate, group_b="left")
+    add("Tolerances")
+    add("loads.Torque", frame=A, torque=z)
+    add("connectors.TorsionDamper", **hinge, damping=1.0)
+    add("connectors.TorsionSpring", **hinge, stiffness=1.0)
+    add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
+    add("plot.View", azimuth=0.5, elevation=0.3, follow=True)
+    add("probes.Velocity", port=P, axis="x")
+    add("gas.WallHeat", chamber=tank, conductance=1.0, temperature=300.0)
+    add("When", probe=lambda run: 0.0, tolerance=1e-9)
+    add("fields.field_values", state=gx.Equilibrium(scene), body=film, field="stress1")
+    add("fields.line_values", state=gx.Equilibrium(gx.Scene(spring)), line=spring)
+    add(
+        "fields.LineValues",
+        points=np.zeros((1, 3)),
+        tension=np.zeros(1),
+        strain=np.zeros(1),
+        length=np.ones(1),
+    )
+    add("fields.positions", state=gx.Equilibrium(scene), body=film)
+    add(
+        "analysis.find_form",
+        body=soap,
+        scene=lambda: gx.Scene(*(gx.Fixed(soap, edge) for edge in EDGES)),
+        change=1e-3,
+        updates=20,
+    )
+    add("fold.Ikaros", n=4, inner=5, outer=9, pitch=0.3, gap=1e-3, hub_gap=1e-4)
+    add("fold.Miura", a=0.1, b=0.1, gamma=1.0, theta=0.5, opening=1e-4, lift=1e-5)
+    add("fold.Roll", length=1.0, bends=99, radius=0.03, flat=0.1, width=0.1, opening=1e-4)
+    add("fold.Spiral", length=1.0, columns=50, around=20, rows=4, pitch=0.02, gap=1e-4)
+    add("fold.Star", n=8, side=0.04, columns=2, reach=20, gap=1e-4)
+    add(
+        "fold.Zigzag",
+        length=1.0,
+        panels=5,
+        width=0.1,
+        opening=1e-3,
+        lift=1e-4,
+        bends=3,
+        spacing=1e-2,
+    )
+    add("gmsh_mesh", build=triangle, comm=WORLD)
+    add("ground_frame", point=z)
+    add("run.latest_checkpoint", folder=folder)
+    add("run.log_to", comm=WORLD, file=folder / "log.txt")
+    add(
+        "analysis.gradient",
+        source=inputs.equilibrium,
+        of=gx.analysis.Energy(),
+        by=[f"{inputs.film.name}.E"],
+    )
+    add(
+        "analysis.fit",
+        equilibrium=inputs.equilibrium,
+        of=[gx.analysis.Energy()],
+        measured=[1.0],
+        by=[f"{inputs.film.name}.E"],
+        uncertainty=0.1,
+        bounds={f"{inputs.film.name}.E": (1e8, 3e9)},
+        iterations=2,
+        tolerance=0.1,
+    )
+    add(
+        "analysis.fit_runs",
+        evaluate=lambda values: [energy_of_a_run(values)],
+        start={"film.E": 1e9},
+        measured=[1e18],
+        uncertainty=1e17,
+        bounds={"film.E": (0.5e9, 3e9)},
+        iterations=2,
+        tolerance=0.1,
+    )
+    add(
+        "analysis.minimise",
+        equilibrium=inputs.equilibrium,
+        of=gx.analysis.Energy(),
+        by=[f"{inputs.film.name}.E"],
+        bounds={f"{inputs.film.name}.E": (1e9, 3e9)},
+        limits=[gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
+        iterations=1,
+        tolerance=0.1,
+    )
+    add(
+        "analysis.minimise_runs",
+        evaluate=energy_of_a_run,
+        start={"film.E": 1e9},
+        bounds={"film.E": (0.5e9, 3e9)},
+        method="L-BFGS-B",
+        iterations=1,
+        tolerance=0.1,
+    )
+    add("analysis.modes", equilibrium=inputs.equilibrium, count=1)
+    add("control.patch", centre=P, points=[P, P, P])
+    add("reduction.RecordedShapes", body=inputs.film, folder=inputs.run)
+    add("reduction.Snapshots", body=film)
+    add(
+        "analysis.convergence",
+        quantity=lambda n: 1.0 + 1.0 / n,
+        meshes=[2, 4, 8],
+        sizes=[0.5, 0.25, 0.125],
+        exact=1.0,
+    )
+    add(
+        "outputs.record",
+        equilibrium=inputs.equilibrium,
+        outputs=[gx.Ledger(folder / "static.csv")],
+        at=[0.0],
+    )
+    add(
+        "outputs.record_modes",
+        equilibrium=inputs.equilibrium,
+        modes=inputs.modes,
+        folder=folder / "hostile modes",
+        amplitude=0.1,
+        frames=2,
+        overwrite=True,
+    )
+    add("plot.modes", folders=[inputs.mode], path=folder / "modes.png", view=None)
+    add(
+        "analysis.ModeShapes",
+        body=inputs.film,
+        equilibrium=inputs.equilibrium,
+        modes=inputs.modes,
+        height=0.1,
+    )
+    add("reduction.OutsideBasis", body=gx.reduction.reduce(film, [motion], modes=1))
+    add("reduction.reduce", body=film, motions=[motion], modes=1)
+    add(
+        "sweep.RobustDesign",
+        outcome=lambda comm, folder, **values: {"y": 1.0},
+        control={"a": [1, 2]},
+        goals={"y": "smaller"},
+        noise={"n": [0.0, 1.0]},
+        usual={"a": 1},
+    )
+    add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
+    add("plot.InlineReport", run=reader, height=500)
+    # Files are exported by one process; here each rank has a folder.
+    add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")
+    add("plot.RunReader", folder=inputs.run)
+    add("plot.animate", run=reader, field="state", path=folder / "a.gif", seconds=0.1)
+    add("plot.curves", run=reader, path=folder / "a.png")
+    add("plot.field", run=reader, field="state", times=(0.0,), path=folder / "a.png")
+    add(
+        "plot.overlay",
+        run=reader,
+        measured=[inputs.run.parent / "measured.csv"],
+        path=folder / "a.png",
+    )
+    add("plot.strip", run=reader, field="state", path=folder / "a.png")
+    add("read_mesh", path=inputs.mesh_file, comm=WORLD)
+    add("sections.rectangle", width2=0.1, width3=0.1, **tube)
+    add("sections.solid_circle", radius=0.1, **tube)
+    add("sections.tube", outer_radius=0.02, wall_thickness=5e-4, **tube)
+    add("write_report", run=reader, path=folder / "a.html")
+    return calls
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
@@ -753,6 +541,10 @@ def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
             bad = [math.nan, "x", (1.0, 2.0, 3.0, 4.0), object()]
         elif isinstance(value, tuple) and len(value) == 3 and isinstance(value[0], float):
             bad = [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0), "xyz", 7.0, object()]
+        elif value is None:
+            bad = [object()]
+        elif isinstance(value, Path):
+            bad = [3.7, object(), "a\0b", "\ud800"]
         else:
             bad = [3.7, object()]
         yield from ((argument, one) for one in bad)

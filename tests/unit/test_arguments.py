@@ -133,20 +133,14 @@ CASES: list[tuple[Any, Sequence[Any], Sequence[Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("hint", "good", "bad"),
-    CASES,
-    ids=[str(case[0]) for case in CASES],
-)
+@pytest.mark.parametrize(("hint", "good", "bad"), CASES, ids=[str(case[0]) for case in CASES])
 def test_types_are_read_as_users_of_numpy_read_them(
     hint: Any, good: Sequence[Any], bad: Sequence[Any]
 ) -> None:
     kind = kind_of(hint)
     assert kind is not None
-    measured = [value for value in good if not kind.accepts(value)]
-    assert measured == []
-    measured = [value for value in bad if kind.accepts(value)]
-    assert measured == []
+    assert [value for value in good if not kind.accepts(value)] == []
+    assert [value for value in bad if kind.accepts(value)] == []
 
 
 def test_numbers_out_of_range_are_named_with_their_unit_and_the_range() -> None:
@@ -223,8 +217,4 @@ def test_the_name_of_a_part_is_in_the_message() -> None:
 def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
     module = importlib.import_module("gossamer_fx.mechanics.contact.obstacles")
     with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):
-        module.Plane(
-            point=(0, 0, 0),
-            normal=(0, 0, 1),
-            friction="rough",
-        )
+        module.Plane(point=(0, 0, 0), normal=(0, 0, 1), friction="rough")

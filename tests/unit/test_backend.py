@@ -38,11 +38,7 @@ FOLDERS = (
 FILES = sorted(path for folder in FOLDERS for path in folder.rglob("*.py"))
 
 
-@pytest.mark.parametrize(
-    "path",
-    FILES,
-    ids=lambda p: str(p.relative_to(PACKAGE.parent)),
-)
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE.parent)))
 def test_only_the_seam_knows_the_version(path: Path) -> None:
     if path in {SEAM, Path(__file__)}:
         return
@@ -87,8 +83,7 @@ def test_an_expression_is_evaluated_to_rows(comm: MPI.Comm) -> None:
     assert np.allclose(backend.evaluate(vector, domain, cells), 2 * corners.reshape(len(cells), 9))
     scalar = compile_expression(constant(domain, 2.0) * X[0], points)
     assert np.allclose(backend.evaluate(scalar, domain, cells), 2 * corners[:, :, 0])
-    measured = backend.evaluate(scalar, domain, cells[:0]).shape
-    assert measured == (0, 3)
+    assert backend.evaluate(scalar, domain, cells[:0]).shape == (0, 3)
 
 
 @pytest.mark.mpi
@@ -142,5 +137,4 @@ def test_sheets_or_lines_meet_three_at_a_place(
     sizes = [mesh.domain.topology.index_map(d).size_global for d in (dim, 0)]
     assert sizes == [cells, nodes]
     if dim == 2:
-        measured = comm.allreduce(mesh.edges.count.max(), op=MPI.MAX)
-        assert measured == 3
+        assert comm.allreduce(mesh.edges.count.max(), op=MPI.MAX) == 3

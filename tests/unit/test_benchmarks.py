@@ -11,10 +11,12 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from gossamer_fx.analysis.cases.results import Result
 from tests.hanging import HANG_TIMEOUT
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "demos" / "benchmarks"
@@ -38,14 +40,17 @@ def bench(name: str, folder: Path) -> tuple[str, list[dict[str, str]]]:
         str(folder),
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_TIMEOUT)
-    assert done.returncode == 0, done.stderr
-    assert "failed" not in done.stdout, done.stdout
-    with (folder / f"{name}.csv").open() as file:
-        return done.stdout, list(csv.DictReader(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    with (folder / name / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert not any(row.get("failed") for row in rows), done.stdout
+    return done.stdout, rows
 
 
-def differences(said: str) -> list[float]:
-    return [float(number) for number in re.findall(r"energy differs by (\S+)", said)]
+def differences(rows: list[dict[str, str]], figure: str) -> list[float]:
+    """Of all programs from the first one, relative."""
+    values = [float(row[figure]) for row in rows]
+    return [abs(value / values[0] - 1) for value in values[1:]]
 
 
 @pytest.mark.parametrize("name", ["scaling", "tube", "antenna"])
@@ -59,7 +64,7 @@ def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
     growth = (large["cost"] / large["Newton/step"]) / (small["cost"] / small["Newton/step"])
     slope = math.log(growth) / math.log(large["dofs"] / small["dofs"])
     assert exponent and float(exponent[1]) == pytest.approx(slope, abs=1e-3)
-    measured = (tmp_path / f"{name}.png").read_bytes()[1:4]
+    measured = (tmp_path / name / f"{name}.png").read_bytes()[1:4]
     assert measured == b"PNG"
 
 
@@ -68,7 +73,8 @@ def test_other_ways_give_the_same_energy(name, peer, tmp_path):
     said, rows = bench(name, tmp_path)
     measured = {row["program"] for row in rows}
     assert measured == {"gossamer", peer}
-    assert differences(said) and max(differences(said)) < 1e-8
+    for figure in ("energy", "stored"):
+        assert max(differences(rows, figure)) < 1e-8
     measured = float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1])
     assert measured > 0
 
@@ -83,7 +89,7 @@ def test_twice_the_sheet_on_twice_the_ranks(tmp_path):
 
 def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(tmp_path):
     _, (row,) = bench("limit", tmp_path)
-    figures = {key: float(row[key]) for key in row if key not in ("case", "program")}
+    figures = {key: float(row[key]) for key in row if key not in ("case", "program", "failed")}
     tangent, set_up, cycle = (
         figures[f"one {part} [ms]"] for part in ("tangent", "set-up", "cycle")
     )
@@ -165,3 +171,47 @@ def test_a_contestant_that_fails_is_told_and_ends_nothing(tmp_path, monkeypatch)
         run("sheet", "gossamer", {"n": 4, "dt": -1}, HANG_TIMEOUT)
     with pytest.raises(Failed, match="not finished after"):
         run("sheet", "gossamer", {"n": 40, "steps": 1000, "ranks": 2}, 3)
+
+
+def results_of(problem, **figures):
+    """One row of this program and one of a peer, with figures of the peer."""
+    own = {"cpu": 1.0, "cost": 1.0, "energy": 2.0, "ΔE/E": 1e-15}
+    return [
+        Result({"case": "small", "program": "gossamer", "run": 0}, own, 1.0),
+        Result({"case": "small", "program": "peer", "run": 0}, own | figures, 1.0),
+    ]
+
+
+def test_what_is_not_as_declared_makes_the_command_fail(monkeypatch):
+    """The command returns 1 if one of these judgements does not hold."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from bench import turns
+    from problems import Problem
+
+    problem = Problem(
+        title="a problem",
+        cost=lambda figures: figures["cpu"],
+        unit="s",
+        cases={"small": {"gossamer": {}, "peer": {}}},
+        quick={},
+        peers=("peer",),
+        equal={"energy": 1e-8},
+        limits={"ΔE/E": 1e-9},
+    )
+    cases = turns("a problem", problem, 1, quick=False)
+
+    def missed(results):
+        return [one.words for one in cases.judgements(results) if not one.holds]
+
+    good = results_of(problem)
+    assert not missed(good)
+    [words] = missed(results_of(problem, energy=2.1))
+    assert words == "small, peer: energy differs by 5.0e-02 > 1e-08"
+    [words] = missed([good[0], replace(good[1], numbers={}, failed="no convergence")])
+    assert words == "no ratio to peer: it failed"
+    [words] = missed([replace(good[0], numbers=good[0].numbers | {"ΔE/E": 1e-3}), good[1]])
+    assert words == "small, gossamer: ΔE/E 1.0e-03 > 1e-09"
+    [words] = missed([replace(good[0], warnings=["normals point inwards"]), good[1]])
+    assert words.endswith("undeclared warning: normals point inwards")
+    own_failed = missed([replace(good[0], numbers={}, failed="it snapped"), good[1]])
+    assert any("it snapped" in words for words in own_failed)

@@ -15,19 +15,13 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
-
-FILM = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+from tests.small_scenes import WRINKLING
 
 
 def simulation(comm, cells: int, *supports: str, order: int = 1) -> gx.Simulation:
     film = gx.Membrane(
         sheet(comm, cells, cells),
-        FILM,
+        WRINKLING,
         order=order,
         velocity=None if supports else throw,
     )
@@ -61,8 +55,7 @@ def test_it_holds_every_affine_motion(comm, order):
     patch = patches_of(system.bodies[0])
     affine = np.column_stack([np.ones(len(X)), X[:, :2]])
     ranks = [np.linalg.matrix_rank(affine[patch == k]) for k in range(patch.max() + 1)]
-    measured = P.getLocalSize()[1]
-    assert measured == 3 * sum(ranks)
+    assert P.getLocalSize()[1] == 3 * sum(ranks)
     assert np.mean(ranks) > 2.8
 
 
@@ -88,12 +81,11 @@ def test_patches_have_the_same_size(comm, order):
     sizes = np.bincount(patch)
     assert sizes.max() <= NODES_PER_PATCH
     assert np.median(sizes) > NODES_PER_PATCH / 2
-    limit = 2.5 * len(patch) / NODES_PER_PATCH
-    assert len(sizes) < limit
+    assert len(sizes) < 2.5 * len(patch) / NODES_PER_PATCH
 
 
 def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
-    film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), FILM)
+    film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), WRINKLING)
     system = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3)).system
     body = system.bodies[0]
     patch = patches_of(body)
@@ -101,8 +93,7 @@ def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
     edges = np.concatenate([cells[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     inside = edges[patch[edges[:, 0]] == patch[edges[:, 1]]]
     graph = csr_matrix((np.ones(len(inside)), inside.T), shape=(len(patch), len(patch)))
-    measured = connected_components(graph, directed=False)[0]
-    assert measured == patch.max() + 1
+    assert connected_components(graph, directed=False)[0] == patch.max() + 1
 
 
 def test_a_cable_has_two_functions_a_direction(comm):
@@ -110,9 +101,7 @@ def test_a_cable_has_two_functions_a_direction(comm):
     system = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3)).system
     body = system.bodies[0]
     patch = patches_of(body)
-    measured = prolongation(system).getLocalSize()[1]
-    expected = 2 * 3 * (patch.max() + 1)
-    assert measured == expected
+    assert prolongation(system).getLocalSize()[1] == 2 * 3 * (patch.max() + 1)
 
 
 @pytest.mark.mpi

@@ -17,12 +17,7 @@ from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 
 ezdxf = pytest.importorskip("ezdxf")
 COMM = MPI.COMM_WORLD
-LAW = gx.Linear(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-4,
-)
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 
 
 def drawing(path: Path, draw: Callable[[Any], None], unit: int = 4) -> Path:
@@ -44,13 +39,7 @@ def two_panels(model: Any) -> None:
     model.add_circle((10, 0), 25, dxfattribs={"layer": "valve"})
     seam = {"layer": "seam"}
     model.add_lwpolyline([(200, 100), (200, 0), (400, 0), (400, 100)], dxfattribs={"layer": "hem"})
-    model.add_arc(
-        (300, 100),
-        100,
-        0,
-        180,
-        dxfattribs=seam,
-    )
+    model.add_arc((300, 100), 100, 0, 180, dxfattribs=seam)
     model.add_text("flap", dxfattribs={"insert": (290, 50), "height": 10})
 
 
@@ -77,10 +66,8 @@ def test_outlines_become_panels(tmp_path: Path) -> None:
     expected = 0.02 + np.pi * 0.01 / 2
     assert area_of(mesh, "flap") == pytest.approx(expected, rel=2e-3)
     film = gx.Membrane(mesh, LAW)
-    measured = edge_line(film, "flap/seam", "test").length
-    assert measured == pytest.approx(np.pi * 0.1, rel=1e-3)
-    measured = edge_line(film, "flap/hem", "test").length
-    assert measured == pytest.approx(0.4, rel=1e-9)
+    assert edge_line(film, "flap/seam", "test").length == pytest.approx(np.pi * 0.1, rel=1e-3)
+    assert edge_line(film, "flap/hem", "test").length == pytest.approx(0.4, rel=1e-9)
     rim = edge_line(film, "panel 1/rim", "test")
     assert rim.is_closed
     assert rim.length == pytest.approx(2 * np.pi * 0.1, rel=1e-3)
@@ -92,29 +79,14 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
 
     def halves(model: Any) -> None:
         for shift in (0, 300):
-            model.add_line(
-                (shift - 100, 0),
-                (shift + 100, 0),
-                dxfattribs={"layer": "middle"},
-            )
-            model.add_arc(
-                (shift, 0),
-                100,
-                0,
-                180,
-                dxfattribs={"layer": "rim"},
-            )
+            model.add_line((shift - 100, 0), (shift + 100, 0), dxfattribs={"layer": "middle"})
+            model.add_arc((shift, 0), 100, 0, 180, dxfattribs={"layer": "rim"})
 
-    mesh = gx.patterns.read_dxf(
-        drawing(tmp_path / "halves.dxf", halves),
-        COMM,
-        size=0.02,
-    )
+    mesh = gx.patterns.read_dxf(drawing(tmp_path / "halves.dxf", halves), COMM, size=0.02)
     film = gx.Membrane(mesh, LAW)
     seam = gx.Seam(film, "panel 1/rim", film, "panel 2/rim")
     assert abs(seam.ease) < 1e-9
-    measured = len(seam.lines(gx.Equilibrium(gx.Scene(film)).system.initial)[0].nodes)
-    assert measured > 10
+    assert len(seam.lines(gx.Equilibrium(gx.Scene(film)).system.initial)[0].nodes) > 10
 
 
 @pytest.mark.mpi
@@ -124,11 +96,7 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
         model.add_line((1, 0), (0, 1), dxfattribs={"layer": "cut"})
 
     def branch(model: Any) -> None:
-        model.add_lwpolyline(
-            [(0, 0), (1, 0), (0, 1)],
-            close=True,
-            dxfattribs={"layer": "cut"},
-        )
+        model.add_lwpolyline([(0, 0), (1, 0), (0, 1)], close=True, dxfattribs={"layer": "cut"})
         model.add_line((0, 0), (1, 1), dxfattribs={"layer": "aid"})
 
     def same_names(model: Any) -> None:
@@ -145,11 +113,7 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
 
     def refused(path: Path, words: str, **options: Any) -> None:
         with pytest.raises(gx.InputError, match=words):
-            gx.patterns.read_dxf(
-                path,
-                COMM,
-                **{"size": 0.1, "scale": 1.0, **options},
-            )
+            gx.patterns.read_dxf(path, COMM, **{"size": 0.1, "scale": 1.0, **options})
 
     refused(
         drawing(tmp_path / "gap.dxf", gap), r"open, or branches, at \(0, 0\) m on the layer 'cut'"

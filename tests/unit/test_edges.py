@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import three_sheets
 
 WORLD = MPI.COMM_WORLD
 
@@ -22,11 +23,7 @@ def vertex_points(domain: dmesh.Mesh) -> np.ndarray:
     topology = domain.topology
     topology.create_connectivity(0, 2)
     n = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
-    nodes = dmesh.entities_to_geometry(
-        domain,
-        0,
-        np.arange(n, dtype=np.int32),
-    )
+    nodes = dmesh.entities_to_geometry(domain, 0, np.arange(n, dtype=np.int32))
     return domain.geometry.x[nodes[:, 0]]
 
 
@@ -40,8 +37,7 @@ def test_a_sheet_has_the_edges_that_it_should_have() -> None:
     boundary."""
     mesh = sheet(WORLD, 5, 5)
     table = mesh.edges
-    measured = owned(table, np.ones(len(table.count)))
-    assert measured == 2 * 5 * 6 + 25
+    assert owned(table, np.ones(len(table.count))) == 2 * 5 * 6 + 25
     assert owned(table, table.is_boundary) == 20 and owned(table, table.is_inside) == 65
     assert table.is_known[: table.owned].all()
 
@@ -65,10 +61,8 @@ def test_every_rank_tells_the_same_of_an_edge() -> None:
         for ends, count, pair, known in part:
             assert ends[0] < ends[1]
             if known:
-                measured = seen.setdefault(tuple(ends), (count, pair))
-                assert measured == (count, pair)
-    exact = owned(table, np.ones(len(table.count)))
-    assert len(seen) == exact
+                assert seen.setdefault(tuple(ends), (count, pair)) == (count, pair)
+    assert len(seen) == owned(table, np.ones(len(table.count)))
 
 
 @pytest.mark.mpi
@@ -100,8 +94,7 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
     expected = (
         [ends[:, 0], ends[:, 1]] if order == 1 else [ends[:, 0], ends.mean(axis=1), ends[:, 1]]
     )
-    measured = nodes.transpose(1, 0, 2)
-    assert measured == pytest.approx(np.array(expected), abs=1e-14)
+    assert nodes.transpose(1, 0, 2) == pytest.approx(np.array(expected), abs=1e-14)
 
 
 @pytest.mark.mpi
@@ -111,8 +104,7 @@ def test_groups_of_edges() -> None:
     mesh = airbag(WORLD, 1.0, 6)
     table = mesh.edges
     seam = mesh.curve("seam", "test")
-    measured = owned(table, np.isin(np.arange(len(table.count)), seam))
-    assert measured == 24
+    assert owned(table, np.isin(np.arange(len(table.count)), seam)) == 24
     assert table.is_inside.all()
     count, directions = table.tally(mesh.group("top")[1])
     border = np.flatnonzero(count == 1)
@@ -123,25 +115,9 @@ def test_groups_of_edges() -> None:
 
 @pytest.mark.mpi
 def test_three_sheets_at_one_edge_and_normals_that_differ() -> None:
-    points = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-        (0, -1, 0),
-        (0, 0, 1),
-    ]
-
-    def build(model) -> None:
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, [], np.ravel(points))
-        model.mesh.addElementsByType(
-            surface, 2, [], np.ravel([(0, 1, 2), (0, 1, 3), (0, 1, 4)]) + 1
-        )
-
-    domain = gx.gmsh_mesh(build, MPI.COMM_SELF).domain
+    domain = three_sheets().domain
     table = edges_of(domain)
-    exact = [1] * 6 + [3]
-    assert sorted(table.count) == exact
+    assert sorted(table.count) == [1] * 6 + [3]
     assert not table.is_known[table.count == 3] and table.is_known[table.count == 1].all()
     assert (
         table.cells[table.count == 3] >= 0

@@ -17,10 +17,9 @@ from gossamer_fx.mechanics.terms.element_energies import ElementEnergies, Elemen
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.system.system import System
+from tests.small_scenes import LINEAR, MATERIAL
 
 COMM = MPI.COMM_WORLD
-MATERIAL = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
-LINEAR = gx.Linear(**MATERIAL)
 WRINKLING = gx.Miyazaki(**MATERIAL, residual_stiffness=1e-2)
 FABRIC = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), density=1.0, thickness=1e-4)
 TUBE = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)

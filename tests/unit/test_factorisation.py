@@ -12,11 +12,7 @@ from gossamer_fx.solve.solvers import factorisation
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
     """PETSc's own factorisation of dense matrices raises an error, which would end the program."""
-    A = PETSc.Mat().createDense(
-        (2, 2),
-        array=np.ones((2, 2)),
-        comm=PETSc.COMM_SELF,
-    )
+    A = PETSc.Mat().createDense((2, 2), array=np.ones((2, 2)), comm=PETSc.COMM_SELF)
     x, b = A.createVecs()
     b.array[:] = [1.0, 3.0]
     assert "LAPACK: the matrix is singular" in factorisation.solve(A, b, x)
@@ -34,16 +30,7 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
 
     PETSc then returns an infinite solution, at which no force is computed.
     """
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
-    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
-    for k in range(masses):
-        e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
-        mass = gx.PointMass(0.1, tuple(0.5 * e), name=f"mass {k}")
-        rope = gx.connectors.Rope(
-            hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
-        )
-        items.append(rope)
-    scene = gx.Scene(*items, gx.RigidMotion(spin=(0, 0, 1.0)))
+    scene = ropes(comm, masses, 0.0, gx.RigidMotion(spin=(0, 0, 1.0)))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), halvings=0)
     attempts = []
     enlarge = factorisation.enlarge
@@ -64,11 +51,7 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch)
 
 
 def matrix(diagonal: list[float]) -> PETSc.Mat:
-    A = PETSc.Mat().createAIJ(
-        (len(diagonal), len(diagonal)),
-        nnz=1,
-        comm=PETSc.COMM_SELF,
-    )
+    A = PETSc.Mat().createAIJ((len(diagonal), len(diagonal)), nnz=1, comm=PETSc.COMM_SELF)
     for i, value in enumerate(diagonal):
         A.setValue(i, i, value)
     A.assemble()
@@ -98,7 +81,7 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
     assert factorisation.reason(pc) == ""
 
 
-def ropes(comm, masses, spin):
+def ropes(comm, masses, spin, *more):
     """A pinned hub with masses on ropes, turning."""
     hub = gx.RigidBody(
         1.0,
@@ -121,15 +104,11 @@ def ropes(comm, masses, spin):
             )
         ]
         items += [gx.loads.Centrifugal(mass, (0, 0, spin))] if spin else []
-    return gx.Scene(*items)
+    return gx.Scene(*items, *more)
 
 
 def test_the_first_acceleration_has_the_workspace_that_it_needs(comm):
-    run = gx.Simulation(
-        ropes(comm, 64, 0.0),
-        gx.GeneralizedAlpha(dt=1e-3),
-        halvings=0,
-    )
+    run = gx.Simulation(ropes(comm, 64, 0.0), gx.GeneralizedAlpha(dt=1e-3), halvings=0)
     run.run(until=2e-3)
     assert run.totals.energy == pytest.approx(64 * 0.5 * 1e3 * 0.01**2, rel=1e-4)
 

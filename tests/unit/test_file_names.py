@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.outputs.file_names import file_name, segment, segment_number, segments
+from gossamer_fx.records.outputs.run_file import file_name
 from tests.survival.scenes import DT, LAW
 
 COMM = MPI.COMM_WORLD
@@ -21,31 +21,14 @@ NAMES = st.text(st.sampled_from("ab_/0 1%.é:"), max_size=9) | st.text(max_size=
 @given(NAMES, NAMES)
 def test_two_names_have_two_files(one: str, other: str) -> None:
     assert (file_name(one) == file_name(other)) == (one == other)
-    first, second = (Path("fields") / f"{file_name(name)}.bp" for name in (one, other))
-    assert first.parent == Path("fields") and first.suffix == ".bp" and len(first.name) < 255
-    if one != other:
-        assert segment_number(first, second) is None
-        assert segment(first, 7) != second and segment(first, 7) != segment(second, 7)
+    first, second = (Path("fields") / f"{file_name(name)}.pvd" for name in (one, other))
+    assert first.parent == Path("fields") and first.suffix == ".pvd" and len(first.name) < 255
+    assert (first == second) == (one == other)
 
 
 def test_usual_names_stay() -> None:
-    for name in ("film", "tip mass", "panel_1", "boom-2", "v1.2", "film_001"):
+    for name in ("film", "tip mass", "panel_1", "boom-2", "v1.2", "film_001", "film_0001"):
         assert file_name(name) == name
-
-
-def test_segments_come_in_order_and_others_stay_out(tmp_path: Path) -> None:
-    path = tmp_path / "a[1].bp"
-    for name in (
-        "a[1]_0002.bp",
-        "a[1].bp",
-        "a[1]_10000.bp",
-        "a[1]_1.bp",
-        "a[1]_0001x.bp",
-        "a1_0001.bp",
-        "a[1]_0001.csv",
-    ):
-        (tmp_path / name).touch()
-    assert [p.name for p in segments(path)] == ["a[1].bp", "a[1]_0002.bp", "a[1]_10000.bp"]
 
 
 PAIRS = [

@@ -17,26 +17,19 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers.factorisation import choose, replace
-
-LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+from tests.small_scenes import WRINKLING
 
 
 def film(comm):
-    return [gx.Membrane(sheet(comm, 2, 2), gx.Miyazaki(**LAW))]
+    return [gx.Membrane(sheet(comm, 2, 2), WRINKLING)]
 
 
 def gas(comm):
-    bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), gx.Miyazaki(**LAW))
+    bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), WRINKLING)
     gas = gx.IdealGas(gamma=1.4, R=296.8)
     return [
         bag,
-        gx.Chamber(
-            bag,
-            gas=gas,
-            pressure=10.0,
-            temperature=293.0,
-            dead_volume=1e-6,
-        ),
+        gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6),
     ]
 
 

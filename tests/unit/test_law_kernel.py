@@ -28,13 +28,7 @@ THICKNESS = {"thickness": lambda X: np.where(X[0] > 0.5, 3e-4, 1e-4)}
 
 def law_at_points(permuted: bool) -> tuple[PointLaw, PointValues]:
     """A wrinkling law of uneven thickness at the points of a sheet of order 2."""
-    law = gx.Miyazaki(
-        1e9,
-        0.3,
-        density=1400.0,
-        thickness=1e-4,
-        residual_stiffness=1e-2,
-    )
+    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-2)
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, 4, 4),
         law,

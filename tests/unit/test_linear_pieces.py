@@ -37,13 +37,11 @@ def test_pieces_of_a_triangle_fill_it(order: int) -> None:
 
 def test_pieces_of_a_line() -> None:
     order_one = np.array([[4, 5]])
-    measured = linear_pieces(order_one, 1).tolist()
-    assert measured == [[4, 5]]
+    assert linear_pieces(order_one, 1).tolist() == [[4, 5]]
     order_two = np.array([[4, 5, 6]])
     measured = linear_pieces(order_two, 1).tolist()
     # The node in the middle is the last one of a line of order 2.
-    expected = [[4, 6], [6, 5]]
-    assert measured == expected
+    assert measured == [[4, 6], [6, 5]]
 
 
 def test_the_order_of_nodes_is_that_of_dolfinx() -> None:
@@ -52,8 +50,7 @@ def test_the_order_of_nodes_is_that_of_dolfinx() -> None:
     space = dolfinx.fem.functionspace(domain, ("Lagrange", 2, (3,)))
     cells = space.dofmap.list
     X = space.tabulate_dof_coordinates()[cells]
-    measured = middles(X[:, :3])
-    assert measured == pytest.approx(X)
+    assert middles(X[:, :3]) == pytest.approx(X)
     # VTK writes the number of nodes before the six nodes of each cell.
     rows = dolfinx.plot.vtk_mesh(space)[0].reshape(len(X), 7)
     vtk = rows[:, 1:]

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
 from gossamer_fx.meshes import antenna, disc, plates, sails, tube_section
 from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
@@ -50,11 +51,7 @@ def test_sheet_has_its_cells_edges_and_corners(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_nodes_of_a_group_are_where_the_group_is(comm, order):
-    film = Membrane(
-        sheet(comm, 6, 4, 3.0, 2.0),
-        LAW,
-        order=order,
-    )
+    film = Membrane(sheet(comm, 6, 4, 3.0, 2.0), LAW, order=order)
     X = film.space.tabulate_dof_coordinates()
     assert abs(X[film.nodes("right"), 0] - 3.0).max(initial=0) <= 1e-12
     assert abs(X[film.nodes("top"), 1] - 2.0).max(initial=0) <= 1e-12
@@ -156,21 +153,12 @@ def test_orientation_of_the_cells_survives(comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    "cells, culprit", [([0, 1, 1], "one node twice"), ([0, 1, 2] * 2, "same nodes")]
+    "cells, culprit", [([[0, 1, 1]], "one node twice"), ([[0, 1, 2]] * 2, "same nodes")]
 )
 def test_cells_that_cannot_be_are_told(comm, cells, culprit):
-    def build(model):
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(
-            2,
-            surface,
-            [],
-            [0, 0, 0, 1, 0, 0, 0, 1, 0],
-        )
-        model.mesh.addElementsByType(surface, 2, [], np.array(cells) + 1)
-
+    points = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)])
     with pytest.raises(InputError, match=culprit):
-        gmsh_mesh(build, comm)
+        mesh_of_arrays(comm, lambda: (points, np.array(cells), {}))
 
 
 @pytest.mark.mpi
@@ -274,81 +262,69 @@ def test_a_file_without_groups_is_warned_of(tmp_path, caplog):
 
 TRIANGLE = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
 
-# A call of each generator with arguments that are possible, and what is then given wrongly.
-WRONG_SIZES = [
-    (sheet, {"nx": 2, "ny": 2}, {"nx": 0}),
-    (sheet, {"nx": 2, "ny": 2}, {"width": -1.0}),
-    (sheet, {"nx": 2, "ny": 2}, {"height": 0.0}),
-    (sheet, {"nx": 2, "ny": 2}, {"height": math.nan}),
-    (crossed_sheet, {"nx": 2, "ny": 2}, {"ny": -3}),
-    (crossed_sheet, {"nx": 2, "ny": 2}, {"width": 0.0}),
-    (airbag, {"edge": 1.0, "cells": 4}, {"edge": 0.0}),
-    (airbag, {"edge": 1.0, "cells": 4}, {"cells": -4}),
-    (antenna.film, {"cells": 3, "side": 1.0}, {"cells": 0}),
-    (antenna.film, {"cells": 3, "side": 1.0}, {"side": -1.0}),
-    (antenna.boom, {"elements": 3, "side": 1.0, "diagonal": (1.0, 1.0)}, {"elements": 0}),
-    (
-        creased_film,
-        {"corners": TRIANGLE, "lines": (), "size": (1.0, 1.0, 1.0)},
-        {"size": (0, 1, 1)},
-    ),
+# A call of each generator with arguments that are possible; numbers in it must be positive.
+GENERATORS = [
+    (sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 1.0}),
+    (crossed_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 1.0}),
+    (airbag, {"edge": 1.0, "cells": 4}),
+    (antenna.film, {"cells": 3, "side": 1.0}),
+    (antenna.boom, {"elements": 3, "side": 1.0, "diagonal": (1.0, 1.0)}),
+    (creased_film, {"corners": TRIANGLE, "lines": (), "size": (1.0, 1.0, 1.0)}),
     (
         creased_tube,
         {"corners": TRIANGLE, "lines": (), "size": 0.1, "rows": lambda X: X[:, 0], "walls": ()},
-        {"size": -0.1},
     ),
-    (creased_strip, {"nx": 1, "ny": 1, "length": 1.0, "width": 1.0}, {"length": 0.0}),
-    (creased_strip, {"nx": 1, "ny": 1, "length": 1.0, "width": 1.0}, {"ny": 0}),
-    (disc.quarter_disc, {"cells": 2}, {"radius": -1.0}),
-    (disc.quarter_disc, {"cells": 2}, {"order": 3}),
-    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"inner": 0.0}),
-    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"outer": 0.5}),
-    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"radial": 0}),
-    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"elements": 0}),
-    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"elements": [-1]}),
-    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"points": [(0, 0, 0)]}),
-    (plates.irregular_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 1.0}, {"nx": 0}),
-    (
-        plates.leaning_sheet,
-        {"nx": 2, "ny": 2, "width": 1.0, "height": 0.1, "ramp": 0.1},
-        {"ramp": 0.0},
-    ),
-    (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}, {"outer": 1.0}),
-    (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}, {"size": 0.0}),
-    (plates.whole_disc, {"cells": 2}, {"cells": 0}),
+    (creased_strip, {"nx": 1, "ny": 1, "length": 1.0, "width": 1.0}),
+    (disc.quarter_disc, {"cells": 2, "radius": 1.0}),
+    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}),
+    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}),
+    (plates.irregular_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 1.0}),
+    (plates.leaning_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 0.1, "ramp": 0.1}),
+    (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}),
+    (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}),
+    (plates.whole_disc, {"cells": 2}),
     (
         sails.parallelograms,
         {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1},
-        {"gamma": 2.0},
     ),
-    (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}, {"n": 2}),
-    (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}, {"outer": 1}),
-    (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}, {"reach": 0}),
-    (sphere, {"radius": 1.0, "cells": 6}, {"radius": 0.0}),
-    (sphere, {"radius": 1.0, "cells": 6}, {"cells": 0}),
-    (flat_tube, {"length": 1.0, "diameter": 0.1, "cells": 2}, {"diameter": -0.1}),
-    (flat_tube, {"length": 1.0, "diameter": 0.1, "cells": 2}, {"compartments": 0}),
-    (
-        tube_section.capped_cylinder,
-        {"radius": 1.0, "length": 1.0, "around": 4, "along": 1},
-        {"along": 0},
-    ),
-    (
-        tube_section.cylinder,
-        {"radius": 1.0, "length": 1.0, "around": 4, "along": 1},
-        {"around": 2.0},
-    ),
+    (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}),
+    (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}),
+    (sphere, {"radius": 1.0, "cells": 6}),
+    (flat_tube, {"length": 1.0, "diameter": 0.1, "cells": 2, "compartments": 1}),
+    (tube_section.capped_cylinder, {"radius": 1.0, "length": 1.0, "around": 4, "along": 1}),
+    (tube_section.cylinder, {"radius": 1.0, "length": 1.0, "around": 4, "along": 1}),
+]
+# What does not fit to the other arguments of the call.
+WRONG_SIZES = [
+    (sheet, {"height": math.nan}),
+    (creased_film, {"size": (0, 1, 1)}),
+    (disc.quarter_disc, {"order": 3}),
+    (disc.ring, {"outer": 0.5}),
+    (line, {"elements": [-1]}),
+    (line, {"points": [(0, 0, 0)]}),
+    (plates.slit_ring, {"outer": 1.0}),
+    (sails.parallelograms, {"gamma": 2.0}),
+    (sails.trapezoids, {"n": 2}),
+    (sails.trapezoids, {"outer": 1}),
+    (tube_section.cylinder, {"around": 2.0}),
 ]
 
 
-@pytest.mark.parametrize("generator, given, wrong", WRONG_SIZES)
-def test_sizes_that_no_mesh_can_have_are_refused_by_name(generator, given, wrong):
+@pytest.mark.parametrize("generator, given", GENERATORS)
+def test_sizes_of_meshes_are_positive(generator, given):
+    # Else the refusals could be those of another argument.
+    assert generator(MPI.COMM_SELF, **given).domain.geometry.x.size > 0
+    for name, value in given.items():
+        if not isinstance(value, int | float):
+            continue
+        for bad in (type(value)(0), type(value)(-1)):
+            with pytest.raises(InputError, match=rf"\b{name} (is|has) .*; give"):
+                generator(MPI.COMM_SELF, **given | {name: bad})
+
+
+@pytest.mark.parametrize("generator, wrong", WRONG_SIZES)
+def test_sizes_that_no_mesh_can_have_are_refused_by_name(generator, wrong):
     [name] = wrong
+    given = dict(GENERATORS)[generator]
     with pytest.raises(InputError, match=rf"\b{name} (is|has) .*; give"):
-        generator(MPI.COMM_SELF, **(given | wrong))
-
-
-def test_the_arguments_of_these_refusals_are_possible_ones():
-    """Else the refusals could be those of another argument."""
-    for generator, given in {call[0]: call[1] for call in WRONG_SIZES}.items():
-        assert generator(MPI.COMM_SELF, **given).domain.geometry.x.size > 0
+        generator(MPI.COMM_SELF, **given | wrong)

@@ -13,11 +13,7 @@ from gossamer_fx.meshes.sheet import sheet
 
 
 @pytest.mark.parametrize("p", [1.0, 2.0, 3.5])
-@pytest.mark.parametrize(
-    "cells",
-    [(4, 8, 16), (3, 5, 12, 20)],
-    ids=str,
-)
+@pytest.mark.parametrize("cells", [(4, 8, 16), (3, 5, 12, 20)], ids=str)
 def test_the_limit_of_a_power_law_is_found(p, cells):
     found = convergence(lambda n: 3.0 - 0.7 * n**-p, meshes=cells)
     assert found.is_extrapolated == {"value": True}
@@ -84,41 +80,21 @@ def test_a_small_limit_of_the_other_sign_is_the_estimate_of_a_zero():
 @pytest.mark.mpi
 def test_sizes_of_meshes(comm, folder):
     """h of squares of two triangles is their side; the area has no error but round-off."""
-    meshes = [
-        sheet(
-            comm,
-            n,
-            n,
-        )
-        for n in (2, 4)
-    ]
+    meshes = [sheet(comm, n, n) for n in (2, 4)]
 
     def area(mesh):
         film = gx.Membrane(
             mesh,
-            gx.Linear(
-                1e9,
-                0.3,
-                density=1.0,
-                thickness=1.0,
-            ),
+            gx.Linear(1e9, 0.3, density=1.0, thickness=1.0),
         )
         return gx.Scene(film).compile().M.getDiagonal().sum() / 3
 
-    found = convergence(
-        area,
-        meshes=meshes,
-        exact=1.0,
-    )
+    found = convergence(area, meshes=meshes, exact=1.0)
     assert found.sizes == pytest.approx([0.5, 0.25])
     assert found.cells.tolist() == [8, 32]
     assert (found.seconds >= 0).all()
     if comm.rank == 0:
-        found.plot(
-            folder / "area.png",
-            others={"again": found},
-            name="once",
-        )
+        found.plot(folder / "area.png", others={"again": found}, name="once")
         assert (folder / "area.png").stat().st_size > 1000
 
 
@@ -130,40 +106,17 @@ def test_what_is_refused():
     with pytest.raises(gx.InputError, match="the size of 'coarse' is not known"):
         convergence(lambda n: 1.0, meshes=["coarse", "fine"])
     with pytest.raises(gx.InputError, match="give a positive number for each of the 2 meshes"):
-        convergence(
-            lambda n: 1.0,
-            meshes=["coarse", "fine"],
-            sizes=[1.0],
-        )
+        convergence(lambda n: 1.0, meshes=["coarse", "fine"], sizes=[1.0])
 
 
 def test_values_without_a_limit_are_drawn_as_they_are(folder):
     oscillating = convergence(lambda n: {"a": (-1) ** round(math.log2(n))}, meshes=[2, 4, 8])
     quadratic = convergence(lambda n: {"b": 1.0 + n**-2}, meshes=[2, 4, 8])
     # The picture is of values if no curve has errors, else of the curves that have them.
-    assert [
-        c[0]
-        for c in oscillating._curves(
-            "",
-            {},
-            of_errors=True,
-        )
-    ] == []
-    assert [
-        c[0]
-        for c in oscillating._curves(
-            "",
-            {},
-            of_errors=False,
-        )
-    ] == ["a"]
-    curves = list(
-        oscillating._curves(
-            "",
-            {"fine": quadratic},
-            of_errors=True,
-        )
-    )
-    assert [c[0] for c in curves] == ["fine"]
+    assert oscillating._curves("", {}, of_errors=True) == []
+    [values] = oscillating._curves("", {}, of_errors=False)
+    assert values.name == "a"
+    [errors] = oscillating._curves("", {"fine": quadratic}, of_errors=True)
+    assert errors.name == "fine"
     oscillating.plot(folder / "values.png")
     assert (folder / "values.png").stat().st_size > 1000

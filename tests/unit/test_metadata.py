@@ -22,8 +22,7 @@ def test_codemeta_and_zenodo_have_the_version_and_the_licence() -> None:
     assert codemeta["version"] == gx.__version__
     assert codemeta["license"].endswith(PROJECT["license"])
     assert zenodo["license"] == PROJECT["license"]
-    limit = {*PROJECT["keywords"], *codemeta["keywords"]}
-    assert set(zenodo["keywords"]) <= limit
+    assert set(zenodo["keywords"]) <= {*PROJECT["keywords"], *codemeta["keywords"]}
 
 
 def test_recipes_require_what_pip_requires() -> None:
@@ -48,7 +47,6 @@ def test_the_paper_has_the_length_of_its_journal_and_cites_what_it_lists() -> No
     body = paper[paper.index("# Summary") : paper.index("# References")]
     assert 750 <= len(body.split()) <= 1000
     listed = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text(), re.M))
-    measured = set(re.findall(r"@(\w+)", body))
-    assert measured == listed
+    assert set(re.findall(r"@(\w+)", body)) == listed
     for picture in re.findall(r"\]\((\S+\.png)\)", body):
         assert (ROOT / "paper" / picture).is_file()

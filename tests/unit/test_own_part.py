@@ -18,11 +18,7 @@ PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    [code] = re.findall(
-        r"```python\n(.*?)```",
-        PAGE.read_text(encoding="utf-8"),
-        re.DOTALL,
-    )
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 60
     file = tmp_path_factory.mktemp("own") / "bending_spring.py"
     file.write_text(code, encoding="utf-8")
@@ -32,11 +28,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 
 def test_the_page_imports_the_public_interface_only() -> None:
-    [code] = re.findall(
-        r"```python\n(.*?)```",
-        PAGE.read_text(encoding="utf-8"),
-        re.DOTALL,
-    )
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     modules = {
         node.module
         for node in ast.walk(ast.parse(code))
@@ -76,12 +68,7 @@ def swinging(
         (0.0, -1.0, 0.5),
     )
     masses = [
-        gx.PointMass(
-            1.0 + k,
-            x,
-            velocity=v,
-            name=f"m{k}",
-        )
+        gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}")
         for k, (x, v) in enumerate(zip(places, speeds, strict=True))
     ]
     a, b, c = (m.port() for m in masses)
@@ -95,22 +82,15 @@ def test_the_part_of_the_page_conserves(own: ModuleType) -> None:
     run.run(until=3.0)
     assert run.totals.stored["bending spring"] > 0 and run.iterations > 300
     assert abs(run.energy_error) < 1e-10
-    error = np.abs(run.totals.momentum - run.first.momentum).max()
-    assert error < 1e-11
-    error = np.abs(run.totals.angular_momentum - run.first.angular_momentum).max()
-    assert error < 1e-10
+    assert np.abs(run.totals.momentum - run.first.momentum).max() < 1e-11
+    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-10
 
 
 def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
     """Small motions of a symmetric triple with masses m, 2m, m: ω² = k (1/m + 4/(2m) + 1/m) =
     4k/m."""
     masses = [
-        gx.PointMass(
-            m,
-            x,
-            velocity=v,
-            name=n,
-        )
+        gx.PointMass(m, x, velocity=v, name=n)
         for m, x, v, n in (
             (1.0, (-1.0, 0.0, 0.0), (0.0, 1e-3, 0.0), "left"),
             (2.0, (0.0, 0.0, 0.0), (0.0, -1e-3, 0.0), "middle"),

@@ -26,11 +26,7 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
         for f, fp, sign in ((jv, jvp, -1.0), (iv, ivp, 1.0)):
             w = f(n, λ)
             dw = λ * fp(n, λ)
-            ddw = λ**2 * fp(
-                n,
-                λ,
-                2,
-            )
+            ddw = λ**2 * fp(n, λ, 2)
             laplacian_slope = sign * λ**2 * dw  # of a plate ∇²w = ±λ² w
             moment = ddw + NU * (dw - n**2 * w)
             shear = laplacian_slope - (1 - NU) * n**2 * (dw - w)
@@ -39,23 +35,13 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
         return float(m1 * v2 - m2 * v1)
 
     # Fine enough that no interval has two of the roots that are tabulated.
-    grid = np.linspace(
-        0.5,
-        12,
-        2000,
-    )
+    grid = np.linspace(0.5, 12, 2000)
     # I_n grows as exp(λ).
     values = [edge(λ) * math.exp(-λ) for λ in grid]
     roots = []
     for k in range(len(grid) - 1):
         if values[k] * values[k + 1] < 0:
-            roots.append(
-                brentq(
-                    edge,
-                    grid[k],
-                    grid[k + 1],
-                )
-            )
+            roots.append(brentq(edge, grid[k], grid[k + 1]))
     return roots[s] ** 2
 
 
@@ -161,14 +147,9 @@ def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> No
     # The study's values have six digits.
     for edge, found in CIRCLE.items():
         for (n, s), value in found.items():
-            measured = disc_frequency(
-                n,
-                s,
-                edge == "free",
-            )
+            measured = disc_frequency(n, s, edge == "free")
             assert measured == pytest.approx(value, rel=1e-5)
-    measured = jn_zeros(0, 1)[0]
-    assert measured == pytest.approx(2.404826, rel=1e-6)
+    assert jn_zeros(0, 1)[0] == pytest.approx(2.404826, rel=1e-6)
 
 
 def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas() -> None:
@@ -181,19 +162,11 @@ def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas(
 
 @pytest.mark.parametrize("load", DISC)
 def test_the_clamped_disc_rises_as_its_meridian_says(load: float) -> None:
-    measured = clamped_disc(
-        load,
-        0.01,
-        12,
-    )
+    measured = clamped_disc(load, 0.01, 12)
     assert measured == pytest.approx(DISC[load], rel=1e-3)
 
 
 def test_a_small_load_lifts_the_clamped_disc_as_linear_theory_says() -> None:
-    measured = clamped_disc(
-        0.01,
-        0.01,
-        12,
-    )
+    measured = clamped_disc(0.01, 0.01, 12)
     expected = 0.01 * 12 * (1 - NU**2) / 64
     assert measured == pytest.approx(expected, rel=1e-3)

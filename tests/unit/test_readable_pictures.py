@@ -21,22 +21,18 @@ from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 from gossamer_fx.records.plot.curve_panels import label_ends, run_curves, wrapped
 from gossamer_fx.records.plot.viewer import view_data
+from tests.small_scenes import WRINKLING
 
 COMM = MPI.COMM_SELF
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 DT = 1e-3
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
     """A film that falls on a tape, a rope and a spring."""
-    film = gx.Membrane(sheet(COMM, 4, 4), LAW, name="film")
+    film = gx.Membrane(sheet(COMM, 4, 4), WRINKLING, name="film")
     hook = gx.Ground((1.5, 1.5, 0.0))
-    tape = gx.connectors.Tape.along_edges(
-        film,
-        gx.CableLaw(1e3, 0.01),
-        edges="left",
-    )
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="left")
     rope = gx.connectors.Rope(
         film.port("top right"),
         hook,
@@ -63,11 +59,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
 def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
     """Four bars of the tape, the rope and the spring, at their positions in each state."""
     for frame in range(len(recorded.times)):
-        shape = recorded.shape(
-            frame,
-            "state",
-            lambda values: np.zeros(len(values), dtype=int),
-        )
+        shape = recorded.shape(frame, "state", lambda values: np.zeros(len(values), dtype=int))
         assert shape.lines.shape == (6, 2, 3)
         tape = shape.lines[:4]
         assert tape[:, :, 0] == pytest.approx(0.0, abs=1e-3)
@@ -84,7 +76,7 @@ def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
 
 
 def test_a_scene_without_them_writes_no_table(tmp_path: Path) -> None:
-    film = gx.Membrane(sheet(COMM, 2, 2), LAW)
+    film = gx.Membrane(sheet(COMM, 2, 2), WRINKLING)
     recording = gx.Recording(tmp_path / "run")
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs=[recording]).run(until=DT)
     assert not (tmp_path / "run" / "lines.csv").exists()

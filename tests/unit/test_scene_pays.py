@@ -53,7 +53,7 @@ ABSENT_PARTS = {
     "solvers.two_level",
     "materials.elastica",
     "probes.flight",
-    "outputs.vtx",
+    "outputs.vtu",
     "outputs.recording",
     "terms.loads",
     "terms.point_constraints",

@@ -11,24 +11,14 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.plot.camera import aim, render
 from gossamer_fx.records.plot.colours import colouring, group_table
+from tests.small_scenes import WRINKLING
 
 ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 
 
 def film(comm, height=0.0, name="film", **given):
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-    )
     lift = lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + height])  # noqa: E731
-    return gx.Membrane(
-        sheet(comm, 3, 3, **given),
-        law,
-        name=name,
-        displacement=lift,
-    )
+    return gx.Membrane(sheet(comm, 3, 3, **given), WRINKLING, name=name, displacement=lift)
 
 
 def middle(folder, films, opacity):
@@ -36,11 +26,7 @@ def middle(folder, films, opacity):
     comm = films[0].comm
     fields = {one.name: ("displacement", "group") for one in films}
     recording = gx.Recording(folder, fields=fields)
-    gx.Simulation(
-        gx.Scene(*films),
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=0.0)
+    gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=0.0)
     if comm.rank > 0:
         return None
     run = gx.plot.RunReader(folder)
@@ -74,12 +60,6 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
 
 @pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-    )
     tube = gx.Membrane(
         flat_tube(
             comm,
@@ -88,7 +68,7 @@ def test_groups_are_those_that_are_seen(comm):
             4,
             compartments=3,
         ),
-        law,
+        WRINKLING,
         name="tube",
     )
     names, [parts] = groups_of([tube])
@@ -97,14 +77,3 @@ def test_groups_are_those_that_are_seen(comm):
     assert counts.min() == counts.max() > 0
     names, parts = groups_of([film(comm, name="a"), film(comm, name="b")])
     assert names == ["a", "b"] and all((part == k).all() for k, part in enumerate(parts))
-
-
-@pytest.mark.parametrize("opacity", [0.0, 1.5, "half"])
-def test_an_opacity_that_is_none_is_refused(opacity):
-    with pytest.raises(gx.InputError, match="opacity"):
-        gx.plot.View(opacity=opacity)
-
-
-def test_a_colour_that_is_none_is_refused(tmp_path):
-    with pytest.raises(gx.InputError, match=r"give .state. or .group."):
-        gx.plot.Picture(tmp_path / "a.png", colour="thickness")

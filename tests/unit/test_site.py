@@ -3,7 +3,6 @@ that work."""
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import importlib
 import inspect
@@ -167,51 +166,12 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
                     assert (ROOT / word).exists(), told
 
 
-@pytest.mark.parametrize("path", PAGES, ids=NAMES)
-def test_links_lead_somewhere(path: Path) -> None:
-    text = re.sub(
-        r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
-    )
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if not re.match(r"[a-z]+:|#", target) and "generated/" not in target:
-            assert (path.parent / target.split("#")[0]).exists(), target
-
-
-def test_every_page_is_in_the_table_of_contents() -> None:
-    listed = set(re.findall(r"^([\w/]+)$", (DOCS / "index.md").read_text(), re.MULTILINE))
-    for path in PAGES:
-        name = str(path.relative_to(ROOT).with_suffix("")).removeprefix("docs/")
-        assert name in listed | {"index", "README"}, name
-
-
 # ---- the page of messages ------------------------------------------------------------------------
-
-MESSAGES = (DOCS / "messages.md").read_text(encoding="utf-8")
-QUOTED = re.findall(r'"([^"]+)"', MESSAGES)
-
-
-def templates() -> list[str]:
-    """Strings of the package; a formatted value in them is "{}"."""
-    found = []
-    for path in (ROOT / "gossamer_fx").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found.append(node.value)
-            elif isinstance(node, ast.JoinedStr):
-                parts = [p.value if isinstance(p, ast.Constant) else "{}" for p in node.values]
-                found.append("".join(map(str, parts)))
-    return found
-
-
-@pytest.mark.parametrize("quoted", QUOTED)
-def test_messages_on_their_page_are_those_of_the_code(quoted: str) -> None:
-    words = ".*".join(re.escape(part) for part in quoted.split("..."))
-    assert any(re.search(words, template, re.DOTALL) for template in templates())
 
 
 def test_exit_codes_on_the_page_of_messages_are_those_of_signals_and_errors() -> None:
-    codes = {int(code) for code in re.findall(r"exit code (\d+)", MESSAGES)}
-    assert len(QUOTED) >= 8
+    page = (DOCS / "messages.md").read_text(encoding="utf-8")
+    codes = {int(code) for code in re.findall(r"exit code (\d+)", page)}
     assert codes == {1, 2} | {128 + number for number in SIGNALS}
 
 

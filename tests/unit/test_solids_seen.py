@@ -9,19 +9,13 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.obstacle_drawing import solid_of
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import SOLID
 from gossamer_fx.records.plot.viewer import view_data
+from tests.small_scenes import WRINKLING
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
 SHARE = 0.97  # of the volume of something round that its facets enclose, at least
 
 
@@ -30,30 +24,23 @@ SHARE = 0.97  # of the volume of something round that its facets enclose, at lea
     [
         (gx.contact.Sphere(centre=(1, 2, 3), radius=0.5), math.pi / 6),
         (
-            gx.contact.Cylinder(
-                start=(0, 0, 0),
-                end=(0, 2, 0),
-                radius=0.5,
-            ),
+            gx.contact.Cylinder(start=(0, 0, 0), end=(0, 2, 0), radius=0.5),
             math.pi / 6 + math.pi / 2,
         ),
         (
             gx.contact.Box(
-                centre=(1, 0, 0),
-                sizes=(1, 2, 3),
-                axes=((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+                centre=(1, 0, 0), sizes=(1, 2, 3), axes=((0, 1, 0), (0, 0, 1), (1, 0, 0))
             ),
             6.0,
         ),
     ],
 )
 def test_surfaces_are_closed_and_enclose_the_volume(obstacle, volume) -> None:
-    solid = solid_of(obstacle, NEAR)
+    solid = obstacle.solid(NEAR)
     a, b, c = (solid.X[corners] for corners in solid.triangles.T)
     enclosed = np.einsum("ni,ni->n", np.cross(a, b), c).sum() / 6
     assert SHARE * volume < enclosed < volume * (1 + 1e-12)
-    error = np.abs(np.cross(b - a, c - a).sum(axis=0)).max()
-    assert error < 1e-12  # closed
+    assert np.abs(np.cross(b - a, c - a).sum(axis=0)).max() < 1e-12  # closed
 
 
 @pytest.mark.parametrize("inside", [gx.contact.Sphere, gx.contact.Cylinder, gx.contact.Box])
@@ -63,72 +50,43 @@ def test_rooms_and_planes_are_lines(inside) -> None:
         gx.contact.Cylinder: {"start": (0, 0, 0), "end": (0, 0, 1), "radius": 1.0},
         gx.contact.Box: {"centre": (0, 0, 0), "sizes": (1, 1, 1)},
     }[inside]
-    room = solid_of(inside(**given, inside=True), NEAR)
+    room = inside(**given, inside=True).solid(NEAR)
     assert not len(room.triangles) and len(room.lines)
-    plane = solid_of(gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)), NEAR)
+    plane = gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)).solid(NEAR)
     assert np.allclose(plane.X[:, 2], -1) and not len(plane.triangles)
-    measured = np.ptp(plane.X[:, 0])
-    assert measured == pytest.approx(2.4)  # a little larger than what is before it
+    assert np.ptp(plane.X[:, 0]) == pytest.approx(2.4)  # a little larger than what is before it
 
 
 @pytest.mark.mpi
 def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
-    film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), LAW)
+    film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), WRINKLING)
     block = gx.RigidBody(
-        0.1,
-        (1e-4, 1e-4, 1e-4),
-        position=(0, 0, -0.1),
-        spin=(0, 0, 30.0),
-        comm=comm,
+        0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm
     )
-    box = gx.contact.Box(
-        centre=(0.02, 0, -0.1),
-        sizes=(0.04, 0.02, 0.02),
-        body=block,
-        name="box",
-    )
-    ball = gx.contact.Sphere(
-        centre=(0, 0, 0.1),
-        radius=0.02,
-        motion=lambda t: (t, 0.0, 0.0),
-    )
+    box = gx.contact.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), body=block, name="box")
+    ball = gx.contact.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
     floor = gx.contact.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
     recording = gx.Recording(folder / "run", every=1)
     picture = gx.plot.Picture(folder / "seen.png")
-    scene = gx.Scene(
-        gx.Contact(
-            film,
-            box,
-            ball,
-            floor,
-            distance=1e-3,
-        )
-    )
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording, picture],
-    )
+    scene = gx.Scene(gx.Contact(film, box, ball, floor, distance=1e-3))
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording, picture])
     run.run(until=5e-3)
     if comm.rank == 0:
         read = RunReader(folder / "run")
         shape = read.shape(
             read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
         )
-        measured = (shape.kinds != SOLID).sum()
-        assert measured == 8  # of the film
+        assert (shape.kinds != SOLID).sum() == 8  # of the film
         corners = shape.corners[shape.kinds == SOLID]
         of_box = corners[:12].reshape(36, 3)
         c = math.cos(0.15)
         s = math.sin(0.15)
         turned = (of_box[:, :2]) @ np.array([[c, -s], [s, c]])  # back by the angle of five steps
         assert np.allclose(np.ptp(turned, axis=0), (0.04, 0.02), atol=1e-6)
-        measured = corners[12:, :, 0].mean()
-        assert measured == pytest.approx(5e-3, abs=1e-3)
+        assert corners[12:, :, 0].mean() == pytest.approx(5e-3, abs=1e-3)
         assert len(shape.lines) == 14  # of the floor
         assert view_data(read)["parts"][0]["lines"]
-        measured = (folder / "seen.png").read_bytes()[1:4]
-        assert measured == b"PNG"
+        assert (folder / "seen.png").read_bytes()[1:4] == b"PNG"
 
 
 def test_a_scene_without_solids_records_none(tmp_path) -> None:
@@ -140,12 +98,8 @@ def test_a_scene_without_solids_records_none(tmp_path) -> None:
             0.1,
             0.1,
         ),
-        LAW,
+        WRINKLING,
     )
     recording = gx.Recording(tmp_path)
-    gx.Simulation(
-        gx.Scene(film),
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=2e-3)
+    gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     assert not (tmp_path / "solids.csv").exists() and RunReader(tmp_path).solids == []

@@ -18,17 +18,13 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.fields.fields import FIELDS
 from gossamer_fx.records.outputs.run_file import read_run_file
+from tests.small_scenes import WRINKLING
 
 ALONE = MPI.COMM_SELF
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
 ATTACKS = [
     "</script><script>alert(1)</script>",
     "<!--<script> ]]><img src=x onerror=alert(1)>",
@@ -42,23 +38,10 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
     """A short run in which everything that has a name has this one."""
     mesh = flat_tube(ALONE, 0.3, 0.03, 2, compartments=2)
     groups = {f"{k} {name}": group for k, group in enumerate(mesh.groups.values())}
-    film = gx.Membrane(
-        gx.Mesh(mesh.domain, groups),
-        LAW,
-        name=f"film {name}",
-    )
-    ball = gx.PointMass(
-        1.0,
-        position=(0.0, 0.0, 1.0),
-        comm=ALONE,
-        name=f"ball {name}",
-    )
+    film = gx.Membrane(gx.Mesh(mesh.domain, groups), WRINKLING, name=f"film {name}")
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, 1.0), comm=ALONE, name=f"ball {name}")
     tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(gamma=1.4, R=287.0),
-        pressure=1e5,
-        temperature=300.0,
-        name=name,
+        1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0, name=name
     )
     chosen = ("displacement", "state", "group", *fields)
     recording = gx.Recording(
@@ -69,11 +52,7 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
         title=name,
     )
     scene = gx.Scene(film, ball, tank)
-    gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[recording],
-    ).run(until=2e-3)
+    gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     return gx.plot.RunReader(folder)
 
 
@@ -169,6 +148,28 @@ def test_names_are_texts_in_a_report(
     gx.plot.curves(run, tmp_path / "curves.png")
 
 
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_the_name_of_a_load_parameter_is_a_text(tmp_path: Path, attack: str) -> None:
+    """In tables, captions, curves and the report of a path of equilibria."""
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, -1.0), comm=ALONE, name="ball")
+    cable = gx.Cable(line(ALONE, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e4, 0.01))
+    spring = gx.connectors.Spring(
+        ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=10.0, length=1.0
+    )
+    weight = gx.loads.Force(ball.port(), lambda t: (0.0, 0.0, -t))
+    equilibrium = gx.Equilibrium(gx.Scene(ball, cable, spring, weight, gx.Fixed(cable, "line")))
+    recording = gx.Recording(tmp_path / "run", title=attack)
+    gx.outputs.record(equilibrium, [recording], at=[1.0, 2.0], along=attack)
+    run = gx.plot.RunReader(tmp_path / "run")
+    assert run.times.tolist() == [1.0, 2.0]
+    assert run.along(run.table("points.csv")).tolist() == [1.0, 2.0]
+    gx.plot.curves(run, tmp_path / "curves.png")
+    gx.write_report(run, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    elements = {tag for tag, _ in Page(page).elements}
+    assert elements <= ALLOWED
+
+
 def test_texts_of_a_strangers_file_are_texts_in_a_report(tmp_path: Path) -> None:
     """Those that no run writes: status, versions, laws, kinds of parts."""
     attack = ATTACKS[0]
@@ -185,7 +186,7 @@ def test_texts_of_a_strangers_file_are_texts_in_a_report(tmp_path: Path) -> None
             return [spoil(value) for value in tree]
         return attack if isinstance(tree, str) else tree
 
-    kept = ("fields", "bodies", "groups")
+    kept = ("fields", "bodies", "groups", "axis")
     strange = {key: value if key in kept else spoil(value) for key, value in about.items()}
     strange["versions"] = {attack: attack}
     for body in strange["scene"]["bodies"].values():
@@ -242,13 +243,13 @@ def use(folder: Path, out: Path) -> str:
 OTHER_VALUES: list[Any] = [None, "words", 7, -1.5, True, [], {}, [[]], 10**400]
 
 
-def test_a_run_of_an_older_version_is_read(recorded: Path, tmp_path: Path) -> None:
-    """It calls rejected steps "halved"."""
+def test_a_run_of_another_format_is_refused(recorded: Path, tmp_path: Path) -> None:
+    """Version 0.1 wrote fields that this one does not read."""
     about = json.loads((recorded / "run.json").read_text())
-    statistics = about["statistics"]
-    statistics["halved"] = statistics.pop("rejected") + 3
-    (tmp_path / "run.json").write_text(json.dumps(about))
-    assert read_run_file(tmp_path)["statistics"]["rejected"] == statistics["halved"]
+    (tmp_path / "run.json").write_text(json.dumps(about | {"format": 1}))
+    assert "is of format 1, not 2; read it with the program that wrote it" in use(
+        tmp_path, tmp_path
+    )
 
 
 def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(
@@ -277,7 +278,7 @@ def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(
                 )
                 continue
             said = use(folder, tmp_path)
-            assert not said or way[0] in ("fields", "groups", "solids"), (way, value, said)
+            assert not said or way[0] in ("fields", "groups", "solids", "axis"), (way, value, said)
     assert refused > 700
 
 

@@ -20,12 +20,7 @@ from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Linear(
-    2.5e9,
-    0.34,
-    density=1420.0,
-    thickness=25e-6,
-)
+LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
 DISTANCE = 1e-3
 
 
@@ -40,60 +35,28 @@ def compiled(*items: Any) -> gx.Simulation:
 # ---- contact -------------------------------------------------------------------------------------
 
 
+def contact_with_plane(sail: gx.Membrane, height: float, name: str) -> gx.Contact:
+    """Contact of a sail with a plane below or above it."""
+    normal = (0.0, 0.0, -np.sign(height))
+    plane = gx.contact.Plane(point=(0.0, 0.0, height), normal=normal, name=f"plane of {name}")
+    return gx.Contact(sail, plane, distance=DISTANCE, name=name)
+
+
 @pytest.mark.mpi
 def test_the_same_contact_twice_is_refused(comm) -> None:
     sail = film(comm)
-    floors = [
-        gx.contact.Plane(
-            point=(0.0, 0.0, -0.1),
-            normal=(0.0, 0.0, 1.0),
-            name=name,
-        )
-        for name in ("floor", "ground")
-    ]
-    contacts = [
-        gx.Contact(
-            sail,
-            floor,
-            distance=DISTANCE,
-            name=f"contact with {floor.name}",
-        )
-        for floor in floors
-    ]
-    with pytest.raises(gx.InputError, match="'contact with floor' and 'contact with ground' are"):
-        compiled(*contacts)
+    first, second = (contact_with_plane(sail, -0.1, name) for name in ("first", "second"))
+    with pytest.raises(gx.InputError, match="'first' and 'second' are"):
+        compiled(first, second)
     # a contact of which all is in another one
     with pytest.raises(gx.InputError, match="leave one of them out"):
-        compiled(contacts[0], gx.Contact(sail, distance=DISTANCE, name="of the sail"))
+        compiled(first, gx.Contact(sail, distance=DISTANCE, name="of the sail"))
 
 
 def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     sail = film(MPI.COMM_SELF)
-    below = gx.contact.Plane(
-        point=(0.0, 0.0, -0.1),
-        normal=(0.0, 0.0, 1.0),
-        name="below",
-    )
-    above = gx.contact.Plane(
-        point=(0.0, 0.0, 0.1),
-        normal=(0.0, 0.0, -1.0),
-        name="above",
-    )
     with caplog.at_level(logging.WARNING):
-        compiled(
-            gx.Contact(
-                sail,
-                below,
-                distance=DISTANCE,
-                name="first",
-            ),
-            gx.Contact(
-                sail,
-                above,
-                distance=DISTANCE,
-                name="second",
-            ),
-        )
+        compiled(contact_with_plane(sail, -0.1, "first"), contact_with_plane(sail, 0.1, "second"))
     assert "'first' and 'second' both keep 'film' apart from itself" in caplog.text
 
 
@@ -101,18 +64,10 @@ def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture
 def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
     sail = film(comm)
     centre = (0.5, 0.5, 0.0)
-    around = gx.contact.Box(
-        centre=centre,
-        sizes=(3.0, 3.0, 3.0),
-        name="bus",
-    )
+    around = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), name="bus")
     with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the box 'bus'"):
         compiled(gx.Contact(sail, around, distance=DISTANCE))
-    room = gx.contact.Box(
-        centre=centre,
-        sizes=(3.0, 3.0, 3.0),
-        inside=True,
-    )
+    room = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), inside=True)
     beside = gx.contact.Box(centre=(0.5, 0.5, 0.5), sizes=(3.0, 3.0, 0.5))
     compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
 
@@ -153,24 +108,11 @@ def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
     """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of
     cells."""
     width = 1 / 8 / aspect
-    law = gx.Linear(
-        1e9,
-        0.0,
-        density=1000.0,
-        thickness=thickness,
-    )
-    plate = gx.Plate(
-        sheet(MPI.COMM_SELF, 8, 1, 1.0, width),
-        law,
-        name=f"{aspect} {thickness}",
-    )
+    law = gx.Linear(1e9, 0.0, density=1000.0, thickness=thickness)
+    plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
     deflection = 1e-3
     line_force = 3 * 1e9 * thickness**3 / 12 * deflection
-    load = gx.loads.EdgeLoad(
-        plate,
-        "right",
-        force=(0.0, 0.0, line_force),
-    )
+    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
     equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
     equilibrium.find()
     tip = plate.nodes("right")
@@ -212,11 +154,7 @@ COMPLEX = {
 @pytest.mark.parametrize("given", list(COMPLEX))
 def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
     with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
-        gx.Plate(
-            sheet(comm, 4, 4),
-            LAW,
-            rest_curvature=COMPLEX[given],
-        )
+        gx.Plate(sheet(comm, 4, 4), LAW, rest_curvature=COMPLEX[given])
 
 
 def test_a_complex_motion_is_refused() -> None:

@@ -65,11 +65,9 @@ def test_tests_on_two_ranks_follow_those_on_one(
     run_tests = tool("run_tests")
     monkeypatch.setattr(run_tests, "run_child", children)
     monkeypatch.chdir(ROOT)
-    measured = run_tests.main(["tests/unit"])
-    assert measured == codes[-1]
+    assert run_tests.main(["tests/unit"]) == codes[-1]
     assert len(children.commands) == runs
-    measured = children.commands[0][-1]
-    assert measured == "tests/unit"
+    assert children.commands[0][-1] == "tests/unit"
     assert runs == 1 or children.commands[1][:3] == ["mpirun", "-n", "2"]
 
 
@@ -79,7 +77,9 @@ def test_files_marked_mpi_are_found(tool, monkeypatch: pytest.MonkeyPatch) -> No
     assert "test_study.py" in found and "test_setup.py" not in found
 
 
-@pytest.mark.parametrize(("codes", "code"), [((0, 0, 0), 0), ((0, 1, 0), 1), ((0, 0, 2), 1)])
+@pytest.mark.parametrize(
+    ("codes", "code"), [((0, 0, 0, 0), 0), ((0, 1, 0, 0), 1), ((0, 0, 2, 0), 1)]
+)
 def test_lint_runs_all_checks(
     tool, monkeypatch: pytest.MonkeyPatch, codes: tuple[int, ...], code: int
 ) -> None:
@@ -90,12 +90,47 @@ def test_lint_runs_all_checks(
     monkeypatch.chdir(ROOT)
     assert lint.main() == code
     measured = [" ".join(words[1:]) for words in children.commands]
-    assert measured == [
-        "check .",
-        "format --check .",
-        "-m mypy",
-    ]
+    assert measured == ["check .", "format --check .", "-m mypy", "tools/words.py"]
     assert children.commands[0][0].startswith("/tools/ruff==")
+
+
+@pytest.mark.parametrize(
+    ("text", "is_private"),
+    [
+        ("The matrix is made anew.", True),
+        ("3 steps, 2 halved", True),
+        ("The group is no surface.", True),
+        ("There is no group of this name, and the gap is no larger than d.", False),
+        ("It changes in place.", False),
+        ("`keeps_its_place` and `beside` are names", False),
+    ],
+)
+def test_private_words_are_found(tool, text: str, is_private: bool) -> None:
+    words = tool("words")
+    assert bool(words.private_words(words.texts_of_page(text))) == is_private
+
+
+@pytest.mark.parametrize(
+    ("message", "is_broken"),
+    [
+        (
+            '(f"the frame of {name!r} falls round the Earth: there is "\n"nothing to hold on to")',
+            True,
+        ),
+        ('("it is on the rim; "\n"name a line between cells")', False),
+        (f'("{"a long line " * 7}"\nf"that {{value}} words fill")', False),
+    ],
+)
+def test_messages_that_are_broken_within_a_clause_are_found(
+    tool, message: str, is_broken: bool
+) -> None:
+    assert bool(tool("words").broken_messages(message)) == is_broken
+
+
+def test_lint_finds_dead_links(tool, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("[here](page.md#top), [there](no.md), [away](https://example.org/no.md)\n")
+    assert tool("words").dead_links(page) == ["1: the link leads nowhere: no.md"]
 
 
 @pytest.mark.parametrize(
@@ -114,8 +149,7 @@ def test_where_the_site_is_is_told(
     monkeypatch.setattr(build_docs, "folder_with", lambda packages: Path("/tools"))
     monkeypatch.chdir(ROOT)
     assert build_docs.main(options) == code
-    measured = str(ROOT / "out" / "docs" / "index.html") in capsys.readouterr().out
-    assert (measured) == told
+    assert (str(ROOT / "out" / "docs" / "index.html") in capsys.readouterr().out) == told
 
 
 def test_packages_are_those_of_the_project(tool) -> None:

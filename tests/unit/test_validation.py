@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import re
 import tomllib
@@ -13,11 +14,13 @@ import pytest
 
 from demos.validation.__main__ import CASES, MODELS, NAMES, PAGE, main, page_table
 from demos.validation.engine.case import read_case
-from demos.validation.engine.comparison import compare
-from demos.validation.engine.report import misses, table
-from demos.validation.engine.results import comparisons, run
+from demos.validation.engine.comparison import Predicted, compare, comparisons
+from demos.validation.engine.report import rows
+from demos.validation.engine.results import case_set
 from demos.validation.models import hanging_kite
 from gossamer_fx import InputError
+from gossamer_fx.analysis.cases.case_set import run_cases
+from gossamer_fx.analysis.cases.results import read_results
 
 GOOD = """
 format = 1
@@ -48,18 +51,59 @@ def case_of(folder: Path, text: str):
     return read_case(path, MODELS)
 
 
+def run(case, folder, comm, quick=False):
+    return run_cases(case_set(case, comm, quick), comm, folder, verbose=False)
+
+
+def missed(case, comm, results, quick=False):
+    found = case_set(case, comm, quick).judgements(results)
+    return [one.words for one in found if not one.holds]
+
+
 @pytest.mark.mpi
 def test_units_are_converted_and_the_error_is_relative(comm, folder):
     case = case_of(folder, GOOD) if comm.rank == 0 else None
     case = comm.bcast(case)
-    stored = run(case, folder, comm, quick=False)
-    (comparison,) = comparisons(stored, case.tests[0])
+    results = run(case, folder, comm)
+    (comparison,) = comparisons(case.tests[0], results[0])
     # 2 · 3 F r/a = 2 · 3 kN · 1 m/1 m, compared with 5 kN
     assert comparison.y_predicted[0] == pytest.approx(6.0)
     assert comparison.mean_error == pytest.approx(0.2)
-    assert not comparison.is_accepted
-    assert misses(case, stored) == ["tube, one, plateau load: error 20.0 %, asked 10 %"]
-    assert "| 6 kN | 5 kN | 20.0 % | 10 % | 30.0 % |" in table([(case, stored)])
+    assert not comparison.is_accepted()
+    assert missed(case, comm, results) == ["one, plateau load: error 20.0 %, asked 10 %"]
+    _, cells = rows([(case, results)])
+    assert cells[3:8] == ["6 kN", "5 kN", "20.0 %", "10 %", "30.0 %"]
+
+
+def test_the_quick_form_has_its_own_tolerance(comm, folder):
+    case = case_of(folder, GOOD)
+    results = run(case, folder, comm, quick=True)
+    # What is asked of the full form is asked of the quick one, too, unless it is declared.
+    [words] = missed(case, comm, results, quick=True)
+    assert words == "one, plateau load: error 20.0 %, asked 10 %"
+    text = GOOD.replace("tolerance = 0.1", "tolerance = 0.1\nquick_accepted = [0, 0.25]")
+    case = case_of(folder, text)
+    assert not missed(case, comm, results, quick=True)
+    assert missed(case, comm, results)
+
+
+def test_a_warning_needs_a_reason(comm, folder, monkeypatch):
+    from demos.validation.models import cord_plateau
+
+    predict = cord_plateau.predict
+
+    def loud(*given):
+        logging.getLogger("gossamer_fx").warning("normals point inwards")
+        return predict(*given)
+
+    monkeypatch.setattr(cord_plateau, "predict", loud)
+    text = GOOD.replace("tolerance = 0.1", "tolerance = 0.3")
+    case = case_of(folder, text)
+    results = run(case, folder, comm)
+    [words] = missed(case, comm, results)
+    assert words.endswith("undeclared warning: normals point inwards")
+    reason = '[expected_warnings]\n"normals point" = "a test of warnings"\n[inputs]'
+    assert not missed(case_of(folder, text.replace("[inputs]", reason, 1)), comm, results)
 
 
 def test_what_is_stored_is_not_computed_again_unless_inputs_change(comm, folder, monkeypatch):
@@ -69,12 +113,12 @@ def test_what_is_stored_is_not_computed_again_unless_inputs_change(comm, folder,
     predict = cord_plateau.predict
     monkeypatch.setattr(cord_plateau, "predict", lambda *given: calls.append(1) or predict(*given))
     for _ in range(2):
-        run(case_of(folder, GOOD), folder, comm, quick=False)
+        run(case_of(folder, GOOD), folder, comm)
     assert len(calls) == 1
     # Measured values are not inputs.
-    run(case_of(folder, GOOD.replace("value = 5", "value = 6")), folder, comm, quick=False)
+    run(case_of(folder, GOOD.replace("value = 5", "value = 6")), folder, comm)
     assert len(calls) == 1
-    run(case_of(folder, GOOD.replace("value = 2,", "value = 3,")), folder, comm, quick=False)
+    run(case_of(folder, GOOD.replace("value = 2,", "value = 3,")), folder, comm)
     assert len(calls) == 2
 
 
@@ -84,19 +128,19 @@ def test_a_curve_is_compared_over_its_range(folder):
     text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nrange = [2, 8]")
     (measured,) = case_of(folder, text).tests[0].measured
     metres = np.linspace(0, 0.01, 7)
-    good = compare(measured, {"x": list(metres), "y": list(1.1 * (10 + 1e3 * metres))})
+    good = compare(measured, Predicted(1.1 * (10 + 1e3 * metres), metres))
     assert good.mean_error == pytest.approx(0.1)
     assert good.x[0] == 2 and good.x[-1] == 8
-    short = compare(measured, {"x": [0.0, 7e-3], "y": [10.0, 17.0]})
-    assert short.mean_error == math.inf and not short.is_accepted
+    short = compare(measured, Predicted(np.array([10.0, 17.0]), np.array([0.0, 7e-3])))
+    assert short.mean_error == math.inf and not short.is_accepted()
     assert compare(measured, None).mean_error == math.inf
 
 
 def test_a_band_is_of_the_signed_error(folder):
     text = GOOD.replace("tolerance = 0.1", "accepted = [0.05, 0.25]")
     (measured,) = case_of(folder, text).tests[0].measured
-    assert compare(measured, {"x": None, "y": [6000.0]}).is_accepted
-    assert not compare(measured, {"x": None, "y": [4000.0]}).is_accepted
+    assert compare(measured, Predicted(6000.0)).is_accepted()
+    assert not compare(measured, Predicted(4000.0)).is_accepted()
 
 
 BAD = {
@@ -133,7 +177,7 @@ def test_a_bad_case_file_is_refused_in_one_sentence(comm, folder, name):
     old, new, words = BAD[name]
     assert old in GOOD
     with pytest.raises(InputError) as refused:
-        run(case_of(folder, GOOD.replace(old, new)), folder, comm, quick=False)
+        run(case_of(folder, GOOD.replace(old, new)), folder, comm)
     message = str(refused.value)
     assert words in message
     assert "\n" not in message and "\x1b" not in message and len(message) < 900
@@ -149,30 +193,31 @@ def test_deep_and_large_files_are_refused(folder):
         read_case(folder / "missing.toml", MODELS)
 
 
-def test_results_of_something_else_are_not_used(comm, folder):
-    (folder / "tube.json").write_text('{"format": 1, "case": "kite", "tests": {}}')
+def test_results_of_something_else_are_not_used(folder):
+    (folder / "tube.json").write_text('{"format": 2, "name": "kite", "results": []}')
     with pytest.raises(InputError, match="does not hold results of 'tube'"):
-        run(case_of(folder, GOOD), folder, comm, quick=False)
+        read_results(folder / "tube.json", "tube")
 
 
 def test_the_command_writes_table_results_and_picture(folder, capsys):
     assert main(["hiad_plateau", "--out", str(folder)]) == 0
-    assert "All errors are within what the cases ask." in capsys.readouterr().out
-    stored = json.loads((folder / "hiad_plateau.json").read_text(encoding="utf-8"))
-    loads = stored["tests"]["2 up, 138 kPa"]["predicted"]["plateau load"]["y"]
+    assert "All 6 comparisons are as declared." in capsys.readouterr().out
+    found = [json.loads(path.read_text()) for path in folder.glob("hiad_plateau/runs/*.json")]
+    by_test = {result["values"]["test"]: result["numbers"] for result in found}
+    loads = by_test["2 up, 138 kPa"]["y of plateau load"]
     # 6 F_c r/a of the specimen
     assert loads == [pytest.approx(6 * 3114 * 0.339 / 2 / 1.1176, rel=1e-6)]
-    assert (folder / "hiad_plateau.png").read_bytes()[1:4] == b"PNG"
-    assert (folder / "hiad_plateau.md").read_text(encoding="utf-8").count("kPa") == 6
+    assert (folder / "hiad_plateau/hiad_plateau.png").read_bytes()[1:4] == b"PNG"
+    table = (folder / "hiad_plateau/hiad_plateau.md").read_text(encoding="utf-8")
+    assert table.count("kPa") == 6
 
 
 def test_a_chosen_test_runs_in_the_quick_form_too(folder, capsys):
     """A test that is not one of the quick form, on the mesh of the quick form."""
     words = ["hiad_plateau", "--quick", "--only", "2 up, 138", "--out", str(folder)]
     assert main(words) == 0
-    capsys.readouterr()
-    stored = json.loads((folder / "hiad_plateau-quick.json").read_text(encoding="utf-8"))
-    assert list(stored["tests"]) == ["2 up, 138 kPa"]
+    assert "All 1 comparisons" in capsys.readouterr().out
+    assert len(list((folder / "hiad_plateau-quick/runs").glob("*.json"))) == 1
 
 
 def test_a_name_of_no_test_is_refused_and_all_skips_cases_without_it(folder):
@@ -186,7 +231,10 @@ def test_a_curve_may_begin_at_zero_outside_of_its_range(folder):
     curve = 'y = {value = [0, 5, 6], unit = "kN"}\nx = {value = [0, 1, 2], unit = "mm"}'
     text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nrange = [1, 2]")
     (measured,) = case_of(folder, text).tests[0].measured
-    assert compare(measured, {"x": [0.0, 2e-3], "y": [0.0, 12e3]}).y_measured[0] == 5.0
+    assert (
+        compare(measured, Predicted(np.array([0.0, 12e3]), np.array([0.0, 2e-3]))).y_measured[0]
+        == 5.0
+    )
     with pytest.raises(InputError, match="zeros"):
         case_of(folder, text.replace("range = [1, 2]", ""))
 

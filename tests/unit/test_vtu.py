@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,14 @@ from gossamer_fx.records.outputs.vtu_format import (
     Entry,
     Grid,
     read_pvd,
+    read_vtm,
     read_vtu,
     write_pvd,
     write_vtu,
 )
 
 WORLD = MPI.COMM_WORLD
+ROOT = Path(__file__).parents[2]
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 DT = 1e-3
 SPEED = 0.5
@@ -35,7 +38,6 @@ def drifting(x: np.ndarray) -> np.ndarray:
 
 def recorded(
     folder: Path,
-    format: str = "vtu",
     order: int = 1,
     **options: object,
 ) -> gx.Simulation:
@@ -59,7 +61,7 @@ def recorded(
         name="cable",
     )
     fields = {"the film": ("stress1", "displacement", "state", "direction")}
-    recording = gx.Recording(folder, fields, every=2, format=format)
+    recording = gx.Recording(folder, fields, every=2)
     return gx.Simulation(
         gx.Scene(film, cable),
         gx.Midpoint(dt=DT),
@@ -68,41 +70,68 @@ def recorded(
     )
 
 
-def test_a_grid_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
+KINDS = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 6)]
+
+
+@pytest.mark.parametrize(("dimension", "nodes"), KINDS)
+def test_a_grid_is_read_back_to_the_last_bit(tmp_path: Path, dimension: int, nodes: int) -> None:
     random = np.random.default_rng(1)
-    points = random.normal(size=(5, 3))
-    arrays = {
-        "stress1 [Pa]": random.normal(size=5),
-        'a "<&>" [m]': random.normal(size=(5, 3)),
-    }
-    for nodes_of_cell in (1, 2, 3):
-        cells = random.integers(0, 5, size=(7, nodes_of_cell))
-        write_vtu(tmp_path / "a.vtu", Grid(points, cells, arrays))
-        grid = read_vtu(tmp_path / "a.vtu")
-        assert (grid.points == points).all()
-        assert (grid.cells == cells).all()
-        assert list(grid.arrays) == list(arrays)
-        assert all((grid.arrays[name] == values).all() for name, values in arrays.items())
+    points = random.normal(size=(9, 3))
+    cells = random.integers(0, 9, size=(7, nodes))
+    arrays = {"stress1 [Pa]": random.normal(size=9), 'a "<&>" [m]': random.normal(size=(9, 3))}
+    # Numbers that are compressed, and numbers that are not
+    in_cells = {"state": np.ones(7), "direction": random.normal(size=(7, 3))}
+    write_vtu(tmp_path / "a.vtu", Grid(points, cells, dimension, arrays, in_cells))
+    grid = read_vtu(tmp_path / "a.vtu")
+    assert grid.dimension == dimension
+    assert (grid.points == points).all()
+    assert (grid.cells == cells).all()
+    for ours, theirs in ((arrays, grid.arrays), (in_cells, grid.cell_arrays)):
+        assert list(theirs) == list(ours)
+        assert all((theirs[name] == values).all() for name, values in ours.items())
 
 
 def test_a_grid_without_cells_is_read_back(tmp_path: Path) -> None:
     """As a rank without cells writes."""
     nothing = Grid(
-        np.zeros((0, 3)),
-        np.zeros((0, 3), dtype=np.int64),
-        {"u [m]": np.zeros((0, 3))},
+        np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), 2, {"u [m]": np.zeros((0, 3))}
     )
     write_vtu(tmp_path / "a.vtu", nothing)
     assert len(read_vtu(tmp_path / "a.vtu").points) == 0
 
 
+def triangle(path: Path) -> bytes:
+    """The bytes of a file with one triangle."""
+    write_vtu(path, Grid(np.eye(3), np.array([[0, 1, 2]]), 2, {"u [m]": np.arange(3.0)}))
+    return path.read_bytes()
+
+
 @pytest.mark.parametrize("cut", [0.1, 0.5, 0.9, 0.99])
 def test_a_file_that_was_cut_is_refused(tmp_path: Path, cut: float) -> None:
     path = tmp_path / "a.vtu"
-    write_vtu(path, Grid(np.eye(3), np.array([[0, 1, 2]]), {}))
-    text = path.read_text()
-    path.write_text(text[: math.floor(cut * len(text))])
+    whole = triangle(path)
+    path.write_bytes(whole[: math.floor(cut * len(whole))])
     with pytest.raises(gx.InputError, match=r"a\.vtu' is missing or damaged"):
+        read_vtu(path)
+
+
+def test_a_strangers_file_is_read_or_refused_in_a_sentence(tmp_path: Path) -> None:
+    """Each byte is changed in turn, and a declaration of XML is put in front."""
+    path = tmp_path / "a.vtu"
+    whole = triangle(path)
+    refused = 0
+    for position in range(len(whole)):
+        for other in (0, ord("9"), 255):
+            path.write_bytes(whole[:position] + bytes([other]) + whole[position + 1 :])
+            try:
+                read_vtu(path)
+            except gx.InputError as error:
+                refused += 1
+                assert "\n" not in str(error)
+                assert str(error).endswith(".")
+    assert refused > len(whole)
+    path.write_bytes(b'<!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]>' + whole)
+    with pytest.raises(gx.InputError, match="declarations"):
         read_vtu(path)
 
 
@@ -114,32 +143,28 @@ def test_a_list_that_names_a_file_elsewhere_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_run_in_either_format_is_the_same_to_its_reader(folder: Path, order: int) -> None:
-    for format in ("vtx", "vtu"):
-        recorded(folder / format, format, order).run(until=4 * DT)
+def test_what_a_run_writes_is_the_same_to_its_reader(folder: Path, order: int) -> None:
+    recorded(folder / "run", order).run(until=4 * DT)
     WORLD.barrier()
-    one = gx.plot.RunReader(folder / "vtx")
-    other = gx.plot.RunReader(folder / "vtu")
-    assert (one.times == other.times).all()
-    for name, body in one.bodies.items():
-        same = other.bodies[name]
-        assert body.is_film == same.is_film
-        for frame in range(len(one.times)):
-            first, step = body.at(frame)
-            second, _ = same.at(frame)
-            # Ranks may list their points in another order.
-            a = first.positions(step)[first.pieces].mean(axis=1)
-            b = second.positions(step)[second.pieces].mean(axis=1)
-            assert len(a) == len(b)
-            by_place = np.lexsort(np.round(a, 9).T)
-            same_by_place = np.lexsort(np.round(b, 9).T)
-            assert a[by_place] == pytest.approx(b[same_by_place], abs=1e-12)
-            drift = SPEED * one.times[frame]
-            assert second.read("displacement", step) == pytest.approx(drift, abs=1e-9)
+    run = gx.plot.RunReader(folder / "run")
+    assert run.times == pytest.approx([0.0, 2 * DT, 4 * DT])
+    for name, body in run.bodies.items():
+        assert body.is_film == (name == "the film")
+        for frame, time in enumerate(run.times):
+            segment, step = body.at(frame)
+            drift = [0.0, 0.0, SPEED * time]
+            moved = segment.components("displacement", step)
+            assert moved == pytest.approx(np.tile(drift, (len(moved), 1)), abs=1e-9)
+            assert segment.positions(step) == pytest.approx(segment.X + drift, abs=1e-9)
     # The mesh that is written is that of the body: 12 triangles, each in four pieces at order 2.
-    segment, _ = other.bodies["the film"].at(0)
+    segment, step = run.bodies["the film"].at(0)
     assert len(segment.pieces) == 12 * order**2
+    assert len(segment.grid(step).cells) == 12
     assert np.ptp(segment.X[:, 2]) == pytest.approx(0.0, abs=1e-12)
+    corners = segment.X[segment.pieces]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(sides, axis=1).sum() / 2 == pytest.approx(1.0)
+    assert segment.at_corners("state", step).shape == segment.pieces.shape
 
 
 @pytest.mark.mpi
@@ -152,7 +177,8 @@ def test_a_restart_continues_the_list(folder: Path) -> None:
     run = gx.plot.RunReader(folder / "run")
     assert run.times == pytest.approx(np.array([0, 2, 4, 6, 8]) * DT)
     files = list((folder / "run" / "fields" / "the film_files").iterdir())
-    assert len(files) == 5 * WORLD.size
+    # Five records, and the mesh of the run and of its restart
+    assert len(files) == 7 * WORLD.size
 
 
 def test_a_list_of_another_run_is_refused_at_a_restart(tmp_path: Path) -> None:
@@ -164,11 +190,6 @@ def test_a_list_of_another_run_is_refused_at_a_restart(tmp_path: Path) -> None:
     write_pvd(path, read_pvd(path)[:1])
     with pytest.raises(gx.InputError, match="was replaced since the checkpoint"):
         recorded(tmp_path / "run", restart=tmp_path / "saves")
-
-
-def test_an_unknown_format_is_refused() -> None:
-    with pytest.raises(gx.InputError, match='format is \'xdmf\'; give "vtx" or "vtu"'):
-        gx.Recording("out", format="xdmf")
 
 
 def test_pyvista_reads_the_files(tmp_path: Path) -> None:
@@ -185,8 +206,32 @@ def test_pyvista_reads_the_files(tmp_path: Path) -> None:
     assert grid.points[:, 2] == pytest.approx(SPEED * 4 * DT)
 
 
-@pytest.mark.parametrize("format", ["vtx", "vtu"])
-def test_an_export_has_all_parts_of_the_scene(tmp_path: Path, format: str) -> None:
+def test_the_recipe_for_pyvista_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The programs of the page, on a film between springs: by pyvista where it is at hand, and in
+    any case by the reader of this package."""
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    page = (ROOT / "docs" / "howto" / "paraview.md").read_text(encoding="utf-8")
+    [makes] = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    [shows] = re.findall(r"^```text\n(import pyvista.*?)^```", page, re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    exec(makes, {"__name__": "page"})
+    listed = Path("out/hammock/vtu/run.pvd")
+    assert str(listed) in shows
+    of_last_time = listed.parent / read_pvd(listed)[-1].file
+    scene = {name: read_vtu(of_last_time.parent / file) for name, file in read_vtm(of_last_time)}
+    assert list(scene) == ["film", "connectors"]
+    for name, array in re.findall(r'scene\["(.*?)"\], scalars="(.*?)"', shows):
+        assert array in {**scene[name].arrays, **scene[name].cell_arrays}
+    # Four springs of 50 N/m hold the weight of a film of 0.14 kg: each is stretched.
+    assert (scene["connectors"].cell_arrays["tension [N]"] > 0).all()
+    assert scene["film"].arrays["displacement [m]"][:, 2].min() < 0
+    pytest.importorskip("pyvista")
+    exec(shows, {"__name__": "page"})
+    assert Path("out/hammock/scene.png").stat().st_size > 10_000
+
+
+def test_an_export_has_all_parts_of_the_scene(tmp_path: Path) -> None:
     if WORLD.size > 1:
         pytest.skip("one rank is enough")
     film = gx.Membrane(
@@ -209,21 +254,19 @@ def test_an_export_has_all_parts_of_the_scene(tmp_path: Path, format: str) -> No
         hub,
         gx.Contact(film, box, distance=1e-3, stiffness=1e3),
     )
-    recording = gx.Recording(tmp_path / "run", every=2, format=format)
+    recording = gx.Recording(tmp_path / "run", every=2)
     gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[recording]).run(until=4 * DT)
     run = gx.plot.RunReader(tmp_path / "run")
-    lists = gx.plot.export(run, tmp_path / "out")
-    assert [path.name for path in lists][:2] == ["run.pvd", "the%2Ffilm.pvd"]
-    entries = read_pvd(tmp_path / "out" / "run.pvd")
-    assert sorted({entry.time for entry in entries}) == pytest.approx([0.0, 2 * DT, 4 * DT])
-    parts = len(lists) - 1
-    assert len(entries) == 3 * parts
-    last = [read_vtu(tmp_path / "out" / entry.file) for entry in entries[-parts:]]
-    assert len(last[0].cells) == 12
-    assert last[0].arrays["displacement [m]"][:, 2] == pytest.approx(SPEED * 4 * DT)
-    dots = last[-1]
-    assert dots.cells.shape[1] == 1
-    assert pytest.approx(dots.points[:, 2].max()) == 1.0 + SPEED * 4 * DT
+    scene = gx.plot.export(run, tmp_path / "out")
+    entries = read_pvd(scene)
+    assert [entry.time for entry in entries] == pytest.approx([0.0, 2 * DT, 4 * DT])
+    listed = scene.parent / entries[-1].file
+    last = {name: read_vtu(listed.parent / file) for name, file in read_vtm(listed)}
+    assert list(last) == ["the/film", "solids", "solid lines", "points"]
+    assert len(last["the/film"].cells) == 12
+    assert last["the/film"].arrays["displacement [m]"][:, 2] == pytest.approx(SPEED * 4 * DT)
+    assert last["points"].dimension == 0
+    assert pytest.approx(last["points"].points[:, 2].max()) == 1.0 + SPEED * 4 * DT
     # A second export replaces the first one, but nothing else is replaced.
     gx.plot.export(run, tmp_path / "out")
     with pytest.raises(gx.InputError, match="which is not part of an export; give another"):
@@ -250,7 +293,7 @@ def test_an_export_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
     assert names_of(tmp_path / "out") == names_of(tmp_path / "fresh")
 
 
-def test_a_body_named_run_has_its_own_list(tmp_path: Path) -> None:
+def test_the_fields_of_a_body_named_run_are_no_export(tmp_path: Path) -> None:
     if WORLD.size > 1:
         pytest.skip("one rank is enough")
     bodies = [
@@ -258,13 +301,12 @@ def test_a_body_named_run_has_its_own_list(tmp_path: Path) -> None:
         gx.Membrane(sheet(WORLD, 2, 2), LAW, name="other"),
     ]
     # A recording of a body with this name has a run.pvd, which is not that of an export.
-    recording = gx.Recording(tmp_path / "run", every=1, format="vtu")
+    recording = gx.Recording(tmp_path / "run", every=1)
     gx.Simulation(gx.Scene(*bodies), gx.Midpoint(dt=DT), outputs=[recording]).run(until=DT)
     run = gx.plot.RunReader(tmp_path / "run")
-    lists = gx.plot.export(run, tmp_path / "out")
-    assert [path.name for path in lists] == ["run.pvd", "%72un.pvd", "other.pvd"]
-    assert len(read_pvd(lists[0])) == 2 * len(run.times)
-    assert len(read_pvd(lists[1])) == len(run.times)
+    listed = read_pvd(gx.plot.export(run, tmp_path / "out"))
+    assert len(listed) == len(run.times)
+    assert [name for name, _ in read_vtm(tmp_path / "out" / listed[0].file)] == ["run", "other"]
     with pytest.raises(gx.InputError, match="which is not part of an export"):
         gx.plot.export(run, tmp_path / "run" / "fields")
 

@@ -1,34 +1,58 @@
 """Studies: a problem over meshes, elements, laws, steppers, ..., and what error a second of
 computing leaves.
 
-A `Study` is data: a problem, the axes along which it is varied, references and expected rates.
-`run` computes what is not in the study's CSV yet, so that an interrupted study goes on where it
-stopped, and writes table and picture.
+A `Study` is data: a problem, the axes along which it is varied, references and expected rates.  It
+becomes a set of cases of `gossamer_fx.analysis.cases`, which computes what is missing, compares it
+with what the study declares, and writes the table and the picture.
 """
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import (
-    InputError,
-    NoEquilibrium,
-    StepFailure,
-    check,
-    on_rank_zero,
-)
+from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
+from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
+from gossamer_fx.analysis.cases.results import Result, number_text, values_text
+from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
+from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
-Row = dict[str, str]
+
+# Reasons for warnings that several studies expect.
+ROUND_OFF = {
+    "the inner forces have a round-off": "the load is far below the stiffness of the sheet; the "
+    "remaining force is small compared with the errors that are judged"
+}
+NOT_REGULAR = {
+    "The equilibrium is not regular": "wrinkles without stiffness against bending, or that could "
+    "as well lie elsewhere, have neighbours at the same energy"
+}
+WITHOUT_UNITS = {"numbers are in SI units": "the reference is without units, or a round number"}
+
+# By so much an observed order may be below the expected one: coarse cases are not yet in the
+# asymptotic range.
+ORDER_MARGIN = 0.3
+
+
+def no_order(case: Trial) -> float:
+    """The rate of a measure of which no order is expected."""
+    return math.inf
+
+
+def search_figures(found: EquilibriumResult) -> dict[str, float]:
+    """How a search went: what a problem returns of it."""
+    return {
+        "iterations": found.iterations,
+        "residual": found.residual,
+        "seconds": found.seconds,
+    }
 
 
 @dataclass(frozen=True)
@@ -41,17 +65,26 @@ class Measure:
             itself.
         tolerance: largest relative error that is accepted on the finest of the full study.
         rate: expected order in h for a case; infinite where no order is expected.
+        quick_tolerance: the same on the finest mesh of a quick run; default: `tolerance`.
+        is_quick_asymptotic: whether the meshes of a quick run show the order, too.
     """
 
     name: str
     reference: float | Callable[[Trial], float]
     tolerance: float = math.inf
-    rate: Callable[[Trial], float] = field(default=lambda case: math.inf)
+    rate: Callable[[Trial], float] = no_order
+    quick_tolerance: float | None = None
+    is_quick_asymptotic: bool = True
 
-    def error(self, case: Trial, value: float) -> float:
-        """|value - reference|/|reference|, or |value| where the reference is zero."""
-        reference = self.reference(case) if callable(self.reference) else self.reference
-        return abs(value - reference) / (abs(reference) or 1.0)
+    def error(self, result: Result) -> float:
+        """|value - reference|/|reference|, or |value| where the reference is zero; NaN if the
+        result lacks the value."""
+        if self.name not in result.numbers:
+            return math.nan
+        reference = self.reference
+        if callable(reference):
+            reference = reference(result.values)
+        return abs(result.numbers[self.name] - reference) / (abs(reference) or 1.0)
 
 
 @dataclass(frozen=True)
@@ -62,16 +95,19 @@ class Study:
         name: of its files.
         title: one line above the table.
         problem: problem(comm, **case) returns numbers by name, "seconds" among them: run time
-            without start-up and compilation.
+            without start-up and compilation.  Numbers that are NaN have no value in this case.
         axes: values of the parameters by name; numbers and words.  The last axis is the one that is
             refined.
         size: h of a case.
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
-            Their results are not those of the full study, and have a separate file.
         columns: further results that the table shows.
+        shows: results of which at least one case must have a finite value other than zero.
+        quick_shows: the same in quick runs; default: `shows`.
+        limits: largest sizes of results in all cases that have them, such as errors of balances.
         may_fail: whether a case that fails by name is a result, too.
+        expected_warnings: reasons by a part of the text of a warning.
         draw: draws all results, draw(results, path), instead of errors against run time and h.
     """
 
@@ -84,118 +120,181 @@ class Study:
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ("iterations", "seconds")
+    shows: tuple[str, ...] = ()
+    quick_shows: tuple[str, ...] | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
     may_fail: bool = False
+    expected_warnings: Mapping[str, str] = field(default_factory=dict)
     draw: Callable[[list[Result], Path], None] | None = None
 
-    def cases(self, quick: bool) -> list[dict[str, Any]]:
-        """All combinations of the values of the axes, or of those of a quick run."""
-        axes = {**self.axes, **(self.quick if quick else {})}
-        unknown = set(axes) - set(self.axes)
+    def case_set(self, comm: MPI.Intracomm, quick: bool = False) -> CaseSet:
+        """The cases of the full or the quick form on the ranks of a communicator.
+
+        Raises:
+            InputError: the quick form has an axis that the study has not.
+        """
+        unknown = set(self.quick) - set(self.axes)
         check(
             not unknown,
             f"Study '{self.name}': quick has an axis {unknown} that the study has not; remove it.",
         )
-        return [
-            dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
-        ]
-
-
-@dataclass(frozen=True)
-class Result:
-    """A case and its numbers; `failed` says why there are none."""
-
-    case: dict[str, Any]
-    values: dict[str, float]
-    failed: str
-
-
-def run(
-    study: Study,
-    folder: Path,
-    comm: MPI.Intracomm,
-    quick: bool = False,
-) -> list[Result]:
-    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in
-    order.
-
-    Quick forms with other options have the file `NAME-quick.csv`, see `Study`.
-
-    Raises:
-        InputError: the file cannot be read or written, or is of a study with other axes.
-    """
-    options = study.quick_options if quick else {}
-    path = folder / f"{study.name}{'-quick' * bool(options)}.csv"
-    known = comm.bcast(on_rank_zero(comm, lambda: _read(study, path)))
-    results = []
-    for case in study.cases(quick):
-        key = _key(case, comm.size)
-        if key not in known:
-            row = _compute(study, case, comm, options)
-            known[key] = row
-            # After each case, so that a study that was ended goes on from there.
-            on_rank_zero(comm, lambda: _write(path, list(known.values())))
-            if comm.rank == 0:
-                print(f"{study.name}: {', '.join(f'{k} {v}' for k, v in row.items())}", flush=True)
-        row = known[key]
-        skip = {*case, "ranks", "failed"}
-        values = {name: float(text) for name, text in row.items() if name not in skip and text}
-        results.append(Result(case, values, row.get("failed", "")))
-    return results
-
-
-def _compute(
-    study: Study, case: dict[str, Any], comm: MPI.Intracomm, options: Mapping[str, Any]
-) -> Row:
-    """Compute one case; a row of text, with the reason of a failure that has a name."""
-    started = time.perf_counter()
-    row = {name: str(value) for name, value in case.items()} | {"ranks": str(comm.size)}
-    try:
-        values = study.problem(comm, **case, **options)
-        check(
-            "seconds" in values,
-            f"Study '{study.name}': its problem returns no 'seconds'; return the run time.",
+        axes = {**self.axes, **(self.quick if quick else {})}
+        # Options and ranks are values of the case, too: other results belong to others.
+        others = {**(self.quick_options if quick else {}), "ranks": comm.size}
+        shows = self.shows
+        if quick and self.quick_shows is not None:
+            shows = self.quick_shows
+        draw = self.draw
+        if draw is None and self.measures:
+            draw = self._draw_errors
+        return CaseSet(
+            name=self.name,
+            title=self.title,
+            outcome=self._outcome,
+            cases=[
+                dict(zip(axes, values, strict=True)) | others
+                for values in itertools.product(*axes.values())
+            ],
+            rows=self.rows,
+            judge=lambda results: self.judge(results, quick),
+            draw=draw,
+            shows=shows,
+            limits=self.limits,
+            expected_warnings=self.expected_warnings,
+            may_fail=self.may_fail,
         )
-        row |= {name: repr(float(value)) for name, value in values.items()}
-    # A failure with a name is a result; any other error ends the study.
-    except (NoEquilibrium, StepFailure) as failure:
-        row |= {"seconds": repr(time.perf_counter() - started), "failed": str(failure)}
-    return row
+
+    def _outcome(
+        self, comm: MPI.Intracomm, folder: Path, ranks: int, **case: Any
+    ) -> Mapping[str, float]:
+        numbers = self.problem(comm, **case)
+        check(
+            "seconds" in numbers,
+            f"Study '{self.name}': its problem returns no 'seconds'; return the run time.",
+        )
+        return {name: value for name, value in numbers.items() if not math.isnan(value)}
+
+    def curves(self, results: list[Result]) -> dict[tuple[Any, ...], list[Result]]:
+        """The results that differ in the refined (last) axis only, by the values of the others."""
+        *others, _ = self.axes
+        found: dict[tuple[Any, ...], list[Result]] = {}
+        for result in results:
+            found.setdefault(tuple(result.values[name] for name in others), []).append(result)
+        return found
+
+    def order(self, measure: Measure, coarse: Result, fine: Result) -> float:
+        """Observed order between two results of a curve; not a number where there is none."""
+        return observed_order(
+            measure.error(coarse),
+            measure.error(fine),
+            self.size(coarse.values),
+            self.size(fine.values),
+        )
+
+    def case_text(self, result: Result) -> str:
+        """The values along the axes, with their names."""
+        return values_text({name: result.values[name] for name in self.axes})
+
+    def rows(self, results: list[Result]) -> Iterator[list[str]]:
+        """The table, curve by curve, with errors and orders."""
+        head = [*self.axes]
+        for measure in self.measures:
+            head += [measure.name, "error", "order"]
+        yield [*head, *self.columns]
+        for curve in self.curves(results).values():
+            for previous, result in zip([None, *curve], curve, strict=False):
+                cells = [str(result.values[name]) for name in self.axes]
+                for measure in self.measures:
+                    # The coarsest case of a curve has no other to be compared with.
+                    slope = self.order(measure, previous, result) if previous else math.nan
+                    value = result.numbers.get(measure.name, math.nan)
+                    cells.append(number_text(value, ".6g"))
+                    cells.append(number_text(measure.error(result), ".2g"))
+                    cells.append(number_text(slope, ".1f"))
+                for name in self.columns:
+                    cells.append(number_text(result.numbers.get(name, math.nan), ".4g"))
+                if result.failed:
+                    cells[-1] += " (failed)"
+                yield cells
+
+    def judge(self, results: list[Result], quick: bool) -> Iterator[Judgement]:
+        """Errors of the finest cases with their tolerances, and orders with the expected ones."""
+        for curve in self.curves(results).values():
+            done = [result for result in curve if not result.failed]
+            for measure in self.measures if done else ():
+                words = f"{measure.name}, {self.case_text(done[-1])}"
+                tolerance = measure.tolerance
+                if quick and measure.quick_tolerance is not None:
+                    tolerance = measure.quick_tolerance
+                if math.isfinite(tolerance):
+                    error = measure.error(done[-1])
+                    # Written so that an error that is not a number falls short, too.
+                    holds = error <= tolerance
+                    yield Judgement(f"{words}: error {error:.2g} > {tolerance:.2g}", holds)
+                rate = measure.rate(done[-1].values)
+                is_asymptotic = measure.is_quick_asymptotic or not quick
+                if math.isfinite(rate) and is_asymptotic and len(done) > 1:
+                    overall = self.order(measure, done[0], done[-1])
+                    holds = overall >= rate - ORDER_MARGIN
+                    yield Judgement(f"{words}: order {overall:.2f}, expected {rate:.2g}", holds)
+
+    def summary(self, results: list[Result]) -> Iterator[list[str]]:
+        """For every measure and element what the finest cases leave at worst, and the orders."""
+        groups: dict[str, list[list[Result]]] = {}
+        for name, curve in self.curves(results).items():
+            done = [result for result in curve if not result.failed]
+            element = next((one for one in ("P2", "P1") if one in name), "")
+            if done:
+                groups.setdefault(element, []).append(done)
+        for measure in self.measures:
+            for element, found in groups.items():
+                orders = []
+                for curve in found:
+                    # An infinite rate means that no order is expected.
+                    has_order = math.isfinite(measure.rate(curve[-1].values))
+                    if has_order and len(curve) > 1:
+                        orders.append(self.order(measure, curve[0], curve[-1]))
+                yield [
+                    self.name,
+                    measure.name,
+                    element,
+                    number_text(max(measure.error(curve[-1]) for curve in found), ".2g"),
+                    _span(orders, ".1f"),
+                    _span([curve[-1].numbers["seconds"] for curve in found], ".2g"),
+                ]
+
+    def _draw_errors(self, results: list[Result], path: Path) -> None:
+        """Errors against run time and against h, a row of panels for each measure."""
+        rows: dict[str, list[ErrorCurve]] = {}
+        for measure in self.measures:
+            curves = rows.setdefault(f"relative error of {measure.name}", [])
+            for name, curve in self.curves(results).items():
+                done = [result for result in curve if not result.failed]
+                label = ", ".join(map(str, name)) or self.name
+                if len(done) > 1:
+                    overall = self.order(measure, done[0], done[-1])
+                    label += f" (order {overall:.1f})" if not math.isnan(overall) else ""
+                # Curves that differ in the element only share their colour.
+                alike = [str(value) for value in name if value not in ("P1", "P2")]
+                curves.append(
+                    ErrorCurve(
+                        name=label,
+                        seconds=[result.numbers["seconds"] for result in done],
+                        errors=[measure.error(result) for result in done],
+                        sizes=[self.size(result.values) for result in done],
+                        colour_group=", ".join(alike) or self.name,
+                    )
+                )
+        draw_error_curves(path, rows, self.title)
 
 
-def _key(case: Mapping[str, Any], ranks: int) -> tuple[str, ...]:
-    return (*(f"{name}={value}" for name, value in case.items()), f"ranks={ranks}")
+SUMMARY_HEAD = ["study", "measure", "element", "largest error", "order", "CPU time [s]"]
 
 
-def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
-    """Rows of a file that was written before, by their keys; empty if the file does not exist."""
-    if not path.is_file():
-        return {}
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    for row in rows:
-        # Files of older versions have another word for rejected steps.
-        if "halved" in row:
-            row.setdefault("rejected", row.pop("halved"))
-        if not {*study.axes, "ranks"} <= set(row):
-            raise InputError(
-                f"'{path}' is of a study with other axes than '{study.name}'; remove it."
-            )
-    return {_key({name: row[name] for name in study.axes}, int(row["ranks"])): row for row in rows}
-
-
-def _write(path: Path, rows: list[Row]) -> None:
-    """All rows at once, to a new file that then replaces the old one: a killed study leaves a whole
-    file."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_suffix(".new")
-        with new.open("w", newline="") as file:
-            writer = csv.DictWriter(file, names, restval="")
-            writer.writeheader()
-            writer.writerows(rows)
-        new.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-        ) from error
+def _span(values: list[float], form: str) -> str:
+    """Smallest and largest of some numbers."""
+    if not values:
+        return ""
+    # One number if both are the same to these digits.
+    ends = {f"{value:{form}}" for value in (min(values), max(values))}
+    return " to ".join(sorted(ends, key=float))

@@ -11,6 +11,8 @@ read it.
     peer                              what the errors `peer_error` belong to (optional)
     model = "braided_tube"
     quick_tests = ["1 up, 69 kPa"]    those of the quick form
+    [expected_warnings]               of the program: a reason by a part of the text (optional)
+    "inner forces" = "the film is slack before it is inflated"
     [inputs]                          of all tests
     length = {value = 3.2, unit = "m"}
     [[tests]]
@@ -25,6 +27,7 @@ read it.
     labels = ["La", "Lb"]             of values that are not a curve (optional)
     tolerance = 0.05                  asked of the mean relative error, or
     accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
+    quick_accepted = [0.0, 0.3]       the same, or of the mean relative error, of the quick form
     peer_error = 0.032                mean relative error of the peer (optional)
 """
 
@@ -72,6 +75,7 @@ class Measured:
         x_range: part of the abscissa in which curves are compared.
         labels: names of the values.
         accepted: smallest and largest relative error that is accepted.
+        quick_accepted: the same on the mesh of the quick form.
         is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
             mean.
         peer_error: mean size of the relative errors of the peer; not a number if it is not known.
@@ -85,6 +89,7 @@ class Measured:
     x_range: tuple[float, float]
     labels: tuple[str, ...]
     accepted: tuple[float, float]
+    quick_accepted: tuple[float, float]
     is_mean_of_sizes: bool
     peer_error: float
 
@@ -190,6 +195,7 @@ class Case:
         model: name of the model.
         tests: in the order of the file.
         quick_tests: names of those of the quick form.
+        expected_warnings: reasons by a part of the text of a warning.
     """
 
     name: str
@@ -200,6 +206,7 @@ class Case:
     model: str
     tests: tuple[Test, ...]
     quick_tests: tuple[str, ...]
+    expected_warnings: Mapping[str, str]
 
     def chosen(self, quick: bool) -> list[Test]:
         """The tests of the quick or the full form."""
@@ -239,7 +246,7 @@ def read_case(path: Path, models: list[str]) -> Case:
     where = f"'{path}'"
     data = _parsed(path, where)
     known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
-    _check_keys(where, data, known | {"inputs", "tests"})
+    _check_keys(where, data, known | {"inputs", "tests", "expected_warnings"})
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
     name = _line(where, data, "name")
@@ -276,6 +283,12 @@ def read_case(path: Path, models: list[str]) -> Case:
         model=model,
         tests=found,
         quick_tests=tuple(quick_tests),
+        expected_warnings={
+            part: _words(f"{where}: reason of '{_short(part)}'", reason)
+            for part, reason in _mapping(
+                where, data.get("expected_warnings", {}), "expected_warnings"
+            ).items()
+        },
     )
 
 
@@ -380,7 +393,8 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
 def _measured(where: str, data: Any) -> Measured:
     """One entry of `tests.measured`."""
     entry = _mapping(where, data, "each of measured")
-    known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted", "peer_error"}
+    known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted"}
+    known |= {"quick_accepted", "peer_error"}
     _check_keys(where, entry, known)
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
@@ -454,6 +468,7 @@ def _measured(where: str, data: Any) -> Measured:
         x_range=x_range,
         labels=tuple(_words(f"{here}: labels", label) for label in labels),
         accepted=accepted,
+        quick_accepted=_pair(here, entry, "quick_accepted", default=accepted),
         is_mean_of_sizes="accepted" not in entry,
         peer_error=_number(
             f"{here}: peer_error",

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from demos.validation.engine.case import Array, Measured
+from demos.validation.engine.case import Array, Case, Measured, Test
 from demos.validation.engine.units import UNITS
+from gossamer_fx.analysis.cases.results import Result
+
+# Digits of stored numbers: more only make files larger.
+DIGITS = 7
 
 # Points of the abscissa at which curves are compared, evenly spaced over the range.
 COMPARED_POINTS = 101
@@ -74,11 +77,14 @@ class Comparison:
         return float(self.errors.mean())
 
     @property
-    def is_accepted(self) -> bool:
-        """Whether the error is within what the case asks."""
-        low, high = self.measured.accepted
-        error = self.mean_error if self.measured.is_mean_of_sizes else self.bias
-        return low <= error <= high
+    def error(self) -> float:
+        """The mean error of which the case asks something, with its sign or without."""
+        return self.mean_error if self.measured.is_mean_of_sizes else self.bias
+
+    def is_accepted(self, quick: bool = False) -> bool:
+        """Whether the error is within what the case asks of the full or the quick form."""
+        low, high = self.measured.quick_accepted if quick else self.measured.accepted
+        return low <= self.error <= high
 
     @property
     def middle(self) -> int:
@@ -86,14 +92,8 @@ class Comparison:
         return len(self.y_measured) // 2
 
 
-def compare(measured: Measured, predicted: Mapping[str, Any] | None) -> Comparison:
-    """Compare a measured quantity with a prediction.
-
-    Args:
-        measured: of the case.
-        predicted: {"x": list or None, "y": list} in SI units, as results store it; None if there is
-            none.
-    """
+def compare(measured: Measured, predicted: Predicted | None) -> Comparison:
+    """Compare a measured quantity with a prediction, which is None if there is none."""
     x: Array | None = None
     y_measured = measured.y
     y_predicted = np.full(len(y_measured), math.nan)
@@ -103,12 +103,53 @@ def compare(measured: Measured, predicted: Mapping[str, Any] | None) -> Comparis
         y_predicted = np.full(len(x), math.nan)
     if predicted is None:
         return Comparison(measured, x, y_measured, y_predicted)
-    size = UNITS[measured.unit][1]
-    y = np.atleast_1d(np.asarray(predicted["y"], dtype=float)) / size
+    y = np.atleast_1d(np.asarray(predicted.y, dtype=float)) / UNITS[measured.unit][1]
     if x is not None:
-        own_x = np.asarray(predicted["x"], dtype=float) / UNITS[measured.x_unit][1]
+        own_x = np.asarray(predicted.x, dtype=float) / UNITS[measured.x_unit][1]
         # A prediction that ends before the range does is not extended.
         y_predicted = np.interp(x, own_x, y, left=math.nan, right=math.nan)
     elif y.shape == y_measured.shape:
         y_predicted = y
     return Comparison(measured, x, y_measured, y_predicted)
+
+
+# ---- results of cases ----------------------------------------------------------------------------
+
+
+def numbers_of(prediction: Prediction) -> dict[str, float | list[float]]:
+    """The numbers of a prediction as the engine of cases keeps them: "y of NAME", "x of NAME" and
+    the details by their names."""
+    numbers: dict[str, float | list[float]] = {}
+    for name, found in prediction.quantities.items():
+        numbers[f"y of {name}"] = [_rounded(value) for value in np.atleast_1d(found.y)]
+        if found.x is not None:
+            numbers[f"x of {name}"] = [_rounded(value) for value in np.atleast_1d(found.x)]
+    return numbers | {name: _rounded(value) for name, value in prediction.details.items()}
+
+
+def predicted_in(result: Result, quantity: str) -> Predicted | None:
+    """A quantity of a result; None if it was not predicted."""
+    if f"y of {quantity}" not in result.numbers:
+        return None
+    x = result.numbers.get(f"x of {quantity}")
+    return Predicted(
+        y=np.array(result.numbers[f"y of {quantity}"]),
+        x=None if x is None else np.array(x),
+    )
+
+
+def comparisons(test: Test, result: Result) -> list[Comparison]:
+    """Comparisons of the measured quantities of a test with the prediction of a result."""
+    return [compare(item, predicted_in(result, item.quantity)) for item in test.measured]
+
+
+def results_by_test(case: Case, results: Sequence[Result]) -> Iterator[tuple[Test, Result]]:
+    """The tests that have a result, in the order of the case."""
+    by_name = {result.values["test"]: result for result in results}
+    for test in case.tests:
+        if test.name in by_name:
+            yield test, by_name[test.name]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{float(value):.{DIGITS}g}")

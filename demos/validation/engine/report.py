@@ -1,21 +1,25 @@
-"""What a validation found: a table, a figure with the measured points over the curves, and what is
-missed."""
+"""What a validation found: a table, and a figure with the measured points over the curves."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from demos.validation.engine.case import Case, Measured, Test
-from demos.validation.engine.comparison import Comparison
-from demos.validation.engine.results import Stored, comparisons
+from demos.validation.engine.comparison import (
+    Comparison,
+    comparisons,
+    predicted_in,
+    results_by_test,
+)
 from demos.validation.engine.units import UNITS
+from gossamer_fx.analysis.cases.results import Result
 
-HEAD = (
+HEAD = [
     "case",
     "test",
     "quantity",
@@ -25,7 +29,7 @@ HEAD = (
     "asked",
     "peer's error",
     "time [s]",
-)
+]
 # Least width of a panel, and width of the label of a value [in].
 PANEL_WIDTH = 3.2
 LABEL_WIDTH = 0.17
@@ -34,27 +38,22 @@ PANELS_IN_A_ROW = 4
 LETTERS_PER_INCH = 12
 
 
-def table(cases: Iterable[tuple[Case, Stored]], quick: bool = False) -> str:
-    """All results as a Markdown table; of a curve it shows the middle of the range and the mean
-    error."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|---" * len(HEAD) + "|"]
-    for case, stored in cases:
-        for test in case.chosen(quick):
-            result = stored["tests"].get(test.name)
-            if result is None:
-                continue
-            seconds = f"{result['seconds']:.3g}"
-            for comparison in comparisons(stored, test):
-                cells = [case.name, test.name, *_cells(comparison), seconds]
-                if result["failed"]:
+def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Iterator[list[str]]:
+    """Cells of a table of all results; of a curve the middle of the range and the mean error."""
+    yield HEAD
+    for case, results in cases:
+        for test, result in results_by_test(case, results):
+            seconds = f"{result.seconds:.3g}"
+            for comparison in comparisons(test, result):
+                cells = [case.name, test.name, *_cells(comparison, quick), seconds]
+                if result.failed:
                     cells[5] = "failed"
-                lines.append("| " + " | ".join(cells) + " |")
+                yield cells
                 # The time is that of the whole test.
                 seconds = ""
-    return "\n".join(lines) + "\n"
 
 
-def _cells(comparison: Comparison) -> list[str]:
+def _cells(comparison: Comparison, quick: bool) -> list[str]:
     """Quantity, predicted, measured, our error, asked, peer's error."""
     measured = comparison.measured
     # One value stands for a curve or several values; the error is that of all of them.
@@ -66,13 +65,12 @@ def _cells(comparison: Comparison) -> list[str]:
         label = measured.labels[k] if measured.labels else f"value {k + 1}"
         name += f", {label} (one of {len(measured.y)})"
     unit = "" if measured.unit == "1" else f" {measured.unit}"
-    error = comparison.mean_error if measured.is_mean_of_sizes else comparison.bias
     return [
         name,
         f"{comparison.y_predicted[k]:.4g}{unit}",
         f"{comparison.y_measured[k]:.4g}{unit}",
-        _percent(error, signed=not measured.is_mean_of_sizes),
-        _asked(measured),
+        _percent(comparison.error, signed=not measured.is_mean_of_sizes),
+        asked(measured, quick),
         _percent(measured.peer_error),
     ]
 
@@ -84,8 +82,9 @@ def _percent(value: float, signed: bool = False) -> str:
     return f"{100 * value:+.1f} %" if signed else f"{100 * value:.1f} %"
 
 
-def _asked(measured: Measured) -> str:
-    low, high = measured.accepted
+def asked(measured: Measured, quick: bool) -> str:
+    """What the case asks of the error, in words; nothing if it asks nothing."""
+    low, high = measured.quick_accepted if quick else measured.accepted
     if not math.isfinite(high):
         return ""
     if measured.is_mean_of_sizes:
@@ -93,30 +92,10 @@ def _asked(measured: Measured) -> str:
     return f"{100 * low:+g} to {100 * high:+g} %"
 
 
-def misses(case: Case, stored: Stored, quick: bool = False) -> list[str]:
-    """What is not as the case asks, in sentences; in the quick form only tests that failed."""
-    found = []
-    for test in case.chosen(quick):
-        result = stored["tests"].get(test.name)
-        where = f"{case.name}, {test.name}"
-        if result is None:
-            continue
-        if result["failed"]:
-            found.append(f"{where}: {result['failed']}")
-            continue
-        for comparison in comparisons(stored, test):
-            measured = comparison.measured
-            if not (quick or comparison.is_accepted):
-                error = comparison.mean_error if measured.is_mean_of_sizes else comparison.bias
-                words = f"error {100 * error:.1f} %, asked {_asked(measured)}"
-                found.append(f"{where}, {measured.quantity}: {words}")
-    return found
-
-
 # ---- figure --------------------------------------------------------------------------------------
 
 
-def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
+def figure(case: Case, results: list[Result], path: Path) -> None:
     """Draw a panel for each measured quantity: measured points over predicted curves or values."""
     # Loaded here, as tables need no pictures; "Agg" needs no screen.
     import matplotlib
@@ -126,10 +105,10 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
 
     # A curve has a panel; values of one quantity share one over all tests.
     panels: dict[tuple[str, str], list[tuple[Test, Comparison]]] = {}
-    for test in case.chosen(quick):
-        if test.name not in stored["tests"]:
-            continue
-        for comparison in comparisons(stored, test):
+    by_name = {}
+    for test, result in results_by_test(case, results):
+        by_name[test.name] = result
+        for comparison in comparisons(test, result):
             quantity = comparison.measured.quantity
             is_curve = comparison.x is not None
             key = (quantity, test.name if is_curve else "")
@@ -157,7 +136,7 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
             _draw_curve(
                 axis,
                 entries[0][1],
-                stored["tests"][test_name],
+                by_name[test_name],
             )
         else:
             _draw_values(axis, entries)
@@ -177,7 +156,7 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
     pyplot.close(drawing)
 
 
-def _draw_curve(axis, comparison: Comparison, result: Stored) -> None:
+def _draw_curve(axis, comparison: Comparison, result: Result) -> None:
     """Measured points, the predicted curve, and the range in which they are compared."""
     measured = comparison.measured
     axis.plot(
@@ -188,10 +167,10 @@ def _draw_curve(axis, comparison: Comparison, result: Stored) -> None:
         color="0.45",
         label="measured",
     )
-    predicted = result["predicted"].get(measured.quantity)
+    predicted = predicted_in(result, measured.quantity)
     if predicted is not None:
-        x = np.array(predicted["x"]) / UNITS[measured.x_unit][1]
-        y = np.array(predicted["y"]) / UNITS[measured.unit][1]
+        x = predicted.x / UNITS[measured.x_unit][1]
+        y = predicted.y / UNITS[measured.unit][1]
         axis.plot(
             x,
             y,

@@ -79,6 +79,6 @@ def _biases(model: Any, test: Test, comm: MPI.Intracomm, quick: bool) -> dict[st
     for measured in test.measured:
         predicted = prediction.quantities.get(measured.quantity)
         if predicted is not None:
-            comparison = compare(measured, {"x": predicted.x, "y": predicted.y})
+            comparison = compare(measured, predicted)
             found[measured.quantity] = comparison.bias
     return found

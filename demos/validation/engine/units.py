@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.records.plot.units import unit_factor
+from gossamer_fx.records.plot.measured_series import unit_factor
 
 # The units of case files, divided by commas, by the SI unit of the same dimension.
 DIMENSIONS = {

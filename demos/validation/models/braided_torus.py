@@ -256,10 +256,10 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
         for i in range(0, along, 2):
             for k in range(0, around, 2):
                 # Corners, then the middles of the edges between them, with normals outwards.
-                triangles += [node(i, k), node(i + 2, k), node(i + 2, k + 2)]
-                triangles += [node(i + 1, k), node(i + 2, k + 1), node(i + 1, k + 1)]
-                triangles += [node(i, k), node(i + 2, k + 2), node(i, k + 2)]
-                triangles += [node(i + 1, k + 1), node(i + 1, k + 2), node(i, k + 1)]
+                triangles += [node(i, k), node(i + 2, k + 2), node(i + 2, k)]
+                triangles += [node(i + 1, k + 1), node(i + 2, k + 1), node(i + 1, k)]
+                triangles += [node(i, k), node(i, k + 2), node(i + 2, k + 2)]
+                triangles += [node(i, k + 1), node(i + 1, k + 2), node(i + 1, k + 1)]
         # Kinds of elements in gmsh's numbering, this one and that of lines below.
         six_node_triangle = 9
         model.mesh.addElementsByType(

@@ -39,7 +39,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.rigid_piece import RigidPiece
+from gossamer_fx.mechanics.bodies.rigid_body import RigidPiece
 from gossamer_fx.mechanics.terms.point_constraints import Closing, PointConstraint
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is

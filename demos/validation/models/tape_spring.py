@@ -147,14 +147,7 @@ def graded_sheet(comm: MPI.Intracomm, places: Array, rows: int, width: float) ->
     """
 
     def arrays() -> tuple[Array, Array, dict[str, Array]]:
-        x, y = np.meshgrid(
-            places,
-            np.linspace(
-                0.0,
-                width,
-                rows + 1,
-            ),
-        )
+        x, y = np.meshgrid(places, np.linspace(0.0, width, rows + 1))
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         nodes = np.arange(x.size).reshape(x.shape)
         a, b, c, d = cell_corners(nodes)
@@ -189,11 +182,7 @@ class FirstGuess:
         tape = self._tape
         x, z, slope = self._axis(X[0])
         begin = tape.radius * abs(self._turn)
-        share = np.clip(
-            (X[0] - begin) / (TRANSITION * tape.radius),
-            0.0,
-            1.0,
-        )
+        share = np.clip((X[0] - begin) / (TRANSITION * tape.radius), 0.0, 1.0)
         curvature = share**2 * (3 - 2 * share) / tape.radius
         y, above = tape.section(X[1] - tape.width / 2, curvature)
         height = tape.mean_height + z - self._end_height

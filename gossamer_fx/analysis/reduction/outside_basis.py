@@ -35,7 +35,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Least stiffness of a node as a share of the mean: a node of slack film has none, and would release
 # any energy.
@@ -80,7 +80,7 @@ class OutsideBasis:
         self.body = body
         self._estimate: _Estimate | None = None
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         film = self.body
         # Compiled at the first call: ports are known by then.
         if self._estimate is None:

@@ -6,31 +6,29 @@ field files list the nodes in another order than the film at hand.
 Algorithm.
 
 1. A node is identified by its point on the mesh, rounded to a cube of a small edge (`_names`).
-2. Each rank reads a share of the points and displacements of each file (`_Part`).
+2. Each rank reads the files of some of the ranks that wrote them (`_own_share`).
 3. Ranks exchange displacements by the names of their nodes (`algebra.rank_exchange.fetch`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.adios import adios2_for
-from gossamer_fx.records.outputs.field_files import noted_steps
-from gossamer_fx.records.outputs.file_names import file_name, segments
-from gossamer_fx.records.outputs.run_file import read_run_file
-from gossamer_fx.records.outputs.schedule import Schedule
-from gossamer_fx.solve.view import Run
+from gossamer_fx.records.fields.units import with_unit
+from gossamer_fx.records.outputs.output import Schedule
+from gossamer_fx.records.outputs.run_file import file_name, read_run_file
+from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
+from gossamer_fx.records.outputs.vtu_format import read_vtu
+from gossamer_fx.solve.view import StateView
 
 
 @check_arguments
@@ -67,19 +65,19 @@ class Snapshots:
         """Times [s] at which the run has to end a step; empty if shapes follow steps."""
         return self.schedule.times
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         check(
             self.body in run.system.bodies,
             f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
         )
         self.positions.clear()
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
             # a copy: the state changes in place
             self.positions.append(run.system.state[self.body].positions().copy())
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Do nothing: the shapes stay in memory."""
 
 
@@ -123,42 +121,39 @@ class RecordedShapes:
         comm = body.comm
         owned = body.space.dofmap.index_map.size_local
         X = body.space.tabulate_dof_coordinates()[:owned]
-        paths = self._files()
+        path = self._file()
         largest = comm.allreduce(float(np.abs(X).max(initial=0.0)), MPI.MAX)
         self._cube_size = CUBE_SIZE_RATIO * (largest or 1.0)
         names = self._names(X)
         self._check_distinct(names)
-        for path in paths:
-            part = _Part(comm, path)
-            other_mesh = (
-                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; "
-                "give the film that was recorded."
-            )
-            displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
-            by_time = displacements.reshape(owned, len(part.times), 3).transpose(1, 0, 2)
-            self.times += part.times
+        other_mesh = (
+            f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film that "
+            "was recorded."
+        )
+        # Each restart may have divided the mesh among its ranks in another way.
+        for records in comm.bcast(on_rank_zero(comm, lambda: read_records(path))):
+            points, shares = _own_share(comm, records)
+            displacements = fetch(comm, self._names(points), shares, names, other_mesh)
+            by_time = displacements.reshape(owned, len(records.times), 3).transpose(1, 0, 2)
+            self.times += records.times
             self.positions += list(X + by_time)
 
-    def _files(self) -> list[Path]:
-        """The field files of the film, one for each part of a run that was restarted.
-        Collective."""
+    def _file(self) -> Path:
+        """The list of the field files of the film.  Collective.
+
+        Raises:
+            InputError: the folder is not that of a run, or has no fields of a film of this name.
+        """
         comm = self.body.comm
         name = self.body.name
-        path = self.folder / "fields" / f"{file_name(name)}.bp"
-
-        def read() -> tuple[list[str], list[Path]]:
-            return list(read_run_file(self.folder)["fields"]), segments(path)
-
-        recorded, paths = comm.bcast(on_rank_zero(comm, read))
+        about = comm.bcast(on_rank_zero(comm, lambda: read_run_file(self.folder)))
+        recorded = list(about["fields"])
         check(
-            name in recorded and bool(paths),
-            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}' in ADIOS2 "
-            "files, but fields of: "
-            f"{', '.join(recorded) or 'none'}; give the film the name that it had there, and "
-            "record "
-            'with the format "vtx".',
+            name in recorded,
+            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}', but fields of: "
+            f"{', '.join(recorded) or 'none'}; give the film the name that it had there.",
         )
-        return list(paths)
+        return self.folder / "fields" / f"{file_name(name)}.pvd"
 
     def _names(self, X: Array) -> Names:
         """Names of the nodes at points X (n, 3) [m]: hashes of the cube of a grid in which the
@@ -179,63 +174,39 @@ class RecordedShapes:
         fetch(self.body.comm, names, no_values, names[:0], "", coincide)
 
 
-class _Part:
-    """This rank's share of the points of one field file: times [s], points X (n, 3) [m] on the
-    mesh, and displacements (n, 3 · times) [m]."""
+def _own_share(comm: MPI.Intracomm, records: FieldRecords) -> tuple[Array, Array]:
+    """This rank's share of the points of some records.
 
-    def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
-        """Read this rank's share of an ADIOS2 file.  Collective."""
-        adios2 = adios2_for(path)
-        on_rank_zero(comm, lambda: noted_steps(path))
-        readable = True
-        try:
-            file = adios2.FileReader(str(path))
-            self._read(file, comm)
-            file.close()
-        # adios2 raises whatever its C++ side throws.
-        except Exception:
-            readable = False
-        check_on_all(
-            comm, readable, f"'{path}' cannot be read; it is damaged, or holds no displacement."
-        )
+    Each rank that wrote the records wrote one file; ranks that read take turns.
 
-    def _read(self, file: Any, comm: MPI.Intracomm) -> None:
-        """Read this rank's share of an open file; whatever ADIOS2 raises for a damaged one, the
-        caller turns into `InputError`."""
-        steps = file.num_steps()
-        times = file.read("step", step_selection=[0, steps])
-        self.times = [float(t) for t in np.ravel(times)]
-        rows = self._own_rows(file, comm)
+    Returns:
+        points (n, 3) on the mesh [m], and displacements (n, 3 · times) [m].
 
-        def read(name: str, **which: Any) -> Array:
-            """Rows (n, 3) of a variable that belong to this rank, block by block of the file."""
-            parts: list[Array] = [np.zeros((0, 3))]
-            for block, first, count in rows:
-                values = file.read(
-                    name, start=[first, 0], count=[count, 3], block_id=block, **which
-                )
-                parts.append(np.asarray(values).reshape(-1, 3))
-            return np.concatenate(parts)
+    Raises:
+        InputError: on all ranks, if a file is missing or damaged, or has no displacement.
+    """
+    points: list[Array] = [np.zeros((0, 3))]
+    displacements: list[Array] = [np.zeros((0, 3 * len(records.times)))]
+    reason = ""
+    try:
+        for part in range(comm.rank, len(records.meshes), comm.size):
+            X = read_vtu(records.meshes[part]).points
+            of_times = [_displacement(files[part], len(X)) for files in records.files]
+            points.append(X)
+            displacements.append(np.concatenate(of_times, axis=1))
+    except InputError as error:
+        reason = str(error)
+    reasons = [text for text in comm.allgather(reason) if text]
+    if reasons:
+        raise InputError(reasons[0])
+    return np.concatenate(points), np.concatenate(displacements)
 
-        self.X = read("geometry")
-        displacements: list[Array] = [np.zeros((len(self.X), 0))]
-        for k in range(steps):
-            displacements.append(read("displacement", step_selection=[k, 1]))
-        self.displacements = np.concatenate(displacements, axis=1)
 
-    def _own_rows(self, file: Any, comm: MPI.Intracomm) -> list[tuple[int, int, int]]:
-        """(block, first row, number of rows) of each block in which this rank has rows.  Each rank
-        that wrote the file wrote one block; ranks that read it take equal shares of all rows."""
-        blocks = file.all_blocks_info("geometry")[0]
-        counts = [int(block["Count"].split(",")[0]) for block in blocks]
-        ends = np.cumsum([0, *counts])
-        share_start = int(ends[-1]) * comm.rank // comm.size
-        share_end = int(ends[-1]) * (comm.rank + 1) // comm.size
-        rows = []
-        bounds = [int(end) for end in ends]
-        for block, (start, end) in enumerate(pairwise(bounds)):
-            first = max(share_start, start)
-            last = min(share_end, end)
-            if first < last:
-                rows.append((block, first - start, last - first))
-        return rows
+def _displacement(file: Path, count: int) -> Array:
+    """The displacement (n, 3) [m] of the points in a file, which must be so many."""
+    found = read_vtu(file).arrays.get(with_unit("displacement"), np.zeros(0))
+    check(
+        found.shape == (count, 3),
+        f"'{file}' is damaged: it has no displacement of {count} points; write the run again.",
+    )
+    return found

@@ -33,7 +33,7 @@ from gossamer_fx.core.model.body import Array, Block, Port
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.bodies.ports import global_node, interpolated
+from gossamer_fx.mechanics.bodies.meshed import global_node, interpolated
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 
@@ -119,7 +119,7 @@ class ReducedMembrane(Membrane):
                 setattr(self.constants, name, function)
         direction = getattr(self.constants, "direction", None)
         if direction is not None:
-            from gossamer_fx.mechanics.bodies.directions import set_axes
+            from gossamer_fx.mechanics.bodies.properties import set_axes
 
             set_axes(self.constants, direction, self._frame)
 
@@ -169,7 +169,7 @@ class ReducedMembrane(Membrane):
         return "its modes"
 
     def port(self, group: str) -> Port:
-        node = global_node(self.full, self.full.mesh, group)
+        node = global_node(self.full, group)
         return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:

@@ -401,7 +401,9 @@ def _find(
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
     uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
-        kind = next(kind for kind in system.compiled if type(kind) is term.compiler)
+        kind = next(
+            kind for kind in system.compiled if type(kind) is term.compiler and kind.has(term)
+        )
         uses.append((kind, term, parameter))
     return PointVariable(name, unit, uses)
 

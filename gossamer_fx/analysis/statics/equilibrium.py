@@ -42,7 +42,7 @@ import logging
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from typing import Annotated, Any, Literal
@@ -77,8 +77,9 @@ from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import LOAD_PARAMETER, Account
 
-# What stays constant in the chambers, see `gas.network`.
+# What stays constant in the chambers, see `gas.static_processes`.
 GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
@@ -260,6 +261,8 @@ class Equilibrium:
         gas: process of the gas in all chambers.
 
     Attributes:
+        axis: what `find` calls `at`, for records, see `outputs.record`.
+        step: number of searches that were made.
         result: of the last `find`; None if it failed or was not called.
         compile_seconds: wall time of the compilation [s].
 
@@ -299,6 +302,10 @@ class Equilibrium:
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
         )
         self._prestress = PrestressOfScene(self.system)
+        self.axis = LOAD_PARAMETER
+        self.step = 0
+        self._all_iterations = 0  # of all searches
+        self._all_seconds = 0.0  # CPU time [s] of all searches
         # Norm of the external forces, of all equilibria found so far [N]
         self._largest_load = 0.0
         self.result: EquilibriumResult | None = None
@@ -329,6 +336,7 @@ class Equilibrium:
         self._iterations = 0
         self._steps = 0
         self._cuts = 0
+        self.step += 1
         self.result = None
         self.system.q0.copy(self._start)
         if self.system.active_sets:
@@ -364,6 +372,8 @@ class Equilibrium:
             within_tolerance=is_within_tolerance,
             prestress=self._prestress.reached(),
         )
+        self._all_iterations += self.result.iterations
+        self._all_seconds += self.result.seconds
         self._warn_of_quality(self.result)
         return self.result
 
@@ -402,6 +412,46 @@ class Equilibrium:
     def totals(self) -> Totals:
         """Energies and momenta of the present state."""
         return self.system.totals()
+
+    @property
+    def account(self) -> Account:
+        """How the present state was found; of a search that was stopped there is no result."""
+        method = {"kind": "Continuation", "tolerance": self.search.tolerance}
+        result = self.result
+        if result is None:
+            return Account(
+                kind="equilibrium",
+                method=method,
+                until=self.time,
+                compile_seconds=self.compile_seconds,
+                caption="not an equilibrium: the search was stopped",
+            )
+        caption = f"equilibrium, residual {result.residual:.1e}"
+        if self.time or self.step > 1:
+            caption = f"equilibrium at {self.axis.words(self.time, digits=4)}"
+        return Account(
+            kind="equilibrium",
+            method=method,
+            until=self.time,
+            iterations=self._all_iterations,
+            last_iterations=result.iterations,
+            rejected=result.cuts,
+            seconds=self._all_seconds,
+            compile_seconds=self.compile_seconds,
+            solver=self.newton.summary(),
+            caption=caption,
+            details={
+                "result": {
+                    "residual": result.residual,
+                    "within tolerance": result.within_tolerance,
+                    "regular": result.regular,
+                    "free motions": ", ".join(result.free) or "none",
+                    "iterations": result.iterations,
+                    "pseudo-steps": result.steps,
+                },
+                "prestress": {name: asdict(one) for name, one in result.prestress.items()},
+            },
+        )
 
     @property
     def chambers(self) -> dict[str, Any]:

@@ -184,6 +184,8 @@ def find_form(
         body.order == 1,
         f"find_form: '{body.name}' is of order {body.order}; give a film of order 1.",
     )
+    check(change >= 0, f"find_form: change is {change!r} m; give zero or a positive number.")
+    check(updates > 0, f"find_form: updates is {updates}; give one or more.")
     movement = math.inf
     for _ in range(updates):
         search = Equilibrium(scene())

@@ -26,7 +26,7 @@ from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System

@@ -7,7 +7,7 @@ Idea.  By Sylvester's law of inertia the pivots of K - σ M = L D Lᵀ have the 
 eigenvalues: the number of negative pivots is that of the eigenvalues ω² below σ.  The difference of
 two such numbers is the number of modes between two shifts.  Lagrange multipliers add the same
 negative pivots at every shift.  The stiffness of gas, Σ κ g⊗g, is the Schur complement of a
-bordered matrix:
+larger matrix:
 
     [ A   U   ]
     [ Uᵀ -κ⁻¹ ]       n₋(A + U κ Uᵀ) = n₋(A) + n₋(-κ⁻¹ - Uᵀ A⁻¹ U) - n₋(-κ⁻¹)
@@ -67,7 +67,7 @@ class Spectrum:
     def _negative_pivots(self, shift: float) -> int:
         """Number of negative eigenvalues of K + Σ κ g⊗g - σ M, less a number that is the same at
         every shift."""
-        # Blocks or a dense matrix are no input of the symmetric factorisation.
+        # The symmetric factorisation takes neither blocks nor a dense matrix.
         A = self._K.convert("aij", PETSc.Mat())
         A.axpy(-shift, self._M, DIFFERENT_PATTERN)
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)

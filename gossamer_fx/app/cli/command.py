@@ -293,7 +293,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     report.set_defaults(command=_report)
     export = commands.add_parser(
-        "export", help="fields of a run as VTU and PVD files, for ParaView, VisIt and pyvista"
+        "export", help="the scene of a run in one PVD file, for ParaView, VisIt and pyvista"
     )
     export.add_argument("run", type=Path, help="folder of a run")
     export.add_argument(
@@ -561,9 +561,9 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.core.checks.errors import check
     from gossamer_fx.records.plot import plot as pictures
+    from gossamer_fx.records.plot.camera import View
     from gossamer_fx.records.plot.colours import default_field
     from gossamer_fx.records.plot.run_reader import RunReader
-    from gossamer_fx.records.plot.viewpoint import View
 
     run, folder = RunReader(wanted.run), wanted.run
     pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}
@@ -626,13 +626,12 @@ def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Write a run as VTU and PVD files, and print the paths of the lists."""
+    """Write a run for ParaView, and print the path of the list of its states."""
     from gossamer_fx.records.plot.run_reader import RunReader
     from gossamer_fx.records.plot.vtk_export import export
 
     run = RunReader(wanted.run)
-    for path in export(run, wanted.output or wanted.run / "vtu"):
-        print(path)
+    print(export(run, wanted.output or wanted.run / "vtu"))
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:

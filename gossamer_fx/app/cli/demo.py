@@ -11,7 +11,7 @@ from typing import NoReturn
 
 # the picture of the README
 DEFAULT = "folded_tube"
-# folders of `demos` that are no subject: their programs have launchers of their own
+# folders of `demos` that are not subjects: their programs have separate launchers
 OTHER_FOLDERS = {"common", "studies", "validation", "benchmarks"}
 
 

@@ -193,7 +193,7 @@ def _probe_numbers(folder: Path) -> dict[str, float]:
     run = RunReader(folder)
     numbers: dict[str, float] = {}
     for name, values in run.table("probes.csv").items():
-        if name not in ("time", "step"):
+        if name not in run.not_values:
             numbers[f"{name} at the end"] = float(values[-1])
             numbers[f"{name} smallest"] = float(np.min(values))
             numbers[f"{name} largest"] = float(np.max(values))

@@ -1,8 +1,8 @@
 """Plain sweeps: runs with all combinations of some values, or with a list of values; a table and a
 picture.
 
-The runs are those of `sweep.runs`: any number of processes share them, a run with a result is not
-repeated, and a run that was killed is made again, from its last checkpoint if it writes any.
+The runs are those of `analysis.cases`: any number of processes share them, a run with a result is
+not repeated, and a run that was killed is made again, from its last checkpoint if it writes any.
 """
 
 from __future__ import annotations
@@ -16,10 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.app.sweep.runs import Outcome, Result, SharedRuns
-from gossamer_fx.app.sweep.sweep_report import results_as_csv, value_text, values_text
+from gossamer_fx.analysis.cases.case_set import CaseSet, run_cases
+from gossamer_fx.analysis.cases.results import (
+    Outcome,
+    Result,
+    number_names,
+    value_text,
+    values_text,
+)
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.errors import check
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,61 +139,15 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         InputError: the folder cannot be written, the file of a result is damaged, or the outcome
             refuses values of a run or returns something other than numbers.
     """
-    runs = SharedRuns(comm, folder / "runs", sweep.outcome)
-    results = runs.results(sweep.cases())
-    folders = [runs.result_file(result.values).with_suffix("").name for result in results]
-    text = table(sweep, results, folders)
-
-    def write() -> None:
-        (folder / "runs.csv").write_text(results_as_csv(results))
-        (folder / "sweep.md").write_text(text)
-        draw(sweep, results, folder / "sweep.png")
-
-    on_rank_zero(comm, write)
-    return text
-
-
-def table(sweep: Factorial, results: Sequence[Result], folders: Sequence[str]) -> str:
-    """Return the values and numbers of all runs in Markdown; failed runs are listed below with
-    the reason.
-
-    Args:
-        sweep: that was run.
-        results: of its `cases()`, with wall times [s].
-        folders: names of the folders of the runs.
-    """
-    numbers = _numbers(results)
-    seconds = sum(result.seconds for result in results)
-    failed = [result for result in results if result.failed]
-    head = [*sweep.over, *numbers, "time [s]", "folder in runs"]
-    lines = [
-        f"{len(results)} runs, {seconds:.0f} s; {len(failed)} failed.",
-        "",
-        f"| {' | '.join(head)} |",
-        f"|{'---|' * len(head)}",
-    ]
-    for result, name in zip(results, folders, strict=True):
-        entries = [value_text(result.values[factor]) for factor in sweep.over]
-        for number in numbers:
-            if number in result.numbers:
-                entries.append(f"{result.numbers[number]:.6g}")
-            else:
-                entries.append("failed" if result.failed else "")
-        entries += [f"{result.seconds:.1f}", name]
-        lines.append(f"| {' | '.join(entries)} |")
-    if failed:
-        lines.append("")
-    for result in failed:
-        lines.append(f"- {values_text(result.values)}: {result.failed}")
-    return "\n".join(lines) + "\n"
-
-
-def _numbers(results: Sequence[Result]) -> list[str]:
-    """Names of all numbers of the outcomes, in the order in which they occur."""
-    names: dict[str, None] = {}
-    for result in results:
-        names |= dict.fromkeys(result.numbers)
-    return list(names)
+    cases = CaseSet(
+        name="sweep",
+        title="",
+        outcome=sweep.outcome,
+        cases=sweep.cases(),
+        draw=lambda results, path: draw(sweep, results, path),
+    )
+    results = run_cases(cases, comm, folder, verbose=False)
+    return cases.table(results)
 
 
 # ---- the picture ---------------------------------------------------------------------------------
@@ -211,7 +171,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    numbers = _numbers(results)[:_MAX_PANELS]
+    numbers = number_names(results)[:_MAX_PANELS]
     if not numbers:
         return
     columns = min(len(numbers), _PANEL_COLUMNS)
@@ -237,8 +197,8 @@ def _draw_panel(
     number: str,
 ) -> None:
     """Draw one number over the first factor that varies."""
+    from gossamer_fx.records.fields.units import plain_text
     from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
-    from gossamer_fx.records.plot.units import plain_text
 
     varied = [name for name, values in sweep.over.items() if len(set(values)) > 1]
     first = (varied or list(sweep.over))[0]

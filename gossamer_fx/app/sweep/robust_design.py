@@ -33,8 +33,8 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.analysis.cases.results import Outcome, Result
 from gossamer_fx.app.sweep.orthogonal_arrays import Levels, orthogonal_array
-from gossamer_fx.app.sweep.runs import Outcome, Result
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array

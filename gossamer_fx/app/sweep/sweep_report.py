@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.analysis.cases.results import Result, results_as_csv, value_text, values_text
+from gossamer_fx.analysis.cases.shared_runs import SharedRuns
 from gossamer_fx.app.sweep.robust_design import RobustDesign
-from gossamer_fx.app.sweep.runs import Result, SharedRuns
 from gossamer_fx.core.checks.errors import on_rank_zero
 
 # Sizes of the picture [inch]: of a panel, and of the margins for labels.
@@ -213,40 +212,3 @@ def _draw_panel(
     panel.set_title(name, fontsize=9)
     panel.tick_params(axis="y", labelsize=8)
     panel.spines[["top", "right"]].set_visible(False)
-
-
-def results_as_csv(results: Sequence[Result]) -> str:
-    """All results as comma-separated values, with a header.
-
-    Args:
-        results: of runs; those that failed have empty cells in place of numbers.
-
-    Returns:
-        a text with a row for each run: factors, numbers of the outcome, wall time [s], and reason
-        of failure.
-    """
-    # A dictionary keeps the order in which names occur first; failed runs lack numbers.
-    names: dict[str, None] = {}
-    for result in results:
-        names |= dict.fromkeys([*result.values, *result.numbers])
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*names, "seconds", "failed"])
-    writer.writeheader()
-    for result in results:
-        row = {**result.values, **result.numbers}
-        row["seconds"] = result.seconds
-        row["failed"] = result.failed
-        writer.writerow(row)
-    return text.getvalue()
-
-
-def values_text(values: Mapping[str, Any]) -> str:
-    """Values with their names, such as "bore 0.3, crease 1"."""
-    return ", ".join(f"{name} {value_text(value)}" for name, value in values.items())
-
-
-def value_text(value: Any) -> str:
-    """A level as text: words as they are, numbers without trailing zeros."""
-    if isinstance(value, str):
-        return value
-    return f"{value:g}"

@@ -15,7 +15,7 @@ from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
 from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.bodies.between import FrameJoint
+    from gossamer_fx.mechanics.bodies.frames import FrameJoint
     from gossamer_fx.mechanics.connectors.spring import Damper
     from gossamer_fx.mechanics.connectors.tether import Tether
     from gossamer_fx.mechanics.contact.obstacles import Cylinder

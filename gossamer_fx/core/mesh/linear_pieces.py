@@ -23,9 +23,10 @@ _PIECES = {
     (2, 3): ((0, 1, 2),),
     (2, 6): _CORNERS_AND_CENTRE,
 }
-# Position in VTK's order of each node in that of dolfinx: VTK has the middles of the edges 01, 12,
-# 20.
-_FROM_VTK = {2: (0, 1), 3: (0, 1, 2), 6: (0, 1, 2, 4, 5, 3)}
+# Position in VTK's order of each node of a quadratic triangle in that of dolfinx, and the reverse.
+# VTK has the middles of the edges 01, 12, 20; other cells have one order in both.
+_FROM_VTK = (0, 1, 2, 4, 5, 3)
+_TO_VTK = (0, 1, 2, 5, 3, 4)
 
 
 def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
@@ -40,9 +41,16 @@ def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
 
 def from_vtk(cells: npt.NDArray[np.integer]) -> Integers:
     """Cells (n, k) whose nodes are in VTK's order, with the nodes in the order of dolfinx."""
-    nodes_of_cell = cells.shape[1]
-    order = _FROM_VTK[nodes_of_cell]
-    return cells[:, order].astype(np.int64)
+    if cells.shape[1] == len(_FROM_VTK):
+        cells = cells[:, _FROM_VTK]
+    return cells.astype(np.int64)
+
+
+def to_vtk(cells: npt.NDArray[np.integer]) -> Integers:
+    """Cells (n, k) whose nodes are in the order of dolfinx, with the nodes in VTK's order."""
+    if cells.shape[1] == len(_TO_VTK):
+        cells = cells[:, _TO_VTK]
+    return cells.astype(np.int64)
 
 
 def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:

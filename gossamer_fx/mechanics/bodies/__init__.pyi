@@ -6,6 +6,6 @@ from .frames import Frame as Frame
 from .frames import ground_frame as ground_frame
 from .membrane import Membrane as Membrane
 from .plate import Plate as Plate
-from .point_mass import PointMass as PointMass
+from .rigid_body import PointMass as PointMass
 from .rigid_body import RigidBody as RigidBody
 from .tabulated_cable import TabulatedCable as TabulatedCable

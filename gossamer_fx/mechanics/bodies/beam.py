@@ -21,14 +21,12 @@ from gossamer_fx.core.model.body import Array, Indices, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.core.sections import Section
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
-from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked
-from gossamer_fx.mechanics.bodies.ports import global_node
+from gossamer_fx.mechanics.bodies.initial_strain import Numbers, stored_energy
+from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, global_node
 from gossamer_fx.mechanics.bodies.rigid_body import orthonormality
 from gossamer_fx.mechanics.materials.film import constants
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
@@ -67,12 +65,18 @@ class Beam(Curve):
             rigid motions.  Default: at rest.
         name: name in messages and output.
 
+    Raises:
+        InputError: the mesh does not consist of lines in space, the normal is along the beam
+            somewhere, tension and strain are both given, or a function returns something else.
+
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
         >>> beam = gx.Beam(curve, section, normal=(0.0, 1.0, 0.0), name="boom")
         >>> beam.block.size
         9
     """
+
+    strains = 6
 
     def __init__(
         self,
@@ -86,18 +90,11 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
-        """Check the arguments, and make function space, section constants and initial state.
-        Collective.
-
-        Raises:
-            InputError: the mesh does not consist of lines in space, the normal is along the beam
-                somewhere, tension and strain are both given, or a function returns something else.
-        """
-        super().__init__("Beam", name, mesh, 2, 9)
+        self._take_mesh(name, mesh, 2, size=9, dim=1)
         self.section = section
-        self._take_expansion("Beam", thermal)
-        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
+        self._take_expansion(thermal)
+        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self._frames: dict[int, Frame] = {}
         # A restart compares this argument, see `outputs.arguments`.
         self._normal = tuple(normal)
@@ -105,20 +102,9 @@ class Beam(Curve):
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
-        """Positions of the mesh, and section directors normal to its mean tangent at each node.
-        Collective.
-
-        Args:
-            normal: direction (3,) of the director d2, of any length; its part normal to the beam
-                counts.
-
-        Returns:
-            Function with 9 numbers a node: position [m] and the unit vectors d2 and d3, ghosts
-            included.
-
-        Raises:
-            InputError: on all ranks, if the normal is along the beam at some node.
-        """
+        """Positions [m] of the mesh and directors d2 and d3 (unit vectors) at each node, as a
+        function with 9 numbers a node, ghosts included. d2 is the part of `normal` (3,) across the
+        mean tangent at the node. Collective."""
         # J (3,): derivative of the positions by the coordinate of the reference cell; w: test
         # function; t (n, 3): unit tangents at the nodes; q: the result.
         J = ufl.Jacobian(self.mesh.domain)[:, 0]
@@ -137,8 +123,8 @@ class Beam(Curve):
         check_on_all(
             self.comm,
             bool((length > PARALLEL * np.linalg.norm(normal)).all()),
-            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose "
-            "another direction.",
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; "
+            "choose another direction.",
         )
         d2 = d2 / length
         q = fem.Function(self.space)
@@ -148,8 +134,7 @@ class Beam(Curve):
 
     def stress_free(self, nodes: Indices) -> Array:
         """Position and directors (n, 3, 3) of local nodes where the beam is free of stress."""
-        q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
-        return q
+        return self._reference.x.array.reshape(-1, 3, 3)[nodes]
 
     def measure(self, q: Expr) -> Expr:
         """Strains (ε, γ2, γ3, κ2, κ3, τ)."""
@@ -168,14 +153,11 @@ class Beam(Curve):
         return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
 
     def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Axial force [N]: the component along x' of the force ∂W/∂x' of a section.
+        """Axial force [N] at coordinates q (9,) with the strains e (6,) of `measure` less the
+        thermal strain: the component along x' of the force ∂W/∂x' of a section.
 
         N = EA ε |x'| + Σ (GA_i γ_i x'·d_i + EI_i κ_i x'·d_i')/|x'|, as shear and curvature are
         functions of x', too.  Of a bent beam the last part is not small: κ² EI.
-
-        Args:
-            q: coordinates (9,) on the mesh: position [m] and directors.
-            e: strains (6,) at these coordinates, of `measure` less the thermal strain.
         """
         dq = line_derivative(q)
         dx = ufl.as_vector([dq[0], dq[1], dq[2]])
@@ -189,35 +171,14 @@ class Beam(Curve):
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
-        energy [J].
-        """
+        energy [J]."""
         c = self.constants
         inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the beam, and the constraint of orthonormal directors at
-        each node.
-
-        Yields:
-            The terms, i.e. what the beam adds to the equations: a mass, a stored energy and a
-            constraint between the two directors of each node that this rank owns.
-        """
         yield KineticEnergy(self, self.mass)
-        thermal = self._thermal_strain("Beam", components=6)
-        stored = prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
-            self,
-            self.measure,
-            self.density,
-            self.dx,
-            quadratic=True,
-            thermal=thermal,
-            parameters=stored,
-        )
+        yield stored_energy(self, (), quadratic=True)
         # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range
@@ -226,14 +187,13 @@ class Beam(Curve):
         yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
-        """The directors d2 and d3 of a global node."""
         d2 = Port(self, (node,), weights=(1.0,), vectors=(1,))
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3
 
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
-        node = global_node(self, self.mesh, group)
+        node = global_node(self, group)
         # One object for one node: frames are compared by identity.
         if node not in self._frames:
             position = Port(self, (node,))
@@ -243,17 +203,9 @@ class Beam(Curve):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Initial coordinates and velocities (9 n,) of the n nodes that this rank owns, node by
-        node.
-
-        A node has a position [m] and two directors (unit vectors); their rates are in m/s and 1/s.
-        The rate of a director is the difference of the given velocities at its tip and its root: a
-        rigid velocity field gives exactly the rates of a rigid rotation.  Collective at the first
-        use.
-
-        Raises:
-            InputError: the user's function of velocity raises or returns something else.
-        """
+        """Coordinates and velocities at the start.  The rate [1/s] of a director is the difference
+        of the given velocities at its tip and its root: a rigid velocity field gives exactly the
+        rates of a rigid rotation."""
         # Coordinates q and rates v (n, 3, 3): position and two directors of each owned node.
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)

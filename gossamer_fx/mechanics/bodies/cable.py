@@ -1,18 +1,17 @@
-"""Cables: lines without bending stiffness."""
+"""Curves, i.e. bodies on line elements in space, and cables: curves without bending stiffness."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
@@ -21,15 +20,22 @@ from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.curve import Curve
-from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
-from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, positions
+from gossamer_fx.mechanics.bodies.initial_strain import (
+    Numbers,
+    check_one_given,
+    check_strain,
+    line_numbers,
+    stored_energy,
+)
+from gossamer_fx.mechanics.bodies.meshed import Meshed, PointFunction, checked, positions
 from gossamer_fx.mechanics.materials.film import constants, parameters
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+
+
+LineDensity = Annotated[float, positive("kg/m")]
 
 
 class BarLaw:
@@ -55,14 +61,6 @@ class BarLaw:
         """Pieces of the path from e0 to e1 with exact averages; none: Gauss points take them."""
         return []
 
-    def _check_line_density(self) -> None:
-        """Check that the mass per length [kg/m] is positive."""
-        value = self.line_density
-        check(
-            math.isfinite(value) and value > 0,
-            f"{type(self).__name__}: line_density is {value!r}; give a positive number.",
-        )
-
 
 @check_arguments
 @dataclass(frozen=True)
@@ -82,35 +80,20 @@ class CableLaw(BarLaw):
         10000.0
     """
 
-    EA: float
-    line_density: float
+    EA: Annotated[float, positive("N")]
+    line_density: LineDensity
 
     quadratic = True
 
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        check(
-            math.isfinite(self.EA) and self.EA > 0,
-            f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
-        )
-        self._check_line_density()
-
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per unit reference length [J/m] of e = (ε,)."""
         return c.EA / 2 * e[0] ** 2
 
 
 @check_arguments
 @dataclass(frozen=True)
 class TensionOnly(CableLaw):
-    """A bar as of `CableLaw` in tension, which stores nothing where it is slack.
-
-    Args:
-        EA: axial stiffness [N], positive.
-        line_density: mass per reference length [kg/m], positive.
-
-    Raises:
-        InputError: a number that is not positive.
+    """A bar as of `CableLaw`, with the same arguments, in tension; it stores nothing where it is
+    slack.
 
     Example:
         >>> gx.Cable(curve, gx.TensionOnly(1e4, 0.01)).name
@@ -122,6 +105,54 @@ class TensionOnly(CableLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
+
+
+class Curve(Meshed):
+    """A body on line elements.  Its constants include EA [N] where there is one."""
+
+    strains = 1  # number of its strains
+
+    def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
+        """Add an initial axial force [N] or Green-Lagrange strain to the constants of the body."""
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_tension = tension
+        self._initial_strain = strain
+        check_one_given(self.name, strain, tension, "initial_tension")
+        if strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = line_numbers(self.mesh, strain, what)
+            check_strain(self.mesh, self.constants.initial_strain, what)
+        if tension is not None:
+            what = f"'{self.name}': its initial_tension"
+            self.constants.initial_tension = line_numbers(self.mesh, tension, what)
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """Initial axial strain ε0, given itself or as N0/EA of the initial tension N0 [N]; None
+        without prestress."""
+        strain = getattr(self.constants, "initial_strain", None)
+        if strain is not None:
+            return strain
+        tension = getattr(self.constants, "initial_tension", None)
+        if tension is not None:
+            # At the natural length the axial force is EA ε0.
+            return tension / self.constants.EA
+        return None
+
+    @property
+    def initial_force(self) -> Expr | None:
+        """Axial force [N] in the shape of the mesh; None without prestress."""
+        strain = self.initial_strain
+        if strain is None:
+            return None
+        return self.constants.EA * strain
+
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        from gossamer_fx.mechanics.bodies.thermal_expansion import metric_strain
+
+        # The axial strain is the first; the others do not change.
+        axial = metric_strain(alphas[0], ΔT)
+        return ufl.as_vector([axial] + [0 * ΔT] * (self.strains - 1))
 
 
 @check_arguments
@@ -166,38 +197,31 @@ class Cable(Curve):
         *,
         order: int = 1,
         thermal: ThermalExpansion | None = None,
-        length_factor: float = 1.0,
+        length_factor: Annotated[float, positive()] = 1.0,
         initial_tension: Numbers | None = None,
         initial_strain: Numbers | None = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
-        """Check the arguments, and make function space, law constants and initial state.
-        Collective."""
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
-        super().__init__("Cable", name, mesh, order, 3)
+        self._take_mesh(name, mesh, order, size=3, dim=1)
         self.law = law
-        check(
-            0 < length_factor < math.inf,
-            f"Cable '{name}': length_factor is {length_factor!r}; give a positive number.",
-        )
         self.constants = law.constants(self.mesh.domain)
-        self._take_expansion("Cable", thermal)
+        self._take_expansion(thermal)
         self.length_factor = length_factor
         self._length_ratio: Expr | None = None
         if length_factor != 1:
             self._length_ratio = constant(self.mesh.domain, length_factor)
         check(
             initial_tension is None or isinstance(law, CableLaw),
-            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which "
-            "strain has it; give "
-            "initial_strain.",
+            f"'{name}': its initial_tension is given, "
+            f"but {type(law).__name__} does not say which strain has it; give initial_strain.",
         )
         check(
             length_factor == 1 or (initial_tension is None and initial_strain is None),
-            f"Cable '{name}': length_factor and prestress are both given, and both say how long "
-            "the cable is without stress; give one of them.",
+            f"Cable '{name}': length_factor and prestress are both given, "
+            "and both say how long the cable is without stress; give one of them.",
         )
         self._take_prestress(initial_tension, initial_strain)
         if isinstance(law, TensionOnly) and initial_tension is not None:
@@ -205,21 +229,17 @@ class Cable(Curve):
             check_on_all(
                 self.comm,
                 bool((tensions >= 0).all()),
-                f"Cable '{name}': its initial_tension is {tensions.min(initial=0.0):g} N, which a "
-                "law without compression does not bear; give a positive number, or a CableLaw.",
+                f"Cable '{name}': its initial_tension is {tensions.min(initial=0.0):g} N, "
+                "which a law without compression does not bear; "
+                "give a positive number, or a CableLaw.",
             )
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def measure(self, x: Expr) -> Expr:
-        """Green-Lagrange strain (ε,), a UFL vector, which the law of the cable takes.
-
-        It is measured from the natural length, which may differ from that of the mesh by a factor,
-        and contains the initial strain.
-
-        Args:
-            x: positions (3,) [m] on the mesh, a UFL expression.
-        """
+        """Green-Lagrange strain (ε,) of the positions x (3,) [m], a UFL vector, which the law
+        takes. It is measured from the natural length, which may differ from that of the mesh by a
+        factor, and contains the initial strain."""
         strain = bar_strain(x)[0]
         if self._length_ratio is not None:
             # x' with respect to the natural length is that of the mesh over the ratio of both.
@@ -236,19 +256,6 @@ class Cable(Curve):
         return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the cable.  Collective.
-
-        v and w are velocities [m/s] and test functions of the mass form, e0 and e1 the strains (1,)
-        at the start and the end of a step.
-
-        Yields:
-            The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored
-            energy with prestress and thermal strain.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of line elements,
-                is below zero, or its function fails.
-        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -257,20 +264,11 @@ class Cable(Curve):
             ),
             parameters=numbers,
         )
-        thermal = self._thermal_strain("Cable", components=1)
-        stored = numbers + prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
+        yield stored_energy(
             self,
-            self.measure,
-            self.density,
-            self.dx,
+            numbers,
             self.law.quadratic,
-            lambda e0, e1: self.law.pieces(e0, e1, self.constants),
-            thermal=thermal,
-            parameters=stored,
+            pieces=lambda e0, e1: self.law.pieces(e0, e1, self.constants),
         )
 
     def density(self, e: Expr) -> Expr:
@@ -279,22 +277,16 @@ class Cable(Curve):
 
     @property
     def initial_force(self) -> Expr | None:
-        """Tension [N] in the shape of the mesh, a UFL expression; None without prestress.
-
-        A cable that is cut short has one, too.
-        """
+        """Tension [N] in the shape of the mesh; None without prestress. A cable that is cut short
+        has one, too."""
         if self.initial_strain is None and self.length_factor >= 1:
             return None
         x = ufl.SpatialCoordinate(self.mesh.domain)
         return self.axial_force(x, self.measure(x))
 
     def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Tension N = W'(ε) λ [N], with the stretch λ = |x'| by the natural length.
-
-        Args:
-            q: positions (3,) [m] on the mesh.
-            e: strain (ε,) at these positions, of `measure` less the thermal strain.
-        """
+        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ = |x'| by the natural
+        length and the strain e = (ε,) of `measure` less the thermal strain."""
         dx = line_derivative(q)
         stretch = ufl.sqrt(ufl.dot(dx, dx))
         if self._length_ratio is not None:

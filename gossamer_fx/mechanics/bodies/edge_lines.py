@@ -59,19 +59,16 @@ class EdgeLine:
 
     @property
     def length(self) -> float:
-        """Length of the line on the mesh [m]."""
         return float(self.edge_lengths.sum())
 
     @cached_property
     def fractions(self) -> Array:
         """σ (n + 1,) at the ends of the edges, from 0 to 1."""
         sums = np.concatenate([[0.0], np.cumsum(self.edge_lengths)])
-        found: Array = sums / sums[-1]
-        return found
+        return sums / sums[-1]
 
     @property
     def order(self) -> int:
-        """Order p of the body's elements."""
         return int(self.nodes.shape[1]) - 1
 
     def reversed(self) -> EdgeLine:
@@ -93,12 +90,8 @@ class EdgeLine:
         )
 
     def all_nodes(self) -> tuple[Numbers, Array]:
-        """Nodes of the line without repetition, and their fractions of its arc length.
-
-        Returns:
-            Global numbers (m,) of the nodes in the order of the line, and the fraction σ (m,) of
-            each, dimensionless, from 0 to 1.  A closed line does not repeat its first node.
-        """
+        """Global numbers (m,) of the nodes in the order of the line, and the fraction σ (m,) of its
+        arc length of each.  A closed line does not repeat its first node."""
         # The last node of an edge is the first one of the next.
         nodes = self.nodes[:, :-1].ravel()
         starts = self.fractions[:-1, None]
@@ -121,16 +114,8 @@ class EdgeLine:
         return k, float(np.clip((fraction - start) / width, 0.0, 1.0))
 
     def port(self, fraction: float) -> Port:
-        """The point of the film at a fraction of the arc length of the line.
-
-        Args:
-            fraction: σ (dimensionless), from 0 at the start of the line to 1 at its end; others
-                count as the nearest.
-
-        Returns:
-            A port: the weighted sum of the nodes of the edge at σ, with Lagrange functions as
-            weights; or of one node, if that is closer than `NODE_FRACTION` of the edge.
-        """
+        """The point of the film at a fraction σ of the arc length of the line: the weighted sum of
+        the nodes of an edge, or one node if that is closer than `NODE_FRACTION` of the edge."""
         # Number k of the edge, and position ξ on it from 0 to 1.
         k, ξ = self.locate(fraction)
         # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
@@ -144,14 +129,7 @@ class EdgeLine:
 
     def positions(self, state: State) -> Array:
         """Positions (n + 1, 3) [m] of the ends of the line's n edges in a state, on every rank.
-        Collective.
-
-        Args:
-            state: coordinates of the bodies of a scene.
-
-        Raises:
-            InputError: the film of the line is not in the scene.
-        """
+        Collective."""
         ends = np.append(self.nodes[:, 0], self.nodes[-1, -1])
         first, last = self.body.block.index_map.local_range
         mine = np.flatnonzero((ends >= first) & (ends < last))
@@ -168,9 +146,7 @@ class SewnEdges(Protocol):
     """Two edges of films that are sewn together; `constraints.Seam` is one."""
 
     @property
-    def name(self) -> str:
-        """Name in messages."""
-        ...
+    def name(self) -> str: ...
 
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
         """Both edges, so that points of like fractions of arc length belong together.
@@ -179,15 +155,8 @@ class SewnEdges(Protocol):
 
 
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
-    """Lagrange functions on [0, 1] and their slopes, nodes from start to end.
-
-    Args:
-        order: of the functions, 1 or 2; bodies have no others.
-        ξ: points (k,) at which they are evaluated, dimensionless.
-
-    Returns:
-        Values and derivatives by ξ, (k, order + 1) each.
-    """
+    """Values and derivatives by ξ, (k, order + 1) each, of the Lagrange functions of order 1 or 2
+    on [0, 1] at points ξ (k,), nodes from start to end."""
     if order == 1:
         one = np.ones_like(ξ)
         values = [1 - ξ, ξ]
@@ -199,20 +168,9 @@ def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
 
 
 def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
-    """Find the line of edges of a named group of curves of a film.  Collective.
-
-    Args:
-        body: the film or plate.
-        group: name of the group in the mesh.
-        user: the item that needs the line, the first words of messages.
-
-    Returns:
-        The edges with their nodes, in the order of a walk along the line; the same on every rank.
-
-    Raises:
-        InputError: the mesh has no such group of curves, or the group has no edges, branches, or
-            consists of several lines.
-    """
+    """Find the line of edges of a named group of curves of a film, the same on every rank.  A group
+    that has no edges, branches, or consists of several lines raises `InputError`, whose message
+    begins with the `user`.  Collective."""
     # X (n, p + 1, 3) [m] are the nodes along each edge, p the order of the film.
     table = body.mesh.edges
     curve = body.mesh.curve(group, user)
@@ -242,21 +200,13 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
 
 
 def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
-    """Order the edges of a line as they follow each other in a walk along it.
+    """Order the n edges of a line, with the global vertices (n, 2) and coordinates (n, p + 1, 3)
+    [m] of the nodes from the first vertex, as they follow each other in a walk along it.
 
     The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed
-    line, there along the edge to the lower neighbour: that is the same for any numbering.
-
-    Args:
-        vertices: global vertices (n, 2) at the ends of the n edges, at least one.
-        X: coordinates (n, p + 1, 3) [m] of the nodes along each edge, from its first vertex.
-
-    Returns:
-        The edges (n,) in the order of the walk; whether each edge, in the order of the walk, is
-        passed from its first vertex to the second (n,); and whether the line is closed.
-
-    Raises:
-        InputError: the line branches or consists of several parts.
+    line, there along the edge to the lower neighbour: that is the same for any numbering.  Returned
+    are the edges (n,) in the order of the walk, whether each is passed from its first vertex to the
+    second, and whether the line is closed.
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
@@ -271,8 +221,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(
         most <= 2 and len(ends) in (0, 2),
-        f"{what} is not one line: it branches or has several parts; name one line for each side of "
-        "a seam.",
+        f"{what} is not one line: it branches or has several parts; "
+        "name one line for each side of a seam.",
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)
@@ -309,20 +259,9 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
 
 
 def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
-    """The line b, reversed if need be, so that points of like fraction σ are close to those of a.
-    Collective.
-
-    Of a closed line the beginning is chosen, too: the vertex for which the mean squared distance is
-    smallest.
-
-    Args:
-        a: line of edges of a film, which stays.
-        b: the line that is reversed or begun elsewhere.
-        start: initial state of the scene, in which distances are measured.
-
-    Raises:
-        InputError: the film of a line is not in the scene.
-    """
+    """The line b, reversed if need be, so that points of like fraction σ are close to those of a in
+    the initial state.  Of a closed line the beginning is chosen, too: the vertex for which the mean
+    squared distance is smallest.  Collective."""
     x_a = a.positions(start)
     x_b = b.positions(start)
     # An open line begins at one of its two ends, a closed one at any vertex.

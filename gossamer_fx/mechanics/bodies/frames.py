@@ -1,15 +1,17 @@
-"""Frames: oriented points of bodies and of the ground; a beam's section with its normal."""
+"""Frames: oriented points of bodies and of the ground, a beam's section with its normal, and what
+joins two of them or acts between two points."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from operator import methodcaller
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx.common import IndexMap
+from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -28,6 +30,28 @@ FRAME_SIZE = 12
 
 # Vectors as bodies have them by themselves, outside of any scene.
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
+
+
+class OneNode:
+    """A body with one node of one or more vectors, which rank 0 owns; all ranks know its start."""
+
+    comm: MPI.Intracomm
+    block: Block
+    # Coordinates and rates at the start, of any shape
+    _q: Array
+    _v: Array
+
+    def _make_node(self, size: int) -> None:
+        """Make the block of the node, of `size` coordinates.  Collective."""
+        self.block = Block(IndexMap(self.comm, int(self.comm.rank == 0)), size)
+
+    def initial_state(self) -> tuple[Array, Array]:
+        here = self.block.size * self.block.index_map.size_local
+        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+
+    def vector(self, k: int) -> Port:
+        """The vector k of the node, from zero."""
+        return Port(self, (0,), weights=(1.0,), vectors=(k,))
 
 
 @check_arguments
@@ -101,23 +125,12 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
 
 
 def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
-    """The vector, fixed in a frame, that has a given direction at the start of the scene.
-
-    Args:
-        direction: (3,) in space; a unit vector for joints and springs.
-        frame: an oriented point of a body, with two or three directors (orthonormal vectors).
-        where: returns the vector (3,) of a director; default: as the body has it by itself.
-
-    Returns:
-        A combination of the directors of the frame: a port of its body, or `Ground`.
-
-    Raises:
-        InputError: the frame has two directors and the direction is not in their plane.
-    """
+    """The vector, fixed in a frame, that has a direction (3,) at the start; `where` returns the
+    vector of a director.  A direction outside the plane of two directors raises `InputError`."""
     check(
         lies_in(direction, frame, where),
-        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one "
-        "with three directors.",
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; "
+        "give one with three directors.",
     )
     components = [float(where(director) @ direction) for director in frame.directors]
     return combine(components, frame.directors)
@@ -137,7 +150,7 @@ def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INI
     return bool(np.allclose(components, 0, atol=SAME_DIRECTION))
 
 
-class SectionFrame:
+class SectionFrame(OneNode):
     """A massless body that follows a section of a beam and has its normal as third director.
 
     Problem.  Products of the directors of two sections in one plane do not change to first order
@@ -161,29 +174,22 @@ class SectionFrame:
         self._origin = origin
         self.name = f"frame of {section.name or origin.body.name}"
         self.comm = origin.body.comm
-        # One node with four vectors, on rank 0.
-        node_count = int(self.comm.rank == 0)
-        self.block = Block(IndexMap(self.comm, node_count), FRAME_SIZE)
+        self._make_node(FRAME_SIZE)
 
     @property
     def frame(self) -> Frame:
-        """The frame with three directors n, d2, d3."""
         x, *directors = self._vectors()
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
-        """Ports of x, n, d2, d3."""
-        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
+        return tuple(self.vector(k) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
-        Collective.
-
-        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
-        (orthonormal vectors in the section), one vector after the other."""
+        """Coordinates and rates (12,) of x, n = s2 × s3, d2 and d3, from those of the section.
+        Collective."""
         # Point x and directors s2, s3 of the section; q and v are coordinates and rates (12,).
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
@@ -195,12 +201,7 @@ class SectionFrame:
         return q[:own_size], v[:own_size]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints by which the frame follows the section of a beam, with its normal as
-        third axis.
-
-        Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
-        of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
-        s3, ½(n·n - 1), n·s2 and n·s3."""
+        """The constraints (1)."""
         # The functions are ½ X·H X + L·X + c of the stacked vectors X = (x, n, d2, d3, x_s, s2,
         # s3).
         followers = [0, 2, 3]
@@ -222,3 +223,87 @@ class SectionFrame:
 
     def describe(self, node: int) -> str:
         return "the frame of the section"
+
+
+def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
+    """The bodies that a joint refers to."""
+    for side in sides:
+        vectors = (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,)
+        # Vectors of the ground belong to no body.
+        for vector in vectors:
+            if isinstance(vector, Port):
+                yield vector.body
+
+
+def check_axis(joint: Any) -> None:
+    """Raise `InputError` if the axis of a joint, or of what acts about one, has no length."""
+    check(
+        any(joint.axis),
+        f"{type(joint).__name__} '{joint.name}': axis has no length; give its direction.",
+    )
+
+
+class Between:
+    """Two sides, at least one of which moves."""
+
+    a: Attached | Frame
+    b: Attached | Frame
+    name: str
+
+    def __post_init__(self) -> None:
+        check(
+            bool(list(bodies_of(self.a, self.b))),
+            f"{type(self).__name__} '{self.name}' joins the ground to itself; "
+            "give a port of a body.",
+        )
+
+    @property
+    def _sides(self) -> tuple[Attached | Frame, Attached | Frame]:
+        return self.a, self.b
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(*self._sides)
+
+
+class LineBetween(Between):
+    """Two points between which pictures show a straight line."""
+
+    a: Attached
+    b: Attached
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line."""
+        return [(self.a, self.b)]
+
+
+class FrameJoint(Between):
+    """Frames of two different bodies, or of one and the ground."""
+
+    a: Frame
+    b: Frame
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a = self.a.origin
+        b = self.b.origin
+        # The distance of two points of one body follows from its stiffness: a joint would be a
+        # support.
+        if isinstance(a, Port) and isinstance(b, Port):
+            check(
+                a.body is not b.body,
+                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; "
+                "join two bodies.",
+            )
+
+
+@runtime_checkable
+class DrawnAsLines(Protocol):
+    """An item of a scene that pictures show as straight lines between points of bodies."""
+
+    name: str
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each line."""
+        ...

@@ -19,14 +19,13 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.mechanics.bodies.properties import cellwise
+from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 
 # A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or
 # number}; or a function of points (3, n) that returns (3, 3, n) or (n,).
@@ -49,14 +48,32 @@ LEAST_STRAIN = -0.5
 PRESTRESS_UNITS = {"initial_strain": "", "initial_stress": "Pa", "initial_tension": "N"}
 
 
-def prestress_parameters(constants: Any) -> tuple[Parameter, ...]:
-    """The prestress of a body as parameters of its stored energy; empty without prestress."""
-    found = []
+def stored_energy(
+    body: Any, numbers: tuple[Parameter, ...], quadratic: bool, **law: Any
+) -> StoredEnergy:
+    """The stored energy of a body on a mesh, with its prestress and thermal strain.
+
+    Parameters of the energy are the `numbers` of its law, the prestress, and what the thermal
+    strain depends on; `law` are further arguments of `StoredEnergy`.  Collective."""
+    parameters = list(numbers)
     for name, unit in PRESTRESS_UNITS.items():
-        coefficient = getattr(constants, name, None)
+        coefficient = getattr(body.constants, name, None)
         if coefficient is not None:
-            found.append(Parameter(name, unit, coefficient))
-    return tuple(found)
+            parameters.append(Parameter(name, unit, coefficient))
+    thermal = body.thermal_strain()
+    if thermal is not None:
+        parameters += thermal.parameters
+    return StoredEnergy(
+        body.name,
+        body,
+        body.measure,
+        body.density,
+        body.dx,
+        quadratic,
+        thermal=thermal,
+        parameters=tuple(parameters),
+        **law,
+    )
 
 
 def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> None:
@@ -71,48 +88,39 @@ def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> No
 
 
 def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
-    """A function of symmetric tensors, constant in each cell, from what a user gave.  Collective.
-
-    Args:
-        mesh: triangles of the film.
-        given: a number or tensor (3, 3); {group of surfaces: number or tensor}, elsewhere zero; or
-            a function of the cells' midpoints (3, n) [m] that returns (n,) or (3, 3, n).  A number
-            stands for that multiple of the unit tensor.
-        what: subject of the messages.
-
-    Returns:
-        Function with values (3, 3) in the unit of what was given: strains, or stresses [Pa].
-
-    Raises:
-        InputError: a value of another form, not finite or not symmetric, or a group that is not one
-            of triangles.
+    """A function of symmetric tensors (3, 3), constant in each cell, in the unit of what was given.
+    A number stands for that multiple of the unit tensor, the same in all directions.  Collective.
     """
+    shape = (3, 3)
     if isinstance(given, Mapping):
         by_group = {}
         for group, value in given.items():
             by_group[group] = _tensor(value, f"{what} in '{group}'")
-        return cellwise(mesh, by_group, np.zeros((3, 3)), (3, 3), what)
-    return cellwise(mesh, _GivenTensors(given, what), np.zeros((3, 3)), (3, 3), what)
+        return cellwise(mesh, by_group, np.zeros(shape), shape, what)
+    if not callable(given):
+        return cellwise(mesh, {}, _tensor(given, what), shape, what)
+
+    def tensors(points: Array) -> Any:
+        values = given(points)
+        if np.shape(values) == (points.shape[1],):
+            return np.eye(3)[:, :, None] * np.asarray(values)
+        return values
+
+    return cellwise(mesh, tensors, np.zeros(shape), shape, what)
 
 
 def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) -> None:
-    """Refuse an initial stress that film of a law cannot have at a small strain.  Collective.
-
-    Args:
-        mesh: triangles of the film.
-        stresses: a tensor (3, 3) [Pa] in each cell.
-        law: energy of the film; `taut_strain` is its strain under a given stress.
-        what: subject of the messages.
-
-    Raises:
-        InputError: the law cannot be inverted, or the film would wrinkle under the stress.
-    """
+    """Refuse an initial stress (3, 3) [Pa] that film of a law cannot have at a small strain.
+    Collective."""
     check(
         type(law).taut_strain is not FilmLaw.taut_strain,
-        f"{what} is given, but {type(law).__name__} does not say which strain has it; give "
-        "initial_strain.",
+        f"{what} is given, but {type(law).__name__} does not say which strain has it; "
+        "give initial_strain.",
     )
-    in_film = _projected(mesh, stresses)
+    # Projections on the plane of each cell.
+    normals = cell_normals(mesh)
+    projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    in_film = projections @ owned_values(stresses) @ projections
     largest = float(np.abs(stresses.x.array).max(initial=0.0))
     largest_in_film = float(np.abs(in_film).max(initial=0.0))
     largest, largest_in_film = mesh.comm.allreduce(np.array([largest, largest_in_film]), MPI.MAX)
@@ -120,21 +128,19 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
         largest == 0 or largest_in_film > COMPRESSION_TOLERANCE * largest,
         f"{what} is normal to the film, which bears nothing there; give a stress in its plane.",
     )
-    if not law.quadratic:
-        _check_tensile(mesh, in_film, what)
+    # A law that is quadratic bears compression.
+    smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
+    check_on_all(
+        mesh.comm,
+        law.quadratic or smallest >= -COMPRESSION_TOLERANCE * largest_in_film,
+        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; "
+        "give a tensile stress, or a law without wrinkles such as Linear.",
+    )
 
 
 def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
-    """Refuse an initial strain of -½ or less, to which nothing can be compressed.  Collective.
-
-    Args:
-        mesh: cells of the body.
-        strains: a tensor (3, 3), or a number, in each cell: Green-Lagrange strains.
-        what: subject of the messages.
-
-    Raises:
-        InputError: on all ranks.
-    """
+    """Refuse an initial strain, a tensor (3, 3) or a number in each cell, of -½ or less, to which
+    nothing can be compressed.  Collective."""
     shape = strains.function_space.value_shape
     smallest = float(strains.x.array.min(initial=0.0))
     if shape:
@@ -142,8 +148,8 @@ def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
     check_on_all(
         mesh.comm,
         smallest > LEAST_STRAIN,
-        f"{what} is {smallest:.3g}; a Green-Lagrange strain is above -0.5, that of a length of "
-        "zero.",
+        f"{what} is {smallest:.3g}; "
+        "a Green-Lagrange strain is above -0.5, that of a length of zero.",
     )
 
 
@@ -162,51 +168,13 @@ def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constant
     return law.taut_strain(constants.thickness * S, constants)
 
 
-class _GivenTensors:
-    """A tensor, a number or a function of points, as a function of points (3, n) that returns (3,
-    3, n)."""
-
-    def __init__(self, given: Tensors, what: str) -> None:
-        """Check a tensor; a function is checked by the caller, when it returns.
-
-        Args:
-            given: a number, a tensor (3, 3), or a function of points (3, n) [m].
-            what: name of the argument, for messages.
-
-        Raises:
-            InputError: an array that is not a tensor.
-        """
-        self._function = given if callable(given) else None
-        self._tensor: Array = np.zeros((3, 3))
-        if not callable(given) and not isinstance(given, Mapping):
-            self._tensor = _tensor(given, what)
-
-    def __call__(self, points: Array) -> Any:
-        """Tensors (3, 3, n) at points (3, n) [m], in the unit of what the user gave.
-
-        Numbers (n,) of a user's function become multiples of the unit tensor; other results are
-        returned as they are, for the caller to check.
-        """
-        count = points.shape[1]
-        if self._function is None:
-            return np.repeat(self._tensor[:, :, None], count, axis=2)
-        values = self._function(points)
-        if np.shape(values) == (count,):
-            return np.eye(3)[:, :, None] * np.asarray(values)
-        return values
-
-
 def _tensor(value: Any, what: str) -> Array:
-    """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit.
-
-    Raises:
-        InputError: it is something else, not finite or not symmetric.
-    """
+    """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit."""
     numbers = real_numbers(value)
     if numbers is None or numbers.shape not in ((), (3, 3)) or not np.isfinite(numbers).all():
         raise InputError(
-            f"{what} is {value!r}; give a number (the same in all directions) or a symmetric "
-            "tensor (3, 3)."
+            f"{what} is {value!r}; "
+            "give a number (the same in all directions) or a symmetric tensor (3, 3)."
         )
     if numbers.shape == ():
         return np.asarray(float(numbers) * np.eye(3))
@@ -223,53 +191,12 @@ def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
     return ufl.dot(frame.T, ufl.dot(tensors, frame))
 
 
-def _projected(mesh: Mesh, stresses: fem.Function) -> Array:
-    """Parts in the film of the stresses (n, 3, 3) [Pa] of this rank's n cells."""
-    owned = mesh.domain.topology.index_map(2).size_local
-    nodes = cell_nodes(stresses.function_space)[:owned].ravel()
-    tensors = stresses.x.array.reshape(-1, 3, 3)[nodes]
-    normals = area_vectors(corner_points(mesh.domain))[:owned]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Projections on the plane of each cell.
-    projections = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-    in_film: Array = projections @ tensors @ projections
-    return in_film
-
-
-def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
-    """Check that film which bears no compression is not compressed by its initial stress, (n, 3, 3)
-    [Pa].  Collective.
-
-    Raises:
-        InputError: on all ranks, if a principal stress in the film is negative beyond round-off.
-    """
-    smallest = float(np.linalg.eigvalsh(in_film).min(initial=0.0))
-    largest = float(np.abs(in_film).max(initial=0.0))
-    check_on_all(
-        mesh.comm,
-        smallest >= -COMPRESSION_TOLERANCE * largest,
-        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; give a tensile "
-        "stress, or a law "
-        "without wrinkles such as Linear.",
-    )
-
-
 # ---- cables and beams ----------------------------------------------------------------------------
 
 
 def line_numbers(mesh: Mesh, given: Numbers, what: str) -> fem.Function:
-    """A function that is constant in each cell of a mesh of lines, from what a user gave.
-    Collective.
-
-    Args:
-        mesh: line elements.
-        given: a number; {group of curves: number}, elsewhere zero; or a function of the cells'
-            midpoints (3, n) [m] that returns (n,).  In any unit, e.g. N for a tension.
-        what: subject of the messages.
-
-    Raises:
-        InputError: something else is given, or a number that is not finite.
-    """
+    """A function that is constant in each cell of a mesh of lines, in the unit of what was given.
+    Collective."""
     if callable(given) or isinstance(given, Mapping):
         return cellwise(mesh, given, 0.0, (), what)
     numbers = real_numbers(given)

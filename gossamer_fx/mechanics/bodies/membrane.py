@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import ufl
-from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -21,7 +20,7 @@ from gossamer_fx.core.forms.kinematics import (
 )
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import (
@@ -30,7 +29,7 @@ from gossamer_fx.mechanics.bodies.initial_strain import (
     check_strain,
     check_stress,
     film_tensors,
-    prestress_parameters,
+    stored_energy,
     strain_in_frame,
     strain_of_stress,
 )
@@ -43,12 +42,10 @@ from gossamer_fx.mechanics.bodies.meshed import (
     positions,
 )
 from gossamer_fx.mechanics.materials.film import FilmLaw, constants, parameters
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
-    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 
 @check_arguments
@@ -89,8 +86,6 @@ class Membrane(Meshed):
         ('sail', 3)
     """
 
-    bends = False  # whether it has bending stiffness
-
     def __init__(
         self,
         mesh: Mesh | DolfinxMesh,
@@ -105,31 +100,16 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
-        """Check the arguments, and make function space, law constants and initial state.
-        Collective.
-
-        The class describes the arguments in detail."""
-        self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
+        check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
+        self._take_mesh(name, mesh, order, size=3, dim=2)
         domain = self.mesh.domain
         check(
-            domain.topology.dim == 2 and domain.geometry.dim == 3,
-            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} in "
-            f"{domain.geometry.dim}-D "
-            "space; give triangles in 3-D.",
-        )
-        check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
-        check(
             order >= domain.geometry.cmap.degree,
-            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
-            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
-            "triangles.",
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape "
+            f"of a mesh of order {domain.geometry.cmap.degree} without stress; "
+            "use order=2, or mesh with plane triangles.",
         )
-        self.name = name
         self.law = law
-        self.order = order
-        self.comm = domain.comm
-        self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
-        self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
         self._properties = properties  # a restart compares them, see `outputs.arguments`
         if properties:
@@ -138,9 +118,7 @@ class Membrane(Meshed):
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = cell_axes(domain)
         self._orient()
-        self.thermal = thermal
-        if thermal is not None:
-            self._check_expansion(thermal)
+        self._take_expansion(thermal)
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_stress = initial_stress
         self._initial_strain = initial_strain
@@ -155,74 +133,25 @@ class Membrane(Meshed):
         else:
             self._displacement = checked(displacement, what, mesh.comm)
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
-        degree = max(2 * (order - 1), 1)
-        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
-        self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _orient(self) -> None:
-        """Add the axes of an orthotropic law to the constants of the film.  Collective.
-
-        A law without direction changes nothing.
-        """
+        """Add the axes of an orthotropic law to the constants of the film.  Collective."""
         direction = getattr(self.law, "direction", None)
         if direction is not None:
             # Imported here: isotropic film has no axes.
-            from gossamer_fx.mechanics.bodies.directions import direction_field, set_axes
+            from gossamer_fx.mechanics.bodies.properties import direction_field, set_axes
 
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)
 
-    def _check_expansion(self, thermal: ThermalExpansion) -> None:
-        """Refuse a thermal expansion that does not belong to this film.
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain
 
-        Args:
-            thermal: coefficients of expansion [1/K] and temperatures [K].
-
-        Raises:
-            InputError: there are two coefficients and the law of the film has no axes, or a
-                difference of temperature across the thickness is given and the film does not bend.
-        """
-        # Imported here: a film without thermal expansion does not load it.
-        from gossamer_fx.mechanics.bodies.thermal_expansion import (
-            check_expansion,
-            check_no_gradient,
-        )
-
-        what = f"{type(self).__name__} '{self.name}'"
-        check_expansion(thermal, what, has_axes=hasattr(self.constants, "cosine"))
-        if not self.bends:
-            check_no_gradient(thermal, what)
-
-    def _thermal_strain(self) -> ThermalStrain | None:
-        """The thermal strain of the film for one compiled scene; None without thermal expansion.
-
-        It has the components (E11, E22, 2 E12), dimensionless, in the frame of the mesh, and
-        changes with the temperature [K].  Collective.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of triangles.
-        """
-        if self.thermal is None:
-            return None
-        from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain, thermal_strain
-
-        return thermal_strain(
-            self,
-            lambda alphas, ΔT: film_strain(alphas, ΔT, self.constants),
-            f"{type(self).__name__} '{self.name}'",
-        )
+        return film_strain(alphas, ΔT, self.constants)
 
     def _prestress(self) -> None:
-        """Add the initial stress [Pa] or strain that was given to the constants of the film.
-        Collective.
-
-        Each becomes a function with a tensor (3, 3) in each cell; without prestress nothing is
-        added.
-
-        Raises:
-            InputError: stress and strain are both given, a value has another form, or the law
-                cannot have the stress.
-        """
+        """Add the initial stress [Pa] or strain to the constants of the film, as a tensor (3, 3) in
+        each cell.  Collective."""
         check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
@@ -247,16 +176,11 @@ class Membrane(Meshed):
         return None
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
+        """Strain (E11, E22, 2 E12) at the positions x (3,) [m]: the Green-Lagrange strain from the
+        mesh in the local frame of the triangles, and the initial one.
 
         The thermal strain is not subtracted from it, since that depends on the time of a scene; the
         fields `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
-
-        Args:
-            x: positions (3,) [m] on the mesh, a UFL expression.
-
-        Returns:
-            UFL vector (3,), Green-Lagrange strain in the local frame of the triangles.
         """
         strain = self.strain_from_mesh(x)
         initial = self.initial_strain
@@ -286,18 +210,6 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the film.  Collective.
-
-        v and w are velocities [m/s] and test functions of the mass form.
-
-        Yields:
-            The terms, i.e. what the film adds to the equations: one of its mass, one of its stored
-            energy with prestress and thermal strain.
-
-        Raises:
-            InputError: a temperature is given for a group that does not consist of triangles, is
-                below zero, or its function fails.
-        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -307,34 +219,17 @@ class Membrane(Meshed):
         # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
-        thermal = self._thermal_strain()
-        stored = numbers + prestress_parameters(self.constants)
-        if thermal is not None:
-            stored += thermal.parameters
-        yield StoredEnergy(
-            self.name,
+        yield stored_energy(
             self,
-            self.measure,
-            self.density,
-            self.dx,
+            numbers,
             self.law.quadratic,
-            self.pieces,
-            pulling,
+            pieces=self.pieces,
+            pulling=pulling,
             c_law=self.law.c_law(self.constants, self.comm),
-            thermal=thermal,
-            parameters=stored,
         )
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Owned positions (3 n,) [m] and velocities (3 n,) [m/s] at the start, node by node.
-
-        The user's functions of displacement and velocity are called once; collective at the first
-        use.
-
-        Raises:
-            InputError: a function raises or returns something else, or the mesh has no such group.
-        """
         if not isinstance(self._displacement, Mapping):
             return positions(self.space, self._displacement, self._velocity)
         # Positions x and velocities v of this rank's own nodes, (3 n,).

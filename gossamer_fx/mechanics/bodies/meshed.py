@@ -1,38 +1,107 @@
-"""What films, cables and beams have in common: named groups of a mesh, ports on it, motions given
-as functions."""
+"""What films, cables and beams have in common: named groups of a mesh, ports at its nodes and
+between them, motions given as functions."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dolfinx import fem
+import ufl
+from dolfinx import fem, geometry
+from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block, Port
+from gossamer_fx.core.model.body import Array, Block, MeshBody, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
 Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
 
+# What messages call cells of one and two dimensions.
+CELLS = {1: "line elements", 2: "triangles"}
+
+# Shape functions below this value count as zero: a point on an edge of a cell depends on the nodes
+# of that edge only, and then on fewer unknowns.
+ZERO_WEIGHT = 1e-12
+
 
 class Meshed(ABC):
-    """A body on a mesh."""
+    """A body on a mesh.  Making one is collective."""
 
     name: str
     comm: MPI.Intracomm
     mesh: Mesh
     space: fem.FunctionSpace
     block: Block
+    # Of its law or section, as coefficients of forms
+    constants: SimpleNamespace
+
+    bends = False  # whether it is a film with bending stiffness
+
+    def _take_mesh(
+        self, name: str, mesh: Mesh | DolfinxMesh, order: int, *, size: int, dim: int
+    ) -> None:
+        """Check that the mesh has cells of this dimension in space, and make the space of the
+        coordinates, `size` numbers a node, and the measures.  Collective."""
+        self.name = name
+        self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
+        domain = self.mesh.domain
+        check(
+            domain.topology.dim == dim and domain.geometry.dim == 3,
+            f"{self._title}: the mesh has cells of dimension {domain.topology.dim} "
+            f"in {domain.geometry.dim}-D space; give {CELLS[dim]} in 3-D.",
+        )
+        self.comm = domain.comm
+        self.order = order
+        self.space = fem.functionspace(domain, ("Lagrange", order, (size,)))
+        self.block = Block(self.space.dofmap.index_map, size)
+        # The strain of a beam is taken where it does not lock.
+        degree = max(2 * (order - 1), 1)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
+        self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _take_expansion(self, thermal: ThermalExpansion | None) -> None:
+        """Set the thermal expansion, which must fit the constants of the body."""
+        self.thermal = thermal
+        if thermal is not None:
+            # Imported here: a body without thermal expansion does not load it.
+            from gossamer_fx.mechanics.bodies.thermal_expansion import check_expansion
+
+            has_axes = hasattr(self.constants, "cosine")
+            check_expansion(thermal, self._title, has_axes=has_axes, bends=self.bends)
+
+    def thermal_strain(self) -> ThermalStrain | None:
+        """The thermal strain of the body for one compiled scene; None without thermal expansion.
+        Collective."""
+        if self.thermal is None:
+            return None
+        from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_strain
+
+        return thermal_strain(self, self._free_strain, self._title)
+
+    @abstractmethod
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        """Strains of a free piece whose temperature changes by ΔT [K], with its coefficients of
+        expansion [1/K]."""
+
+    @property
+    def _title(self) -> str:
+        """What messages call the body."""
+        return f"{type(self).__name__} '{self.name}'"
 
     @cached_property
     @abstractmethod
@@ -44,8 +113,7 @@ class Meshed(ABC):
         return self._start
 
     @abstractmethod
-    def terms(self, start: State) -> Iterable[Term]:
-        """The body's own roles."""
+    def terms(self, start: State) -> Iterable[Term]: ...
 
     @property
     def full(self) -> Meshed:
@@ -65,11 +133,15 @@ class Meshed(ABC):
 
     def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
-        return local_nodes(self.space, self.mesh, group)
+        dim, entities = self.mesh.group(group)
+        topology = self.mesh.domain.topology
+        topology.create_connectivity(dim, topology.dim)
+        nodes: np.ndarray = fem.locate_dofs_topological(self.space, dim, entities)
+        return nodes
 
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
-        return Port(self, (global_node(self, self.mesh, group),))
+        return Port(self, (global_node(self, group),))
 
     def port_at(self, point: Sequence[float]) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes."""
@@ -77,14 +149,13 @@ class Meshed(ABC):
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
-    """A function or None; see `checked_function`."""
     if function is None:
         return None
     return checked_function(function, what, comm)
 
 
 def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
-    """The function, with a check of what it returns on all ranks; each calls it with its own
+    """The function, with a check on all ranks of what it returns; each rank calls it with its own
     points."""
     check(
         callable(function),
@@ -97,19 +168,9 @@ def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) ->
 def positions(
     space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
 ) -> tuple[Array, Array]:
-    """Owned positions and velocities of a body on a mesh at the start.  Collective.
-
-    Args:
-        space: Lagrange space (3,) of the coordinates on the mesh.
-        displacement: function of points (3, n) [m] that returns (3, n) [m]; None: the mesh itself.
-        velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
-
-    Returns:
-        Positions (3 n,) [m] and velocities (3 n,) [m/s] of this rank's own nodes, node by node.
-
-    Raises:
-        InputError: a function fails or returns another shape; `checked` has wrapped it for that.
-    """
+    """Positions [m] and velocities [m/s] (3 n,) of the n nodes that this rank owns, node by node,
+    at the start.  Without a displacement they are those of the mesh, without a velocity the body is
+    at rest.  `space` is the Lagrange space of the coordinates.  Collective."""
     # x, v, u: functions of position, velocity and displacement; X: points (3, n).
     x = fem.Function(space)
     v = fem.Function(space)
@@ -124,3 +185,74 @@ def positions(
         v.interpolate(velocity)
     owned = space.dofmap.index_map.size_local * 3
     return x.x.array[:owned].copy(), v.x.array[:owned].copy()
+
+
+def global_node(body: Meshed, group: str) -> int:
+    """Global number of the one node of a named point of the mesh.  Collective."""
+    nodes = body.nodes(group)
+    index_map = body.block.index_map
+    # Each node is counted once, by its owner.
+    owned = nodes[nodes < index_map.size_local]
+    mine = index_map.local_to_global(owned).tolist()
+    found = []
+    for part in body.comm.allgather(mine):
+        found += part
+    check(
+        len(found) == 1,
+        f"Group '{group}' of '{body.name}' has {len(found)} nodes; a port is one point.",
+    )
+    return int(found[0])
+
+
+def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
+    """The point of a body at coordinates (3,) [m] of its mesh, also between nodes, as the weighted
+    sum of the nodes of the cell around it.  A point that is further than `tolerance` [m] from the
+    mesh raises `InputError`.  Collective."""
+    mesh = body.space.mesh
+    x = np.asarray(point, dtype=float)
+    tdim = mesh.topology.dim
+    cells = np.arange(mesh.topology.index_map(tdim).size_local, dtype=np.int32)
+    check_on_all(
+        body.comm,
+        x.shape == (3,),
+        f"A port of '{body.name}' is at {list(point)!r}; give three coordinates.",
+    )
+    # A rank without cells is infinitely far away.
+    distance = np.inf
+    cell = -1
+    if len(cells):
+        tree = geometry.bb_tree(mesh, tdim, entities=cells)
+        middle = geometry.create_midpoint_tree(mesh, tdim, cells)
+        cell = int(geometry.compute_closest_entity(tree, middle, mesh, x)[0])
+        # The annotation of dolfinx is a list, but the function needs an array.
+        cell_array: Any = np.array([cell], dtype=np.int32)
+        squared_distance = geometry.squared_distance(mesh, tdim, cell_array, x)[0]
+        distance = float(np.sqrt(squared_distance))
+    # Of ranks at the same distance, the lowest one: a point between two ranks belongs to one of
+    # them.
+    nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
+    check(
+        nearest <= tolerance,
+        f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; "
+        "give a point of its mesh.",
+    )
+    found = None
+    if body.comm.rank == rank:
+        found = _weights(body, cell, x)
+    nodes, weights = body.comm.bcast(found, root=rank)
+    return Port(body, nodes, weights=weights)
+
+
+def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Global nodes of a cell, and their weights in the interpolation of a point x (3,) [m]; those
+    below `ZERO_WEIGHT` are left out."""
+    space: Any = body.space
+    mesh = space.mesh
+    corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
+    reference = mesh.geometry.cmap.pull_back(x[None], corners)
+    values = space.element.basix_element.tabulate(0, reference)[0, 0, :, 0]
+    nodes = body.block.index_map.local_to_global(space.dofmap.cell_dofs(cell))
+    is_kept = np.abs(values) > ZERO_WEIGHT
+    kept_nodes = tuple(int(node) for node in nodes[is_kept])
+    weights = tuple(float(value) for value in values[is_kept])
+    return kept_nodes, weights

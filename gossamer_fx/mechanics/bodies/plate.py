@@ -12,7 +12,6 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.bending import (
     DEGREE,
     EDGE_DEGREE,
@@ -26,14 +25,14 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import area_vectors, corner_points
+from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.initial_strain import Tensors
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import PointFunction, Property
-from gossamer_fx.mechanics.bodies.properties import cellwise
+from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
@@ -116,14 +115,11 @@ class Plate(Membrane):
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
-        """Check the arguments, and make the film and the constants of bending.  Collective.
-
-        The class describes the arguments in detail."""
         check(
             order == 2,
-            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
-            "cell, and the "
-            "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
+            f"Plate '{name}': order is {order!r}; "
+            "use 2 (of order 1 the curvature is zero in every cell, and the angles "
+            "between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         super().__init__(
             mesh,
@@ -140,9 +136,8 @@ class Plate(Membrane):
         domain = self.mesh.domain
         check(
             domain.geometry.cmap.degree == 1,
-            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane "
-            "triangles with straight "
-            "edges (order 1).",
+            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; "
+            "use plane triangles with straight edges (order 1).",
         )
         self.hinges = tuple(hinges)
         repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
@@ -169,14 +164,8 @@ class Plate(Membrane):
         self.bending = self._bending_about(rest)
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
-        """The bending stiffness that a user gave, in the axes of the orthotropic law.
-
-        Args:
-            bending: D11, D12, D22, D66 [N m].
-
-        Raises:
-            InputError: the law has no axes, or the stiffnesses are not positive definite.
-        """
+        """The bending stiffness D11, D12, D22, D66 [N m] that a user gave, in the axes of the
+        orthotropic law."""
         # Constants of the law; with axes cosine and sine of their angle in the frame of the mesh.
         c = self.constants
         check(
@@ -187,19 +176,13 @@ class Plate(Membrane):
         D11, D12, D22, D66 = bending
         check(
             D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
-            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive "
-            "definite; give D11, D22, "
-            "D66 > 0 and D12² < D11 D22.",
+            f"Plate '{self.name}': "
+            f"its bending stiffnesses {bending!r} N m are not positive definite; "
+            "give D11, D22, D66 > 0 and D12² < D11 D22.",
         )
         domain = self.mesh.domain
-        return OrthotropicBending(
-            D11=constant(domain, D11),
-            D12=constant(domain, D12),
-            D22=constant(domain, D22),
-            D66=constant(domain, D66),
-            cosine=c.cosine,
-            sine=c.sine,
-        )
+        stiffnesses = [constant(domain, D) for D in bending]
+        return OrthotropicBending(*stiffnesses, cosine=c.cosine, sine=c.sine)
 
     def strain_from_mesh(self, x: Expr) -> Expr:
         """Tied Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
@@ -217,20 +200,6 @@ class Plate(Membrane):
         return self.bending_stiffness.moment(κ)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies of the film, the bending energy, and what a curvature without moments adds
-        to it.
-
-        Yields:
-            The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
-            quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
-            curvature.
-
-        Raises:
-            InputError: a temperature, or its difference across the thickness, is given for a group
-                that does not consist of triangles, or its function fails.
-
-        Collective.
-        """
         # dx and dS are measures of the cells and of the interior edges without hinges; w is the
         # test function.
         yield from super().terms(start)
@@ -247,8 +216,7 @@ class Plate(Membrane):
 
     @property
     def has_thermal_curvature(self) -> bool:
-        """Whether a difference of temperature across the thickness changes the curvature without
-        moments."""
+        """Whether a difference of temperature across the thickness bends the free plate."""
         return self.thermal is not None and self.thermal.gradient is not None
 
     def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
@@ -256,7 +224,8 @@ class Plate(Membrane):
 
         With the curvature H0 without moments, its moment M0 and the curvature κ = n·D²x of the
         moved surface it is ½∫ M0:H0 dA - ∫ M0:κ dA and a sum over interior edges.  These are
-        integrals of triple products of three vectors that are linear in the positions."""
+        integrals of triple products of three vectors that are linear in the positions.
+        """
         domain = self.mesh.domain
         bending = self.bending
         varying = None
@@ -264,7 +233,7 @@ class Plate(Membrane):
             from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
             thermal = thermal_curvature(self)
-            varying = Varying(thermal.difference, thermal.given.set)
+            varying = Varying(thermal.difference, thermal.set)
             rest = thermal.curvature
             if bending.rest is not None:
                 rest += bending.rest
@@ -273,16 +242,8 @@ class Plate(Membrane):
         def scaled(
             vectors: Callable[[Expr], Any], scale: Expr
         ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
-            """Divide the third of three vectors by a scale, so that all three are dimensionless.
-
-            Args:
-                vectors: function of the positions [m] that returns three vectors (3,), UFL
-                    expressions; the third in the unit of `scale`.
-                scale: positive, e.g. a stiffness over an area [N/m].
-
-            Returns:
-                Function of the positions that returns (u, v, s/scale).
-            """
+            """Divide the third of the three vectors by a scale, so that all three are
+            dimensionless."""
 
             def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                 # The three factors of a triple product (u×v)·s.
@@ -304,19 +265,13 @@ class Plate(Membrane):
         return TripleProductEnergy(name, self, products, bending.rest_energy(dx), varying)
 
     def _bending_about(self, rest: Expr | None) -> Bending:
-        """The bending forms of this plate with a curvature without moments; None: flat."""
         domain = self.mesh.domain
         penalty = constant(domain, PENALTY)
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
-        """The measure of the interior edges that transmit bending moments: all but the hinges.
-        Collective.
-
-        Returns:
-            UFL measure "dS", which integrates over the lengths [m] of these edges; expressions
-            under it need restrictions "+" or "-" to one side.
-        """
+        """The measure "dS" of the interior edges that transmit bending moments: all but the hinges.
+        Collective."""
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:
             return ufl.Measure("dS", domain, metadata=metadata)
@@ -331,11 +286,7 @@ class Plate(Membrane):
 
     def _check_flat(self, table: EdgeTable) -> None:
         """Check that neighbouring triangles lie in one plane unless a hinge is between them.
-        Collective.
-
-        Raises:
-            InputError: on all ranks, if normals differ by an angle whose sine exceeds `FLAT`.
-        """
+        Collective."""
         # The curvature of the forms is that of a plate flat in its stress-free shape.
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
@@ -351,74 +302,40 @@ class Plate(Membrane):
         )
 
     def _rest(self, given: Any) -> Expr:
-        """The curvature H0 (2, 2) [1/m] without moments, a UFL expression in the frame of the mesh.
-        Collective.
-
-        Args:
-            given: a tensor (3, 3) [1/m] in the plane of the mesh; {group of surfaces: tensor},
-                elsewhere zero; or a function of the cells' midpoints (3, n) [m] that returns (3, 3,
-                n).
-
-        Raises:
-            InputError: something else is given, or a tensor that is not symmetric or not in the
-                plane of the mesh.
-        """
+        """The curvature H0 (2, 2) [1/m] without moments in the frame of the mesh, from a given
+        tensor (3, 3), {group: tensor} or function of midpoints.  Collective."""
         what = f"Plate '{self.name}': its rest_curvature"
+        base = np.zeros((3, 3))
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
             if tensor is None:
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function "
-                "of the points, or those of groups.",
+                f"{what} is not an array (3, 3) of real numbers; "
+                "give a tensor in 1/m, a function of the points, or those of groups.",
             )
-            given = _Uniform(tensor)
+            base = tensor
+            given = {}
         # H: the given tensor (3, 3) [1/m] of each cell, in the axes of space.
-        H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
-        n = self.mesh.domain.topology.index_map(2).size_local
-        values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]
-        normals = area_vectors(corner_points(self.mesh.domain))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        H = cellwise(self.mesh, given, base, (3, 3), what)
+        values = owned_values(H)
+        normals = cell_normals(self.mesh)
         size = CURVATURE_TOLERANCE * np.abs(values).max(initial=0.0)
         asymmetry = np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0)
         out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
         check_on_all(
             self.comm,
             bool(asymmetry <= size and out_of_plane <= size),
-            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that "
-            "plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; "
+            "give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
 
-class _Uniform:
-    """The same tensor everywhere."""
-
-    def __init__(self, tensor: Array) -> None:
-        self._tensor = tensor
-
-    def __call__(self, points: Array) -> Array:
-        return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
-
-
-def interior_edges(
-    plate: Membrane,
-    table: EdgeTable,
-    group: str,
-    what: str,
-) -> Indices:
-    """Local edges (n,) of a named group of curves, each between two triangles.  Collective.
-
-    Args:
-        plate: the film or plate whose mesh has the group.
-        table: edges of the mesh with the triangles on both sides.
-        group: name of the group of curves.
-        what: what the group is used for, e.g. "hinge", for messages.
-
-    Raises:
-        InputError: it is not a group of edges, or holds edges of the rim.
-    """
+def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+    """Local edges (n,) of a named group of curves, each between two triangles, for a use such as
+    "hinge".  Collective."""
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(
         plate.comm,

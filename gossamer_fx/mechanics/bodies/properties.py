@@ -1,23 +1,29 @@
-"""Numbers of a film law that differ from cell to cell: devices, patches, seams."""
+"""What differs from cell to cell of a film: numbers of its law (devices, patches, seams), and the
+axes of an orthotropic law, projected on the film."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
 from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.bodies.meshed import Property
 from gossamer_fx.mechanics.materials.film import FilmLaw
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.meshed import Property
 
 LIMITS = {
     "E": (0.0, np.inf),
@@ -28,6 +34,8 @@ LIMITS = {
     "density": (0.0, np.inf),
     "thickness": (0.0, np.inf),
 }
+# Part of a direction that must lie in the film: below it the projection is round-off.
+SMALLEST_PROJECTION = 1e-6
 
 
 def vary(
@@ -37,20 +45,11 @@ def vary(
     properties: Mapping[str, Property],
     name: str,
 ) -> None:
-    """Replace some numbers of a film law by functions that are constant in each cell.  Collective.
+    """Replace numbers of a film law, in `constants`, by functions that are constant in each cell.
+    Collective.
 
-    Args:
-        constants: coefficients of the law for UFL forms, changed in place.
-        law: the law, whose numbers hold where nothing is given.
-        mesh: of the film.
-        properties: by name of the number, as "E" [Pa], "nu" [-], "density" [kg/m³], "thickness"
-            [m]: {group of surfaces: value}, or a function of midpoints (3, n) [m] that returns
-            (n,).
-        name: of the film, for messages.
-
-    Raises:
-        InputError: a number that the law has not, or that would change derived ones; values out of
-            their limits.
+    Numbers that are derived from the argument in question, or values out of their limits, raise
+    `InputError`; where nothing is given the number of the law holds.
     """
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
@@ -58,14 +57,14 @@ def vary(
     for what, given in properties.items():
         check(
             what in may_vary,
-            f"Membrane '{name}': there is no property {what!r} that may vary; choose from "
-            f"{', '.join(may_vary)}.",
+            f"Membrane '{name}': there is no property {what!r} that may vary; "
+            f"choose from {', '.join(may_vary)}.",
         )
         check(
             not derived or what == "density",
-            f"Membrane '{name}': {type(law).__name__} has numbers derived from its {what} "
-            f"({', '.join(derived)}), so "
-            "it cannot vary; use another law.",
+            f"Membrane '{name}': "
+            f"{type(law).__name__} has numbers derived from its {what} ({', '.join(derived)}), "
+            "so it cannot vary; use another law.",
         )
         function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
         low, high = LIMITS[what]
@@ -83,30 +82,14 @@ def vary(
         setattr(constants, what, function)
 
 
-def cellwise(
-    mesh: Mesh,
-    given: Any,
-    base: Any,
-    shape: tuple[int, ...],
-    what: str,
-) -> fem.Function:
-    """A function that is constant in each cell, from values by group or a function of midpoints.
-    Collective.
+def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
+    """A function of this shape, () for numbers, that is constant in each cell of a mesh of
+    triangles or lines, ghosts included.  Collective.
 
-    Args:
-        mesh: of triangles or lines.
-        given: {group: value}, the other cells have `base`; or a function of points (3, n) [m] that
-            returns (*shape, n).
-        base: value of cells that are in no group.
-        shape: shape of the values, () for numbers.
-        what: subject of the messages.
-
-    Returns:
-        Discontinuous function of order 0, ghosts included, in the unit of what was given.
-
-    Raises:
-        InputError: a group that does not consist of cells, a value of another shape or not finite,
-            or a function that raises or returns something else.
+    It is given as {group: value}, with the value `base` in cells of no group (in all, for {}), or
+    as a function of midpoints (3, n) [m] that returns (*shape, n).  `what` is the subject of the
+    messages about groups that do not consist of cells, values of another shape, and values that are
+    not finite.
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
@@ -123,7 +106,7 @@ def cellwise(
     else:
         for group, value in given.items():
             numbers = _numbers(value, shape, f"{what} in '{group}'")
-            values[_cells(mesh, group, what)] = numbers.ravel()
+            values[cells_of_group(mesh, group, what)] = numbers.ravel()
     check_on_all(
         mesh.comm,
         bool(np.isfinite(values).all()),
@@ -133,25 +116,31 @@ def cellwise(
     return function
 
 
-def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group of triangles or lines, owned and ghost.
-
-    Raises:
-        InputError: the mesh has no such group, or it does not consist of cells of the mesh.
-    """
+def cells_of_group(mesh: Mesh, group: str, what: str) -> Indices:
+    """Local cells (n,) of a named group of triangles or lines, owned and ghost."""
     dim, cells = mesh.group(group)
-    if mesh.domain.topology.dim == 1:
-        check(
-            dim == 1,
-            f"{what}: the group '{group}' is not a group of line elements; name a curve of the "
-            "mesh.",
-        )
-        return cells
+    wanted = mesh.domain.topology.dim
     check(
-        dim == 2,
-        f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",
+        dim == wanted,
+        f"{what}: the group '{group}' has dimension {dim}; "
+        f"name a group of the cells, of dimension {wanted}.",
     )
     return cells
+
+
+def owned_values(function: fem.Function) -> Array:
+    """Values (n, *shape) in the n cells that this rank owns, of a function constant in each."""
+    space = function.function_space
+    topology = space.mesh.topology
+    owned = topology.index_map(topology.dim).size_local
+    values: Array = function.x.array.reshape(-1, *space.value_shape)
+    return values[cell_nodes(space)[:owned].ravel()]
+
+
+def cell_normals(mesh: Mesh) -> Array:
+    """Unit normals (n, 3) of the n triangles that this rank owns."""
+    normals = area_vectors(corner_points(mesh.domain))
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
@@ -161,3 +150,55 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
         wanted = f"numbers of shape {shape}" if shape else "a number"
         raise InputError(f"{what} is {value!r}; give {wanted}.")
     return numbers
+
+
+def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
+    """The first axis of an orthotropic film as a vector (3,) in each cell, of any length and not
+    yet projected on the film.  Collective.
+
+    It is given as a vector (3,), {group: vector}, or a function of points (3, n) that returns (3,
+    n).
+    """
+    what = f"Membrane '{name}': the direction of its law"
+    if callable(given) or isinstance(given, Mapping):
+        function = cellwise(mesh, given, np.zeros(3), (3,), what)
+    else:
+        function = cellwise(mesh, {}, given, (3,), what)
+    _check_in_film(mesh, function, what)
+    return function
+
+
+def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
+    """Check that the directions (3,) of all cells have a length, and a part in the film.
+    Collective."""
+    directions = owned_values(function)
+    # Zero first: a vector without length would also fail the next check, with the wrong advice.
+    lengths = np.linalg.norm(directions, axis=1)
+    check_on_all(
+        mesh.domain.comm,
+        bool((lengths > 0).all()),
+        f"{what} is zero or not given in some cells; "
+        "give a vector everywhere (of groups: of all surfaces).",
+    )
+    normals = cell_normals(mesh)
+    across = np.einsum("ni,ni->n", normals, directions)
+    in_film = directions - across[:, None] * normals
+    check_on_all(
+        mesh.domain.comm,
+        bool((np.linalg.norm(in_film, axis=1) > SMALLEST_PROJECTION * lengths).all()),
+        f"{what} is normal to the film in some cells; "
+        "give one that can be projected on it, by groups if need be.",
+    )
+
+
+def set_axes(constants: SimpleNamespace, direction: fem.Function, frame: Expr) -> None:
+    """Add `direction`, `cosine` and `sine` of the first axis of a film to the constants of its law.
+    The angle is that of the part of `direction` in the film, in the local frame (3, 2) of the
+    triangles."""
+    # Projected in the form, not here: a sensitivity to the shape of the mesh turns the axes with
+    # it.
+    projected = ufl.dot(frame.T, direction)
+    length = ufl.sqrt(ufl.dot(projected, projected))
+    constants.direction = direction
+    constants.cosine = projected[0] / length
+    constants.sine = projected[1] / length

@@ -1,24 +1,27 @@
-"""Rigid bodies in 12 coordinates."""
+"""Point masses, rigid bodies in 12 coordinates, and rigid pieces without mass: a position and one
+to three directors, moved by what is tied to them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.algebra.rotations import perpendicular_pair
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Block, Port, Vector
+from gossamer_fx.core.model.body import Array, Body, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.frames import Frame, OneNode
 from gossamer_fx.mechanics.terms.masses import NodeKineticEnergy
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+
+Mass = Annotated[float, positive("kg")]
 
 # The six products of three directors: three lengths, then three right angles.
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -34,19 +37,19 @@ INERTIA_TOLERANCE = 1e-9
 # Allowed error of an attitude's orthonormality.  A matrix that a user typed with few digits is
 # refused.
 ATTITUDE_TOLERANCE = 1e-12
+# Extent of a set of points, over its largest one, below which it counts as flat in that direction.
+FLAT = 1e-9
+
+# [m] Avoids 0 < 0 in the comparison of extents where all points coincide.
+SMALLEST_EXTENT = 1e-300
 
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
-    """H, L, c of the measures ½(d_i·d_i - 1) and d_i·d_j, which are zero for orthonormal directors.
+    """H (m, 3k, 3k), L (m, 3k) and c (m,) of the measures ½(d_i·d_i - 1) and d_i·d_j of k = `count`
+    directors, up to 3, which are zero where these are orthonormal.
 
-    With m measures e = ½ X·H X + L·X + c of the stacked directors X (3 count,), dimensionless.
-
-    Args:
-        count: number of directors, 1 to 3.
-
-    Returns:
-        H (m, 3 count, 3 count), L (m, 3 count) and c (m,), with m = count (count + 1)/2: first the
-        lengths, then the right angles.
+    With the stacked directors X (3k,) the m = k (k + 1)/2 measures are ½ X·H X + L·X + c: first the
+    lengths, then the right angles.
     """
     pairs = [(i, j) for i, j in PAIRS if i < count and j < count]
     H = np.zeros((len(pairs), 3 * count, 3 * count))
@@ -64,7 +67,7 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
 
 
 @check_arguments
-class RigidBody:
+class RigidBody(OneNode):
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
     Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in
@@ -93,7 +96,7 @@ class RigidBody:
 
     def __init__(
         self,
-        mass: float,
+        mass: Mass,
         inertia: npt.ArrayLike,
         *,
         position: Vector = (0.0, 0.0, 0.0),
@@ -103,33 +106,23 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        """Check the arguments; the coordinates of the body are on rank 0.  Collective."""
-        check(
-            math.isfinite(mass) and mass > 0,
-            f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
-        )
         tensor = np.asarray(inertia, dtype=float)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         # The shape is tested first: a matrix of another shape cannot be compared with its
         # transpose.
-        is_symmetric = (
-            tensor.shape == (3, 3)
-            and bool(np.isfinite(tensor).all())
-            and bool(np.allclose(tensor, tensor.T))
-        )
+        is_symmetric = tensor.shape == (3, 3) and bool(np.allclose(tensor, tensor.T))
         check(
             is_symmetric,
-            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a "
-            "symmetric (3, 3).",
+            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; "
+            "give three numbers or a symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)
         check(
             bool(principal[0] > SINGULAR_INERTIA * principal[2]),
-            f"RigidBody '{name}': the inertia is singular, its principal values are "
-            f"{principal.tolist()} kg m²; give a "
-            "rod its thickness.",
+            f"RigidBody '{name}': the inertia is singular, "
+            f"its principal values are {principal.tolist()} kg m²; give a rod its thickness.",
         )
         # Euler's tensor has the eigenvalue (I1 + I2 - I3)/2 along the axis of the largest inertia
         # I3.
@@ -137,8 +130,7 @@ class RigidBody:
         check(
             bool(excess >= -INERTIA_TOLERANCE * principal[2]),
             f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; "
-            "the largest is at "
-            "most the sum of the two others.",
+            "the largest is at most the sum of the two others.",
         )
         R = np.asarray(attitude, dtype=float)
         is_rotation = (
@@ -148,8 +140,8 @@ class RigidBody:
         )
         check(
             is_rotation,
-            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns "
-            "of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; "
+            "give orthonormal columns of determinant 1.",
         )
         self.mass = mass
         self.name = name
@@ -158,34 +150,16 @@ class RigidBody:
         self._inertia = tensor
         self._position = np.asarray(position, dtype=float)
         self._attitude = R
-        self._velocity = np.asarray(velocity, dtype=float)
-        self._spin = np.asarray(spin, dtype=float)
+        # At the start, (3,): [m/s] of the centre of mass, and [rad/s] in space axes.
+        self.velocity: Array = np.asarray(velocity, dtype=float)
+        self.spin: Array = np.asarray(spin, dtype=float)
         # The attitude is orthonormal to `ATTITUDE_TOLERANCE` only; its QR factor is so to
         # round-off, as the constraints ask.  QR may reverse columns, and the signs turn them back.
         directors = np.linalg.qr(R)[0]
         directors *= np.sign(np.sum(directors * R, axis=0))
         self._q = np.vstack([self._position, directors.T])
-        self._v = np.vstack([self._velocity, np.cross(self._spin, directors.T)])
-        # One node of four vectors.  Rank 0 owns it; all ranks know the initial state.
-        owned_nodes = int(comm.rank == 0)
-        self.block = Block(IndexMap(comm, owned_nodes), 12)
-
-    def initial_state(self) -> tuple[Array, Array]:
-        """Coordinates [m, 1] and velocities [m/s, 1/s] (12 on the owning rank, else 0) at the
-        start.
-        """
-        here = 12 * self.block.index_map.size_local
-        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
-
-    @property
-    def velocity(self) -> Array:
-        """Velocity (3,) [m/s] of the centre of mass at the start."""
-        return self._velocity
-
-    @property
-    def spin(self) -> Array:
-        """Angular velocity (3,) [rad/s] in space axes at the start."""
-        return self._spin
+        self._v = np.vstack([self.velocity, np.cross(self.spin, directors.T)])
+        self._make_node(12)
 
     def terms(self, start: State) -> Iterable[Term]:
         mass = np.zeros((self.block.index_map.size_local, 4, 4))
@@ -209,8 +183,7 @@ class RigidBody:
 
     def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
-        d1, d2, d3 = (Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in (1, 2, 3))
-        return Frame(self.port(point), (d1, d2, d3))
+        return Frame(self.port(point), (self.vector(1), self.vector(2), self.vector(3)))
 
     def frame_at(self, place: Sequence[float]) -> Frame:
         """The body's axes at the material point that is at `place` [m] in space at the start."""
@@ -218,3 +191,155 @@ class RigidBody:
 
     def describe(self, node: int) -> str:
         return "the rigid body"
+
+
+@check_arguments
+class PointMass(OneNode):
+    """A point with mass.  It lives on rank 0.
+
+    Args:
+        mass: [kg], positive.
+        position: [m] at the start.
+        velocity: [m/s] at the start.
+        comm: of the scene it is in.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mass that is not positive.
+
+    Example:
+        >>> ball = gx.PointMass(1.0, (0.0, 0.0, 2.0), comm=comm)
+        >>> run = gx.Simulation(gx.Scene(ball, gx.Gravity(ball)), gx.Midpoint(0.01))
+        >>> run.run(until=0.1)
+        >>> round(float(gx.probes.Position(ball.port(), "z")(run)), 4)
+        1.951
+    """
+
+    def __init__(
+        self,
+        mass: Mass,
+        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        *,
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
+        name: str = "mass",
+    ) -> None:
+        self.mass = mass
+        self.name = name
+        self.comm = comm
+        # Arguments that a restart compares, see `outputs.arguments`.
+        self._position = np.asarray(position, dtype=float)
+        self._velocity = np.asarray(velocity, dtype=float)
+        self._q = self._position
+        self._v = self._velocity
+        self._make_node(3)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
+
+    def port(self) -> Port:
+        """Where it is, for joints and springs."""
+        return Port(self, (0,))
+
+    def describe(self, node: int) -> str:
+        return "the point mass"
+
+
+class RigidPiece(OneNode):
+    """Position x and orthonormal directors d_i without mass: what is tied to it decides its motion.
+    Its coordinates are on rank 0; the arguments are the same on all ranks and not checked.
+
+    Args:
+        name: in messages.
+        owner: the body that is tied to it.
+        start: positions (1 + k, 3) of x [m] and the k directors.
+        rates: their velocities (1 + k, 3) [m/s, 1/s].
+        rigid: whether lengths and angles of the directors are constant; one director alone may else
+            change its length.
+    """
+
+    def __init__(
+        self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
+    ) -> None:
+        self.name = name
+        self.comm = owner.comm
+        self._owner = owner
+        self._rigid = rigid
+        # Initial coordinates and rates, (1 + k, 3).
+        self._q = start
+        self._v = rates
+        self._make_node(start.size)
+
+    def requires(self) -> Iterable[Any]:
+        yield self._owner
+
+    @property
+    def directors(self) -> tuple[Port, ...]:
+        return tuple(self.vector(k) for k in range(1, len(self._q)))
+
+    def port(self, *along: float) -> Port:
+        """The point x + Σ along[i] d_i."""
+        count = 1 + len(along)
+        nodes = (0,) * count
+        vectors = tuple(range(count))
+        return Port(self, nodes, weights=(1.0, *along), vectors=vectors)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        if self._rigid:
+            H, L, c = orthonormality(len(self._q) - 1)
+            measure = PointMeasure([self.directors], H, L, c)
+            yield PointConstraint(f"{self.name} directors", measure)
+
+    def describe(self, node: int) -> str:
+        return "the piece without mass"
+
+
+def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Frame (1 + k, 3) of the points x (n, 3) [m] of all ranks: their centre [m] and the k unit
+    vectors of `directors_of`; its rates (1 + k, 3) [m/s, 1/s] in the affine motion that fits the
+    velocities v (n, 3) [m/s] best; and the coordinates (n, k) [m] of this rank's points along the
+    directors.  n may be zero, but not on all ranks.  Collective."""
+    count = comm.allreduce(len(x))
+    mean = comm.allreduce(x.sum(axis=0)) / count
+    mean_velocity = comm.allreduce(v.sum(axis=0)) / count
+    arms = x - mean
+    covariance = comm.allreduce(arms.T @ arms)
+    rates = comm.allreduce(arms.T @ (v - mean_velocity))
+    # d (k, 3): the directors.
+    # Sums may differ between ranks in the last digit, and with it the sign of an eigenvector.
+    d = comm.bcast(directors_of(covariance))
+    along = arms @ d.T
+    director_rates = np.zeros((0, 3))
+    if len(d):
+        director_rates = np.linalg.solve(d @ covariance @ d.T, d @ rates)
+    frame = np.vstack([mean[None], d])
+    frame_rates = np.vstack([mean_velocity[None], director_rates])
+    return frame, frame_rates, along
+
+
+def directors_of(covariance: Array, flat: float = FLAT) -> Array:
+    """Orthonormal directors (k, 3) of a set of points, as many as it has dimensions.
+
+    One along a line; two in a plane, right-handed with its normal; the axes of space for points in
+    space; none where all points coincide.  `covariance` is Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²];
+    `flat` is the ratio to the largest extent, below which the set counts as flat in a direction.
+    """
+    # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
+    squares, vectors = np.linalg.eigh(covariance)
+    extents = np.sqrt(np.maximum(squares, 0.0))
+    dimension = 0
+    if extents[2] > 0:
+        dimension = int((extents > flat * max(extents[2], SMALLEST_EXTENT)).sum())
+    if dimension == 0:
+        return np.zeros((0, 3))
+    if dimension == 3:
+        return np.eye(3)
+    # The direction of a line has the largest extent, the normal of a plane the smallest one.
+    n: Array = vectors[:, 0]
+    if dimension == 1:
+        n = vectors[:, 2]
+    # An eigenvector has no sign; its largest component is made positive.
+    n = n * np.sign(n[np.argmax(np.abs(n))])
+    if dimension == 1:
+        return n[None]
+    return np.array(perpendicular_pair(n))

@@ -45,7 +45,7 @@ from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.cable import BarLaw
+from gossamer_fx.mechanics.bodies.cable import BarLaw, LineDensity
 from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
 
 # The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
@@ -91,11 +91,9 @@ class TabulatedCable(BarLaw):
     strain: Sequence[float] | Array
     force: Sequence[float] | Array
     _: KW_ONLY
-    line_density: float
+    line_density: LineDensity
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
         _check_table(strain, force)
@@ -148,7 +146,7 @@ class TabulatedCable(BarLaw):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per natural length [J/m] of e = (ε,), equation (2)."""
+        """Equation (2) of the module."""
         x = _engineering_strain(e)
         total = ufl.as_ufl(0.0)
         # A sum over corners, not a search of the segment: UFL has no branches with a table.
@@ -162,17 +160,8 @@ class TabulatedCable(BarLaw):
         return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
 
     def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
-        """Mean stress S (1,) [N] of a step, a UFL vector, with S (e1 - e0) equal to the change of
-        energy.
-
-        S = N_mean/(½(λ0 + λ1)), with the force N [N] averaged over the stretches λ0 to λ1 of the
-        step; equation (3) of the module.
-
-        Args:
-            e0, e1: Green-Lagrange strains (1,) at the beginning and the end of the step.
-            c: constants of the mesh: `strains` (n,) [-] and `slope_changes` (n,) [N] at the n
-                corners of the table.
-        """
+        """Mean stress S (1,) [N] of a step, equation (3) of the module, from the Green-Lagrange
+        strains e0 and e1 (1,) at its ends."""
         # Engineering strains x0 and x1; s is the side, 1 or -1, of zero strain of a corner.
         x0 = _engineering_strain(e0)
         x1 = _engineering_strain(e1)
@@ -206,13 +195,11 @@ class Corners:
     def force(self, x: Array) -> Array:
         """N(x) [N] of strains of any shape."""
         forces = self.slope_changes * self.sides * np.maximum(self._beyond(x), 0.0)
-        total: Array = forces.sum(axis=-1)
-        return total
+        return forces.sum(axis=-1)
 
     def energy(self, x: Array) -> Array:
         """W(x) [J/m] of strains of any shape."""
-        total: Array = (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
-        return total
+        return (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
 
     def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
         mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
@@ -222,8 +209,7 @@ class Corners:
 
     def _beyond(self, x: Array) -> Array:
         """How far strains are beyond each corner, with a last axis of n corners."""
-        beyond: Array = self.sides * (x[..., None] - self.strains)
-        return beyond
+        return self.sides * (x[..., None] - self.strains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,9 +226,6 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress of a step for each of n bars, and its derivative by the strain at the end.
-
-        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J]."""
         # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
@@ -255,18 +238,8 @@ class TabulatedBars:
 
 
 def corners_of(strain: Array, force: Array) -> Corners:
-    """The corners of the piecewise linear force through measured points.
-
-    A force N(x) = Σ_i c_i s_i max(s_i (x - x_i), 0) has a change c_i of slope at each corner x_i,
-    on the side s_i = ±1 of zero strain; corners without a change are left out.
-
-    Args:
-        strain: engineering strains (n,), rising.
-        force: [N] (n,); zero at zero strain.  Both have passed `_check_table`.
-
-    Returns:
-        The corners, in tension from zero upwards, then in compression from zero downwards.
-    """
+    """The corners of the force (1) of the module through measured points (n,), which have passed
+    `_check_table`: in tension from zero upwards, then in compression from zero downwards."""
     # The table is checked to have no force at zero strain, if only between two of its points.
     if not (strain == 0).any():
         at = int(np.searchsorted(strain, 0.0))
@@ -292,39 +265,30 @@ def corners_of(strain: Array, force: Array) -> Corners:
 
 
 def _check_table(strain: Array, force: Array) -> None:
-    """Raise `InputError` unless measured points are a force law.
-
-    Args:
-        strain: engineering strains (n,), dimensionless; two or more, rising, from at most zero and
-            above -1 to a positive one.
-        force: [N] (n,); not falling, zero at zero strain, and positive from there on.
-
-    Raises:
-        InputError: the first of these conditions that does not hold, with the values.
-    """
+    """Raise `InputError` unless measured points are a force law: two or more engineering strains
+    (n,), rising from at most zero and above -1 to a positive one, and forces [N] (n,) that do not
+    fall, are zero at zero strain and positive from there on."""
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
-        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
-        "columns of equal length with two points or more.",
+        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; "
+        "give two columns of equal length with two points or more.",
     )
     bad = np.flatnonzero(np.diff(strain) <= 0)
     check(
         not len(bad),
-        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; sort the "
-        "points and leave "
-        "out repeated strains.",
+        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; "
+        "sort the points and leave out repeated strains.",
     )
     check(
         strain[0] > -1 and strain[0] <= 0 < strain[-1],
-        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; begin at zero or "
-        "between -1 and "
-        "zero, and end in tension.",
+        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; "
+        "begin at zero or between -1 and zero, and end in tension.",
     )
     falls = np.flatnonzero(np.diff(force) < 0)
     check(
         not len(falls),
-        f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that "
-        "do not fall with the strain.",
+        f"TabulatedCable: the force falls from point {_first(falls)} to the next; "
+        "give forces that do not fall with the strain.",
     )
     at_rest = float(np.interp(0.0, strain, force))
     largest = float(np.abs(force).max())
@@ -337,9 +301,8 @@ def _check_table(strain: Array, force: Array) -> None:
     zero = int(np.searchsorted(strain, 0.0, side="right"))
     check(
         force[zero] > 0,
-        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; begin to pull at "
-        "zero strain (a "
-        "longer cable has its slack in its mesh).",
+        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; "
+        "begin to pull at zero strain (a longer cable has its slack in its mesh).",
     )
 
 
@@ -349,17 +312,8 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 
 
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Read the columns of engineering strain (dimensionless) and force [N] from a CSV file.
-
-    Args:
-        path: of a file with the header "strain [unit], force [unit]", in any order of the columns.
-
-    Returns:
-        Strains and forces, as many as there are rows.
-
-    Raises:
-        InputError: the file does not exist, has no such column, or a row is not two numbers.
-    """
+    """Engineering strains and forces [N] of a CSV file with the header "strain [unit], force
+    [unit]", its columns in any order."""
     check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
     # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
     with path.open(newline="", encoding="utf-8-sig") as file:
@@ -376,9 +330,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             unit = header[column].split("[")[1].rstrip("] ")
         check(
             unit in units,
-            f"The table '{path}' has no column '{name} [unit]' with one of the units "
-            f"{', '.join(units)}; begin it "
-            "with a header such as 'strain [%], force [kN]'.",
+            f"The table '{path}' has no column '{name} [unit]' with one of the "
+            f"units {', '.join(units)}; begin it with a header such as 'strain [%], force [kN]'.",
         )
         factors[column] = units[unit]
     columns: list[list[float]] = [[], []]
@@ -389,8 +342,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             values = []
         check(
             len(values) == 2,
-            f"The table '{path}' has the row {number} '{', '.join(row)}'; give two numbers in each "
-            "row.",
+            f"The table '{path}' has the row {number} '{', '.join(row)}'; "
+            "give two numbers in each row.",
         )
         for values_so_far, value in zip(columns, values, strict=True):
             values_so_far.append(value)
@@ -405,8 +358,7 @@ def _engineering_strain(e: Expr) -> Expr:
 
 def _stretch(ε: Array) -> Array:
     """λ of ε = ½(λ² - 1)."""
-    λ: Array = np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
-    return λ
+    return np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
 
 
 def _mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:

@@ -20,25 +20,17 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.materials.thermal import Temperature, ThermalExpansion
 from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 
 class TemperatureInTime:
-    """A temperature, or a difference of temperatures, in space and time.
-
-    Args:
-        mesh: of the body.
-        given: a number, a function of points and time, or {group: one of these}.
-        elsewhere: temperature [K] of cells that are in no group.
-        lowest: the lowest temperature [K] that is possible.
-        what: name in messages.
+    """A temperature [K], or a difference of temperatures, in space and time; `elsewhere` in cells
+    that are in no group, and refused below `lowest`.
 
     Attributes:
         in_time: whether a function of the user is to be asked at every time.
-
-    Raises:
-        InputError: a group that the mesh has not, or of another dimension.
     """
 
     def __init__(
@@ -52,24 +44,16 @@ class TemperatureInTime:
         self._parts: list[tuple[Any, Indices | None, str]] = []
         if isinstance(given, Mapping):
             for group, value in given.items():
-                self._parts.append((value, _cells(mesh, group, what), f"{what} in '{group}'"))
+                self._parts.append(
+                    (value, cells_of_group(mesh, group, what), f"{what} in '{group}'")
+                )
         else:
             self._parts.append((given, None, what))
         self.in_time = any(not isinstance(value, Real) for value, _, _ in self._parts)
 
     def set(self, function: fem.Function, t: float) -> None:
-        """Set a function to the temperatures at a time.  Collective.
-
-        Args:
-            function: scalar and discontinuous between cells; its values [K] are overwritten, ghosts
-                included.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if a temperature is below `lowest` of the constructor, or a
-                user's function raises an error or returns neither a finite number nor a finite
-                number for each of its points.
-        """
+        """Set a scalar function, discontinuous between cells, to the temperatures [K] at a time t
+        [s], ghosts included.  Collective."""
         space = function.function_space
         values = function.x.array
         values[:] = self._elsewhere
@@ -84,24 +68,13 @@ class TemperatureInTime:
         check_on_all(
             self._comm,
             is_possible,
-            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; give absolute "
-            "temperatures.",
+            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; "
+            "give absolute temperatures.",
         )
 
     def _ask(self, value: Any, points: Array, t: float, what: str) -> Array:
-        """Temperatures (n,) [K] at points, from a number or a user's function.  Collective for a
-        function.
-
-        Args:
-            value: a number [K], or a function of points (3, n) [m] and time [s] that returns (n,)
-                or a number.
-            points: (3, n) [m].
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if the function raises an error or returns neither a finite
-                number nor n finite numbers.
-        """
+        """Temperatures (n,) [K] at points (3, n) [m], from a number or a user's function.
+        Collective for a function."""
         count = points.shape[1]
         if isinstance(value, Real):
             return np.full(count, float(value))
@@ -114,52 +87,15 @@ class TemperatureInTime:
         return ask_points(self._comm, f"{what} at t = {t:.6g} s", at_points, (count,))
 
 
-def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group, owned and ghost.
-
-    Raises:
-        InputError: the mesh has no such group, or it does not consist of cells of the mesh.
-    """
-    dim, cells = mesh.group(group)
-    wanted = mesh.domain.topology.dim
+def check_expansion(thermal: ThermalExpansion, what: str, *, has_axes: bool, bends: bool) -> None:
+    """Refuse two coefficients of expansion for a law without axes, and a difference of temperature
+    across the thickness of a body that does not bend."""
     check(
-        dim == wanted,
-        f"{what}: the group '{group}' has dimension {dim}; name a group of the cells, of dimension "
-        f"{wanted}.",
-    )
-    return cells
-
-
-def check_expansion(thermal: ThermalExpansion | None, what: str, *, has_axes: bool) -> None:
-    """Check that a law has axes if the thermal expansion has two coefficients.
-
-    Args:
-        thermal: the expansion, with one or two coefficients `alphas` [1/K]; None: none.
-        what: subject of the message.
-        has_axes: whether the law of the body has axes, as orthotropic ones have.
-
-    Raises:
-        InputError: there are two coefficients and no axes.
-    """
-    check(
-        thermal is None or len(thermal.alphas) == 1 or has_axes,
+        len(thermal.alphas) == 1 or has_axes,
         f"{what}: alpha has two numbers, but its law has no axes; give one number.",
     )
-
-
-def check_no_gradient(thermal: ThermalExpansion | None, what: str) -> None:
-    """Check that a body without bending stiffness has no difference of temperature across its
-    thickness.
-
-    Args:
-        thermal: the expansion, whose `gradient` is that difference [K]; None: none.
-        what: subject of the message.
-
-    Raises:
-        InputError: the gradient is given.
-    """
     check(
-        thermal is None or thermal.gradient is None,
+        thermal.gradient is None or bends,
         f"{what}: gradient is given, but only a Plate bends by it; leave it out.",
     )
 
@@ -171,15 +107,9 @@ def metric_strain(alpha: Expr, ΔT: Expr) -> Expr:
 
 
 def film_strain(alphas: tuple[Expr, ...], ΔT: Expr, c: Any) -> Expr:
-    """Thermal strain (E11, E22, 2 E12) of a film, a UFL vector in the frame of its mesh.
-
-    A free piece expands by the stretch λ = 1 + α ΔT along each axis, whose strain is ½(λ² - 1).
-
-    Args:
-        alphas: one coefficient of expansion [1/K], or those along the two axes of the law.
-        ΔT: temperature less that of reference [K].
-        c: constants of the law; with axes: cosine and sine of the first one in the frame.
-    """
+    """Thermal strain (E11, E22, 2 E12) of a film in the frame of its mesh: ½(λ² - 1) of the stretch
+    λ = 1 + α ΔT along each axis.  `alphas` [1/K] is one coefficient, or those along the two axes,
+    of which `c` has cosine and sine."""
     if len(alphas) == 1:
         e = metric_strain(alphas[0], ΔT)
         return ufl.as_vector([e, e, 0 * e])
@@ -195,20 +125,9 @@ def film_strain(alphas: tuple[Expr, ...], ΔT: Expr, c: Any) -> Expr:
 def thermal_strain(
     body: Any, strain: Callable[[tuple[Expr, ...], Expr], Expr], what: str
 ) -> ThermalStrain:
-    """The thermal strain of a body, with the function of its temperature, for one compiled scene.
-
-    Collective.  The temperatures at time zero are evaluated.
-
-    Args:
-        body: with `mesh`, `order` and `thermal` (a `ThermalExpansion`).
-        strain: function of the coefficients of expansion [1/K] and T - T0 [K], UFL expressions,
-            that returns the strains of the body as a UFL vector.
-        what: name of the body in messages.
-
-    Raises:
-        InputError: a temperature is given for a group that does not consist of cells, is below
-            zero, or its function fails.
-    """
+    """The thermal strain of a body on a mesh, and the function of its temperature, for one compiled
+    scene.  `strain` is a function of the coefficients of expansion [1/K] and T - T0 [K] that
+    returns the strains as a UFL vector.  Collective."""
     thermal: ThermalExpansion = body.thermal
     domain = body.mesh.domain
     alphas = tuple(constant(domain, alpha) for alpha in thermal.alphas)
@@ -242,44 +161,18 @@ class ThermalCurvature:
     Attributes:
         curvature: (2, 2) in the frame of the mesh, an expression of the difference.
         difference: T_front - T_back [K], a function that is constant in each cell.
-        given: its values in time.
+        set: gives a function of the same space the differences at a time [s].  Collective.
     """
 
     curvature: Expr
     difference: fem.Function
-    given: TemperatureInTime
-
-    def set(self, difference: fem.Function, t: float) -> None:
-        """Set a function to the differences of temperature at a time.  Collective.
-
-        Args:
-            difference: function in the space of the attribute `difference`; its values [K] are
-                overwritten, ghosts included.
-            t: time [s].
-
-        Raises:
-            InputError: on all ranks, if a user's function raises an error or returns neither a
-                finite number nor a finite number for each of its points.
-        """
-        self.given.set(difference, t)
+    set: Callable[[fem.Function, float], None]
 
 
 def thermal_curvature(plate: Any) -> ThermalCurvature:
-    """The curvature without moments that a difference of temperature gives to a plate.
-
-    It is -α ΔT/t along each axis, with the coefficient of expansion α [1/K], ΔT = T_front - T_back
-    [K] and the thickness t [m].  Collective.
-
-    Args:
-        plate: with `mesh`, `thermal` (a `ThermalExpansion`), `constants` and `name`.
-
-    Returns:
-        The curvature (2, 2) [1/m] in the frame of the mesh, and ΔT as a function that is constant
-        in each cell, with its values in time.
-
-    Raises:
-        InputError: the difference is given for a group that does not consist of cells.
-    """
+    """The curvature without moments that a difference of temperature gives to a plate: -α ΔT/t
+    along each axis, with the coefficient of expansion α [1/K], ΔT = T_front - T_back [K] and the
+    thickness t [m].  Collective."""
     thermal: ThermalExpansion = plate.thermal
     domain = plate.mesh.domain
     # Constants of the law: thickness [m]; with axes cosine and sine of the first one.
@@ -301,4 +194,4 @@ def thermal_curvature(plate: Any) -> ThermalCurvature:
         axes = ufl.as_matrix([[c.cosine, -c.sine], [c.sine, c.cosine]])
         in_axes = ufl.as_matrix([[alphas[0], 0], [0, alphas[1]]])
         curvature = ufl.dot(axes, ufl.dot(in_axes, axes.T))
-    return ThermalCurvature(curvature, difference, given)
+    return ThermalCurvature(curvature, difference, given.set)

@@ -71,15 +71,6 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
-        """Compile residual, tangent and energy of each term.  Collective.
-
-        A term is a stored energy Σ ∫ scale (u×v)·s with three dimensionless vectors that are linear
-        in the coordinates, as plates with a rest curvature have it.
-
-        Args:
-            terms: all such terms of the scene.
-            system: the compiled scene, which has the fields of their bodies.
-        """
         # For each term: the vectors u, v, s are evaluated at the configuration `mid` in which
         # forces act, along the test function (δ) and along the trial function (dq).
         self._system = system
@@ -144,7 +135,6 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
         return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the internal forces of all terms in the present step to the residual.  Collective."""
         for compiled in self._compiled:
             force = compiled.force
             # Assembly adds to what is there.
@@ -156,11 +146,9 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
                 values[owned] += force.array[: owned.stop - owned.start]
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        """Bilinear forms of the tangents [N/m] of this body's terms."""
         return [compiled.tangent for compiled in self._compiled if compiled.body is body]
 
     def energies(self) -> dict[str, float]:
-        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found: dict[str, float] = {}
         for compiled in self._compiled:
             energy = float(fem.assemble_scalar(compiled.energy))
@@ -185,12 +173,11 @@ class Varying:
 class TripleProductEnergy:
     """Stored energy Σ ∫ scale (u×v)·s, and a constant.
 
-    products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates,
-    dimensionless, and the
-        measure, of cells or of interior edges.
-    constant: energy [J] that does not depend on the coordinates, a form.
-    varying: a function of time on which one vector of each product depends linearly; None if there
-    is none.
+    Args:
+        products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates,
+            dimensionless, and the measure, of cells or of interior edges.
+        constant: energy [J] that does not depend on the coordinates, a form.
+        varying: a function of time on which one vector of each product depends linearly.
     """
 
     name: str
@@ -213,15 +200,7 @@ def _gradient(X: Vectors, δ: Vectors) -> Expr:
 
 
 def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
-    """Second derivative of the triple product (u×v)·s along two directions, dimensionless.
-
-    Args:
-        X: the three UFL vectors u, v, s, each (3,), dimensionless.
-        a, b: the directions, three vectors (3,) each.
-
-    Returns:
-        UFL scalar, linear in a and in b.
-    """
+    """Second derivative of the triple product of X along two directions, dimensionless."""
     # au is the part of a that belongs to u, and so on.
     u, v, s = X
     au, av, as_ = a
@@ -236,17 +215,8 @@ def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
 
 
 def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
-    """Derivatives along δ of six functions of three vectors that do not change in rigid motions.
-
-    They are ½ u·u, ½ v·v, u·v, u·s, v·s and (u×v)·s.
-
-    Args:
-        X: the vectors u, v, s, each a UFL vector (3,), dimensionless.
-        δ: direction of the derivatives, three UFL vectors (3,).
-
-    Returns:
-        Six UFL scalars, linear in δ, dimensionless.
-    """
+    """Derivatives along δ of ½ u·u, ½ v·v, u·v, u·s, v·s and (u×v)·s, which do not change in rigid
+    motions."""
     # du is the change of u along δ, and so on.
     u, v, s = X
     du, dv, ds = δ
@@ -263,19 +233,9 @@ def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
 def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
     """Force density that gives back the energy which the midpoint rule misses of a triple product.
 
-    The energy changes by the gradient at mid-step times Δ, and ¼ (Δu×Δv)·Δs.  This remainder is
-    distributed along the changes of six invariants (Gonzalez's correction), so that no moment
-    arises.
-
-    Args:
-        mid: the vectors u, v, s at mid-step, each a UFL vector (3,), dimensionless.
-        Δ: their changes in the step, three UFL vectors (3,).
-        δ: their derivatives along the test function, three UFL vectors (3,).
-
-    Returns:
-        UFL scalar, linear in δ, dimensionless: the scale of the term gives it its unit.  It is
-        divided by the sum of squares of the changes of the invariants, but not by less than
-        `SMALLEST` (1e-24): in a step without motion that sum is zero.
+    The energy changes by the gradient at mid-step times the changes Δ of the three vectors, and ¼
+    (Δu×Δv)·Δs.  This remainder is distributed along the changes of six invariants (Gonzalez's
+    correction), so that no moment arises.  δ are the derivatives along the test function.
     """
     # A cubic function changes by its gradient in the middle times the step, and a quarter of its
     # value at the step: u·(v × s) of the three changes.

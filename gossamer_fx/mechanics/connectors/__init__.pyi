@@ -1,9 +1,9 @@
-from .attached_mass import AttachedMass as AttachedMass
 from .crease import Crease as Crease
-from .rope_bundle import RopeBundle as RopeBundle
+from .spring import AttachedMass as AttachedMass
 from .spring import AxialSpring as AxialSpring
 from .spring import Damper as Damper
 from .spring import Rope as Rope
+from .spring import RopeBundle as RopeBundle
 from .spring import Spring as Spring
 from .spring import Stop as Stop
 from .tape import Tape as Tape

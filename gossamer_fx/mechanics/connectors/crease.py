@@ -8,12 +8,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_on_all, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array, Indices
@@ -81,87 +81,67 @@ class Crease:
     body: Membrane
     edges: str
     _: KW_ONLY
-    stiffness: float
+    stiffness: Annotated[float, positive("N m/m/rad")]
     rest_angle: float = 0.0
-    yield_angle: float | None = None
+    yield_angle: Annotated[float, positive("rad")] | None = None
     initial_fold: int | None = None
     name: str = "crease"
 
     def __post_init__(self) -> None:
-        """Check the arguments, and that the group has edges between two triangles.  Collective.
-
-        Raises:
-            InputError: the stiffness [N m/m/rad] or yield angle [rad] is not positive, the rest
-                angle is beyond half a turn, the triangles are curved, or the group is not a line of
-                interior edges (of a plate: one of its hinges).
-        """
-        check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
         check(
-            math.isfinite(self.rest_angle) and abs(self.rest_angle) <= math.pi,
-            f"{who}: rest_angle is {self.rest_angle!r} rad; stay within half a turn, between -π "
-            "and π.",
-        )
-        φ = self.yield_angle
-        check(
-            φ is None or (math.isfinite(φ) and φ > 0),
-            f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that "
-            "does not yield.",
+            abs(self.rest_angle) <= math.pi,
+            f"{who}: rest_angle is {self.rest_angle!r} rad; "
+            "stay within half a turn, between -π and π.",
         )
         check(
             self.initial_fold in (None, VALLEY, MOUNTAIN),
-            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a "
-            "mountain fold, or None.",
+            f"{who}: initial_fold is {self.initial_fold!r}; "
+            "give 1 for a valley fold, -1 for a mountain fold, or None.",
         )
         check(
             self.body.space.mesh.geometry.cmap.degree == 1,
-            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles "
-            "(order 1).",
+            f"{who}: the triangles of '{self.body.name}' are curved; "
+            "mesh it with plane triangles (order 1).",
         )
         self._check_edges(who)
         check(
             not isinstance(self.body, Plate) or self.edges in self.body.hinges,
-            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give "
-            f"it hinges=['{self.edges}'].",
+            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; "
+            f"give it hinges=['{self.edges}'].",
         )
 
     def _check_edges(self, who: str) -> None:
         """Check that the edges of the crease lie between two triangles with normals on one side.
-        Collective.
-
-        Raises:
-            InputError: on all ranks, if the group has no edges, edges on the rim, or edges where
-                normals change sides, or if the mesh was distributed without neighbouring triangles.
-        """
+        Collective."""
         table = self.body.mesh.edges
-        lines = self.body.mesh.curve(self.edges, who)
-        owned = lines[lines < table.owned]
+        owned = self._owned
         on_rim = (~table.is_inside[owned]).sum()
         without_neighbours = (~table.is_known[owned]).sum()
         counts = np.array([len(owned), on_rim, without_neighbours])
         n, rim, unknown = self.body.comm.allreduce(counts).tolist()
         check(
             n > 0,
-            f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the "
-            "mesh.",
+            f"{who}: the group '{self.edges}' has no edges; "
+            "name a line between triangles of the mesh.",
         )
         check(
             rim == 0,
-            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' "
-            "or where more than "
-            "two triangles meet; a crease has one triangle on each side.",
+            f"{who}: "
+            f"{rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' "
+            "or where more than two triangles meet; a crease has one triangle on each side.",
         )
         check(
             unknown == 0,
-            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it "
-            "with read_mesh or gmsh_mesh.",
+            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; "
+            "read it with read_mesh or gmsh_mesh.",
         )
         check_on_all(
             self.body.comm,
             bool(_passed_both_ways(table, owned).all()),
-            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the "
-            "sign of the fold is "
-            "not defined; turn the triangles of one side (gmsh: model.mesh.reverse).",
+            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', "
+            "so that the sign of the fold is not defined; "
+            "turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -172,20 +152,18 @@ class Crease:
 
     @property
     def _owned(self) -> Indices:
-        """Local edges (n,) of the crease that this rank owns."""
         table = self.body.mesh.edges
-        lines = self.body.mesh.curve(self.edges, self.name)
+        lines = self.body.mesh.curve(self.edges, f"Crease '{self.name}'")
         return lines[lines < table.owned]
 
     @cached_property
     def energy(self) -> CreaseEnergy:
-        """The crease as arrays over points of its edges that this rank owns, for the equations.
+        """The crease as arrays over points of its edges that this rank owns: one point on an edge
+        of a film of order 1, two for order 2.
 
-        A film of order 1 has one point on an edge, one of order 2 has two.  At each point three
-        dimensionless vectors, along the fold and into the left and right panels, are constant
-        linear maps [1/m] of the positions of the nodes of both triangles; they are unit vectors on
-        the stress-free mesh.  The stiffness [N m/rad] of a point is that per length, times its
-        share of the edge's length.  Collective at the first use.
+        At each point three dimensionless vectors, along the fold and into the left and right
+        panels, are constant linear maps [1/m] of the positions of the nodes of both triangles; they
+        are unit vectors on the stress-free mesh.  Collective at the first use.
         """
         table = self.body.mesh.edges
         owned = self._owned
@@ -249,21 +227,10 @@ class Crease:
             moment_per_angle=self.stiffness,
         )
 
-    def _derivatives(
-        self,
-        cells: Indices,
-        sides: Indices,
-        points: Array,
-        backwards: bool,
-    ) -> Array:
-        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of triangles, at points
-        of edges.
-
-        Args:
-            cells: local triangles (n,) with k nodes.
-            sides: number (n,) from 0 to 2 of the edge of each triangle.
-            points: positions (g,) along the edge, from 0 to 1.
-        """
+    def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
+        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of n triangles, at the
+        positions (g,) of points, from 0 to 1, along one edge of each, whose number from 0 to 2
+        `sides` has."""
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
         # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
@@ -281,24 +248,17 @@ class Crease:
         corners = geometry.x[geometry.dofmap[cells, :3]]
         J = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
         dual = np.linalg.solve(J @ np.swapaxes(J, 1, 2), J)
-        gradients: Array = np.einsum("nac,angk->ngck", dual, table)
-        return gradients
+        return np.einsum("nac,angk->ngck", dual, table)
 
 
 def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Whether (n,) the two triangles of interior edges pass them in opposite directions.
-
-    The normals of both triangles are then on the same side of the film.
-
-    Args:
-        edges: local numbers (n,) of interior edges.
-    """
+    """Whether (n,) the two triangles of interior edges pass them in opposite directions, so that
+    their normals are on the same side of the film."""
     corners = table.domain.topology.connectivity(2, 0).array.reshape(-1, 3)
     cells = table.cells[edges]
     sides = table.sides[edges]
     first = corners[cells, _ENDS[sides, 0]]
-    same: np.ndarray[Any, np.dtype[np.bool_]] = (first == table.vertices[edges]).all(axis=1)
-    return same
+    return (first == table.vertices[edges]).all(axis=1)
 
 
 def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
@@ -307,22 +267,12 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
     n = np.arange(len(t))
     away = corners[n, sides] - corners[n, _ENDS[sides, 0]]
     away = away - np.einsum("nc,nc->n", away, t)[:, None] * t
-    result: Array = away / np.linalg.norm(away, axis=1)[:, None]
-    return result
+    return away / np.linalg.norm(away, axis=1)[:, None]
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
-    """Remove nodes that both triangles have from those of the right one, and add up their maps.
-
-    The maps [1/m] give three vectors at each of g points of n edges from the positions of the
-    nodes.
-
-    Args:
-        nodes: (n, 2k) of the left and of the right triangle.
-        maps: (n, g, 3, 2k) of these nodes; changed in place.
-
-    Returns:
-        Nodes (n, r) and maps (n, g, 3, r), r = 4 for order 1 and 9 for order 2.
+    """Remove nodes (n, 2k) that both triangles have from those of the right one, and add up their
+    maps (n, g, 3, 2k), which are changed in place.  4 nodes remain for order 1 and 9 for order 2.
     """
     n = len(nodes)
     twins = nodes[:, k:, None] == nodes[:, None, :k]

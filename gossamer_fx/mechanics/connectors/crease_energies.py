@@ -49,13 +49,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
     reversible = False
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
-        """Compile all creases of a scene: arrays and indices that stay the same in a run.
-        Collective.
-
-        Args:
-            terms: the creases, each with its points on this rank.
-            system: the compiled scene, which has the numbering of the unknowns.
-        """
         self._system = system
         self.terms = terms
         # Terms of meshes of different order have different numbers of nodes.
@@ -74,7 +67,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             points.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the forces [N] of all folds to r."""
         for points, q in self._at_end():
             indices = points.indices.ravel()
             forces = points.forces(q).ravel()
@@ -82,7 +74,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the tangents [N/m] of all folds to A."""
         for points, q in self._at_end():
             blocks = points.tangents(q, self._system.geometric)
             add_blocks(A, points.indices, points.indices, blocks)
@@ -96,7 +87,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         return f"'{name}' turns by {np.degrees(angle):.0f}° in one step: its sense is lost"
 
     def dissipated(self) -> Array:
-        """Energy [J] that each term with a yield angle dissipates on this rank in the step."""
         if not self._yielding:
             return np.zeros(0)
         found = np.zeros(len(self.terms))
@@ -105,7 +95,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         return found[self._yielding]
 
     def energies(self) -> dict[str, float]:
-        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found = dict.fromkeys((term.name for term in self.terms), 0.0)
         for points in self._arrays:
             for i, energy in zip(points.of, points.energies(), strict=True):
@@ -138,11 +127,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         return np.atleast_1d(self._numbers.get((id(term), key), given))
 
     def set_number(self, term: CreaseEnergy, key: str, value: Array) -> None:
-        """Change a parameter of a term.
-
-        Raises:
-            StopIteration: the term is not one of the scene.
-        """
         before = float(self.get_number(term, key)[0])
         now = float(value[0])
         points, i = self._find(term)
@@ -150,21 +134,17 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         self._numbers[id(term), key] = now
 
     def work_by_number(self, term: CreaseEnergy, key: str, w: PETSc.Vec) -> Array:
-        """Derivative of w·forces by a parameter of a term, for gradients; this rank's share.
-        Collective.
+        """Derivative of w·forces by a parameter of a term; this rank's share.  Collective.
 
         The forces are those of the present step, from the accepted state to q1.  The derivative by
         the rest angle differs from that of w·forces in two cases.
 
         - A fold slips in the step: the rest angle in later steps then follows from the angle at the
-          end of this step, and not from the given one.  In a backward pass the caller has counted
-          the derivative by the rest angle in those steps (`by_rest`) already.  It is added here,
-          because the caller subtracts all that this function returns.
-        - The yield angle has moved the rest angle of a point at the start of the run: it does not
-          depend on the given one, and the point counts as zero (`follows_input`).
-
-        Raises:
-            StopIteration: the term is not one of the scene.
+        end of this step, and not from the given one.  In a backward pass the caller has counted the
+        derivative by the rest angle in those steps (`by_rest`) already.  It is added here, because
+        the caller subtracts all that this function returns. - The yield angle has moved the rest
+        angle of a point at the start of the run: it does not depend on the given one, and the point
+        counts as zero (`follows_input`).
         """
         points, i = self._find(term)
         k = self._arrays.index(points)
@@ -179,15 +159,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         return np.array([work[points.owner == i].sum()])
 
     def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
-        """Derivative of the stored energy at q1 by a parameter of a term; this rank's share.
-        Collective.
-
-        For the rest angle, points whose rest angle was moved by the yield angle at the start of the
-        run do not depend on the given one, and count as zero.
-
-        Raises:
-            StopIteration: the term is not one of the scene.
-        """
         points, i = self._find(term)
         q = self._gather(self._system.q1)[self._arrays.index(points)]
         by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
@@ -216,10 +187,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Carry the derivatives by the rest angles of creases that yield from the end of a step to
-        its start.  Collective.
-
-        The reversed step has the derivatives of all forces, so that nothing is added to vectors."""
         if not self._yielding:
             return
         displacements = self._gather(μ)
@@ -229,8 +196,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
 
     def gradient_notes(self) -> list[str]:
         return [
-            f"yielding of '{self.terms[i].name}' is piecewise smooth: the gradient is that of the "
-            "folds that slip in this run"
+            f"yielding of '{self.terms[i].name}' is piecewise smooth: "
+            "the gradient is that of the folds that slip in this run"
             for i in self._yielding
         ]
 
@@ -244,8 +211,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             return ""
         for i in self._yielding:
             return (
-                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give "
-                "it no yield_angle"
+                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; "
+                "give it no yield_angle"
             )
         return ""
 
@@ -259,11 +226,6 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
-        """The array of points of a term, and the number of the term.
-
-        Raises:
-            StopIteration: the term is not one of the scene.
-        """
         i = next(k for k, known in enumerate(self.terms) if known is term)
         points = next(points for points in self._arrays if i in points.of)
         return points, i
@@ -276,11 +238,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
     # ---- history variables -----------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint: fold angles that do not follow from positions and
-        input.
-
-        Only points that have slipped or turned by more than half a turn are stored; most have not.
-        Collective."""
+        """Fold angles that do not follow from positions and input: those of points that have
+        slipped or turned by more than half a turn.  Collective."""
         unusual = []
         for points in self._arrays:
             unusual += points.unusual()
@@ -301,8 +260,6 @@ class CreaseEnergy:
     """Stored energy Σ ½ k (θ - θr)² over n points of folds, which may yield.
 
     Args:
-        name: in the energy balance and in messages.
-        body: the film or plate.
         nodes: local nodes (n, k) of the body; a point is evaluated on one rank.
         cells: local cells (n, 2) on the left and on the right.
         maps: (n, 3, k); maps · positions of the nodes are three vectors: along the fold, into the
@@ -334,13 +291,8 @@ class CreaseEnergy:
 
 
 class _Points:
-    """The points of some terms on this rank, and their history variables.
-
-    Args:
-        terms: of the scene.
-        of: indices of those with points in this array, which have the same number of nodes k a
-            point.
-        system: of the scene.
+    """The points of those terms `of` the scene that have k nodes a point, on this rank, and their
+    history variables.
 
     Attributes:
         owner: (n,) index of the term of each point.
@@ -349,10 +301,6 @@ class _Points:
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
-        """Join the points of some creases in arrays, for the folds of this rank.
-
-        A point stands for a part of a fold.  It has a stiffness [N m/rad], a rest angle and a yield
-        angle [rad], and the sign of the angle if the fold starts pressed shut."""
         self.of = of
         self._rule = system.rule
         mine = [terms[i] for i in of]
@@ -387,17 +335,14 @@ class _Points:
         The rows are vectors along the fold, into the left and into the right panel.
         """
         positions = q.reshape(len(q), q.shape[1] // 3, 3)
-        result: Array = self._maps @ positions
-        return result
+        return self._maps @ positions
 
     def keep(self, q: Array) -> None:
-        """Update fold angles and rest angles from the positions at the start of a step.
+        """Update fold angles and rest angles from the positions q (n, D) [m] at the start of a
+        step.
 
         They were those at the end of the last step, so rest angles slip here.  The first call takes
         the angles of the initial state, and moves rest angles that are beyond the yield angle.
-
-        Args:
-            q: positions (n, D) [m] of the nodes of each of this rank's n points of creases.
         """
         # X (n, 3, 3): vectors along the fold and into both panels; θ and θ1 (n,) [rad]: fold angles
         # at the start and the end of the last step.
@@ -423,12 +368,7 @@ class _Points:
         return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
 
     def tangents(self, q: Array, geometric: float) -> Array:
-        """Derivatives (n, D, D) [N/m] of the forces of a step by the positions at its end.
-
-        Raises:
-            LinAlgError: the vectors along a fold and into its panels are parallel in the middle of
-                the step.
-        """
+        """Derivatives (n, D, D) [N/m] of the forces of a step by the positions at its end."""
         # X (n, 3, 3): vectors along the fold and into both panels, θ1 (n,) [rad]: angles, both of
         # the configuration whose angle the rule takes.  G (n, 9): discrete gradient of the angle by
         # X, dG: its derivative, K (n, 9, 9): derivative of the forces on the vectors.
@@ -457,16 +397,7 @@ class _Points:
 
     def forces_by_number(self, q: Array, key: str, stiffness: float) -> Array:
         """Derivatives (n, D) of the forces of a step by the stiffness or by the rest angle at its
-        start.
-
-        Args:
-            q: positions (n, D) [m] of the nodes of each point at the end of the step.
-            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
-            stiffness: of the term per length [N m/m/rad], to which forces are proportional.
-
-        Returns:
-            (n, D), in N over N m/m/rad for the stiffness and in N/rad for the rest angle.
-        """
+        start. `stiffness` is that of the term per length, to which forces are proportional."""
         X = self.vectors(q)
         θ1 = self._end(X)
         # While a fold slips, its moment does not depend on the rest angle.
@@ -480,7 +411,8 @@ class _Points:
 
         A fold that slips has another moment on the way back.  Its moment, and the derivative by the
         angle at the start, ½ k (1 - s²) for the share s of the path on which it slips, are kept for
-        the tangent."""
+        the tangent.
+        """
         X = self.vectors(q)
         θ1 = self._end(X)
         moment, _ = self._moment(θ1)
@@ -506,14 +438,11 @@ class _Points:
     def energy_slope(self) -> Array:
         """Derivative k (θ - θr) (n,) [N m/rad] of the stored energy at the start of a step by the
         angle; by the rest angle it has the opposite sign."""
-        slope: Array = self._k * (self.θ - self.rest)
-        return slope
+        return self._k * (self.θ - self.rest)
 
     def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
-        """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] of points at the end of a step,
-        with the stiffness k [N m/rad] of a point, its angle θ and its rest angle θr [rad].
-
-        θr is that at the start of the step."""
+        """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] at the end of a step, with the
+        rest angle at its start."""
         angle = self._end(self.vectors(q)) - self.rest
         if key == "stiffness":
             energy: Array = self._k * angle**2 / (2 * stiffness)
@@ -529,14 +458,7 @@ class _Points:
             self._first_rest = np.where(here, now, self._first_rest)
 
     def largest_rotation(self, q: Array) -> tuple[float, str]:
-        """Largest change of a fold angle [rad] in a step on this rank, and its crease's name.
-
-        Args:
-            q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
-
-        Returns:
-            Zero and an empty name where this rank has no points.
-        """
+        """Largest change of a fold angle [rad] in a step on this rank, and its crease's name."""
         # θ (n,) [rad]: angles at the start of the step.
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         if len(change) == 0:
@@ -558,14 +480,9 @@ class _Points:
         return np.array([ψ[self.owner == i].sum() for i in self.of])
 
     def unusual(self) -> list[tuple[list[int], int, float | None]]:
-        """Points of creases whose fold angle or rest angle does not follow from positions and
-        input.
-
-        Returns:
-            For each such point: its term and the numbers that name it, on any number of ranks; the
-            number of full turns of its angle; and its rest angle [rad], or None where that is the
-            one of the input.
-        """
+        """Points whose fold angle or rest angle does not follow from positions and input: the term
+        and the numbers that name the point on any number of ranks, the number of full turns of its
+        angle, and its rest angle [rad], or None where that is the one of the input."""
         # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the accepted state.
         full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
         turns = np.rint(full_turns).astype(int)
@@ -580,15 +497,9 @@ class _Points:
         return found
 
     def recall(self, stored: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
-        """Set fold angles and rest angles of the points of creases, from a checkpoint.
-
-        Their positions are those of the restored state already.
-
-        Args:
-            stored: for the points that `unusual` listed, by (term, numbers that name the point):
-                full turns of the fold angle, and the rest angle [rad], None for the one of the
-                input.  All other points get the values of the input.
-        """
+        """Set fold angles and rest angles from a checkpoint, once positions are those of the
+        restored state: by the name of a point what `unusual` listed; all others get the values of
+        the input."""
         # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the restored state.
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()
@@ -611,56 +522,31 @@ class _Points:
         return self.θ + np.remainder(change + np.pi, 2 * np.pi) - np.pi
 
     def _strained(self, X: Array) -> Array:
-        """Vectors (n, 3, 3) of the folds whose angle gives the moment, dimensionless.
-
-        Those at the end of the step if the rule averages the moment over it; else those in the
-        configuration in which forces act.
-
-        Args:
-            X: vectors (n, 3, 3) at the end of the step.
+        """Vectors (n, 3, 3) of the folds whose angle gives the moment: X of the end of the step if
+        the rule averages the moment over it; else those in the configuration in which forces act.
         """
         if self._rule.conserves:
             return X
         α = self._rule.alpha
-        in_middle: Array = (1 - α) * self._X + α * X
-        return in_middle
+        return (1 - α) * self._X + α * X
 
     def _direction(self, X: Array, θ1: Array) -> Array:
-        """G (n, 3, 3), dimensionless: discrete gradient of the angle θ by the vectors X of each
-        point.
-
-        With a stress rule that does not conserve it is the gradient in the configuration in which
-        forces act.
-
-        Args:
-            X: vectors (n, 3, 3) along the fold and into both panels, as `_strained` gives them,
-                dimensionless.
-            θ1: fold angles (n,) [rad] there.
-        """
+        """G (n, 3, 3), dimensionless: discrete gradient of the angle by the vectors X of
+        `_strained`; with a stress rule that does not conserve, the gradient there."""
         if self._rule.conserves:
             return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
         return np.asarray(dihedral_angle.gradient(X))
 
     def _slipped(self, θ1: Array) -> Array:
-        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad].
-
-        It is what the distance u = θ1 - rest exceeds the yield angle by, with the sign of u.
-        """
+        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad]: what the
+        distance θ1 - rest exceeds the yield angle by, with its sign."""
         u = θ1 - self.rest
         return np.sign(u) * np.maximum(np.abs(u) - self._slip, 0.0)
 
     def _moment(self, θ1: Array) -> tuple[Array, Array]:
-        """Mean moment of a step for each of n points, and its derivative by the angle at the end.
-
-        The moment is k (θ - θr) up to the yield angle and constant while the fold slips; the mean
-        is over the path of θ.  With a stress rule that does not conserve it is the moment at θ1.
-
-        Args:
-            θ1: fold angles (n,) [rad] of the vectors of `_strained`.
-
-        Returns:
-            Moments (n,) [N m] and derivatives (n,) [N m/rad].
-        """
+        """Mean moments (n,) [N m] of a step over the path of θ, and their derivatives (n,) [N
+        m/rad] by the angle θ1 at the end.  A stress rule that does not conserve takes the moment at
+        θ1."""
         slipped = self._slipped(θ1)
         elastic_start = self.θ - self.rest
         elastic_end = θ1 - self.rest - slipped

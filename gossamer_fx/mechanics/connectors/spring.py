@@ -1,23 +1,23 @@
-"""Springs, ropes, stops and dampers between points."""
+"""Springs, ropes, stops and dampers between points, and masses at them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_weight
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between
+from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
 from gossamer_fx.mechanics.terms.point_energies import (
+    AttachedKineticEnergy,
     PointDissipation,
     PointStoredEnergy,
     one_sided_average,
@@ -26,6 +26,12 @@ from gossamer_fx.mechanics.terms.point_energies import (
 
 STIFFNESS = Parameter("stiffness", "N/m", "k")
 LENGTH = Parameter("length", "m", "L")
+
+Stiffness = Annotated[float, positive("N/m")]
+Length = Annotated[float, positive("m")]
+LengthOrZero = Annotated[float, not_negative("m")]
+Damping = Annotated[float, positive("N s/m")]
+DampingOrZero = Annotated[float, not_negative("N s/m")]
 
 
 @dataclass(frozen=True)
@@ -63,23 +69,15 @@ class LengthSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
     def energy(self, e: Array) -> Array:
-        """ψ (n,) [J] of strains e (n, 1) [m²]."""
-        stretch = _length(e) - self.L
+        stretch = length_of(e) - self.L
         if self.side:
             return self.k * one_sided_energy(self.side * stretch)
         return self.k * stretch**2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress of a step for each of n springs, and its derivative.
-
-        The measure is e = ½ l² of the length l; the stress S = ∂ψ/∂e is the force over the length,
-        and S_mean (e1 - e0) the change of energy [J].
-
-        L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
-        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         mean_length = (l0 + l1) / 2
         if self.side:
             # Stretches y0 and y1 [m], positive where the spring acts.
@@ -107,12 +105,9 @@ class LengthDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean viscous stress of a step for each of n dampers, and its derivative.
-
-        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
         D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
         return S[:, None], D[:, None, None]
@@ -132,14 +127,9 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean viscous stress of a step for each of n ropes, and its derivative.
-
-        The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
-        negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
-        [N s/m]."""
         # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         both = l0 + l1
         s0 = np.maximum(l0 - self.L, 0.0)
         s1 = np.maximum(l1 - self.L, 0.0)
@@ -163,7 +153,7 @@ class RopeDamper:
 SMALLEST_MEASURE = 1e-300
 
 
-def _length(e: Array) -> Array:
+def length_of(e: Array) -> Array:
     """Lengths (n,) [m] of the measures e = ½ l² (n, 1) [m²]."""
     return np.sqrt(2 * np.maximum(e[:, 0], SMALLEST_MEASURE))
 
@@ -174,9 +164,25 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+class LengthConnector(Between):
+    """A stiffness between two points: ψ of `LengthSpring`, by `side` in both directions or one."""
+
+    a: Attached
+    b: Attached
+    stiffness: float
+    length: float
+
+    side = 0
+
+    def terms(self, start: State) -> Iterable[Term]:
+        density = LengthSpring(self.stiffness, self.length, self.side)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Spring(Between):
+class Spring(LengthConnector, LineBetween):
     """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
     Args:
@@ -201,33 +207,14 @@ class Spring(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
+    stiffness: Stiffness
+    length: LengthOrZero
     name: str = "spring"
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check(
-            self.length >= 0,
-            f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
-        )
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
-        return [(self.a, self.b)]
-
-    def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Rope(Between):
+class Rope(LengthConnector, LineBetween):
     """A rope without mass: it holds two points within its length.
 
     Its tension is k (l - L) where its ends are l > L apart, and zero where they are nearer.
@@ -252,31 +239,17 @@ class Rope(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
-    damping: float = 0.0
+    stiffness: Stiffness
+    length: Length
+    damping: DampingOrZero = 0.0
     name: str = "rope"
 
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check_positive(self, "length", "m")
-        check(
-            math.isfinite(self.damping) and self.damping >= 0,
-            f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
-        )
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
-        return [(self.a, self.b)]
+    side = 1
 
     def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, side=1)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+        yield from super().terms(start)
         if self.damping:
+            measure = half_distance_squared(self.a, self.b)
             # It knows stiffness and length: a damper that pushed would slacken the rope, so that
             # the whole tension is kept from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
@@ -286,7 +259,7 @@ class Rope(Between):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Stop(Between):
+class Stop(LengthConnector):
     """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else
     zero.
 
@@ -312,19 +285,11 @@ class Stop(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
-    length: float
+    stiffness: Stiffness
+    length: Length
     name: str = "stop"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
-        check_positive(self, "length", "m")
-
-    def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, side=-1)
-        measure = half_distance_squared(self.a, self.b)
-        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+    side = -1
 
 
 @check_arguments
@@ -352,24 +317,15 @@ class Damper(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    damping: float
+    damping: Damping
     name: str = "damper"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "damping", "N s/m")
-
     def terms(self, start: State) -> Iterable[Term]:
-        """The dissipation of the damper: what it adds to the equations.
-
-        Raises:
-            InputError: the two ends coincide in the initial state.
-        """
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
-            f"Damper '{self.name}': its two points coincide, so it has no direction; separate "
-            "them.",
+            f"Damper '{self.name}': its two points coincide, so it has no direction; "
+            "separate them.",
         )
         yield PointDissipation(
             self.name,
@@ -396,30 +352,132 @@ class AxialSpring:
     """
 
     port: Port
-    stiffness: float
+    stiffness: Stiffness
     _: KW_ONLY
     direction: tuple[float, float, float]
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
-            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any "
-            "length but zero.",
+            f"AxialSpring '{self.name}': direction is {self.direction!r}; "
+            "give its axis, of any length but zero.",
         )
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The stored energy ½ k (n·(x - x0))² [J]: what the spring adds to the equations.
-
-        n is the unit vector of its direction, x [m] its point, x0 [m] its origin."""
         n = unit(self.direction)
         # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
         yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class RopeBundle:
+    """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the
+    ledger.
+
+    Args:
+        ends: pairs of ports, or of a port and a `Ground`.
+        stiffness: k of each [N/m], positive.
+        lengths: L of each [m], positive; as many as pairs.
+        damping: c of each [N s/m], which acts where the rope is stretched; zero or positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair
+            without a body.
+
+    Example:
+        >>> corners = [film.port("top left"), film.port("top right")]
+        >>> ends = [(corner, gx.Ground((0.5, 2.0, 0.0))) for corner in corners]
+        >>> ropes = gx.connectors.RopeBundle(ends, stiffness=1e3, lengths=[1.2, 1.2])
+        >>> ropes.lengths
+        [1.2, 1.2]
+    """
+
+    ends: Sequence[tuple[Attached, Attached]]
+    _: KW_ONLY
+    stiffness: Stiffness
+    lengths: Sequence[Length]
+    damping: DampingOrZero = 0.0
+    name: str = "ropes"
+
+    def __post_init__(self) -> None:
+        check(
+            bool(len(self.ends)) and len(self.ends) == len(self.lengths),
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
+            f"and {len(self.lengths)} lengths; give as many of both, and at least one.",
+        )
+        for k, pair in enumerate(self.ends):
+            check(
+                bool(list(bodies_of(*pair))),
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; "
+                "give a port of a body.",
+            )
+
+    def requires(self) -> Iterable[Any]:
+        for pair in self.ends:
+            yield from bodies_of(*pair)
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each rope."""
+        return self.ends
+
+    def terms(self, start: State) -> Iterable[Term]:
+        # Terms of one name are summed in the energy balance; those of one kind are one array.
+        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+            measure = half_distance_squared(*pair)
+            density = LengthSpring(self.stiffness, float(length), side=1)
+            numbers = (STIFFNESS, Parameter("lengths", "m", "L", entry=k))
+            yield PointStoredEnergy(self.name, measure, density, numbers)
+            if self.damping:
+                loss = RopeDamper(self.damping, self.stiffness, float(length))
+                of_loss = (*numbers, Parameter("damping", "N s/m", "c"))
+                yield PointDissipation(f"{self.name} damping", measure, loss, of_loss)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class AttachedMass:
+    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
+
+    It adds no unknowns.  `Gravity` and `Centrifugal` of the body act on it, too.
+
+    Args:
+        port: a point of a film, plate, cable, beam or rigid body.
+        mass: m [kg], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a port that is a direction, a mass that is not positive.
+
+    Example:
+        >>> gx.connectors.AttachedMass(film.port("top right"), 0.5).mass
+        0.5
+    """
+
+    port: Port
+    mass: Annotated[float, positive("kg")]
+    _: KW_ONLY
+    name: str = "attached mass"
+
+    def __post_init__(self) -> None:
+        # The weights of a direction add up to zero: it would have no mass in translation.
+        check(
+            bool(np.isclose(translation_weight(self.port), 1.0)),
+            f"AttachedMass '{self.name}': its port is not a point of a body; "
+            "give one, as film.port('tip').",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.port.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield AttachedKineticEnergy([(self.port,)], np.full((1, 1, 1), self.mass))

@@ -78,12 +78,7 @@ class Tape:
 
     @staticmethod
     def along_edges(
-        body: Membrane,
-        law: BarLaw,
-        *,
-        edges: str,
-        length_factor: float = 1.0,
-        name: str = "tape",
+        body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
         """A tape along the edges of the mesh in a named group of curves.  Collective.
 
@@ -119,8 +114,8 @@ class Tape:
         bars = [row for part in rows for row in part]
         check(
             len(bars) > 0,
-            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a "
-            "line of its edges into the group.",
+            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
+            "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
         _refuse_edges_without_length(body, edges, own, midpoints, name)
@@ -169,18 +164,12 @@ class Tape:
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
-        """Check the bars and their natural lengths (n,) [m], and make these an array.
-
-        Raises:
-            InputError: there are no bars, a length is not positive, or there is not one length for
-                each bar.
-        """
         lengths = np.asarray(self.lengths, dtype=float)
         object.__setattr__(self, "lengths", lengths)
         check(
             len(self.bars) > 0 and bool((lengths > 0).all()),
-            f"Tape '{self.name}' has no bars, or one without length; give a line of different "
-            "points.",
+            f"Tape '{self.name}' has no bars, or one without length; "
+            "give a line of different points.",
         )
         check(
             lengths.shape == (len(self.bars),),
@@ -193,18 +182,10 @@ class Tape:
 
     @property
     def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of each bar, for pictures."""
+        """The two ends of each bar."""
         return self.bars
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the bars: what the tape adds to the equations.
-
-        Yields:
-            The mass [kg] of the bars at their ends, and their stored energy [J].
-
-        Raises:
-            InputError: the law is not that of a cable.
-        """
         law = self.law
         L = np.asarray(self.lengths)
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
@@ -223,17 +204,9 @@ class Tape:
 
 
 def _density(law: BarLaw, lengths: Array) -> PointDensity:
-    """The stored energy of bars as a function of the measure e of each, which `Tape.terms` makes.
-
-    e = √(EA L) ε for laws with a constant axial stiffness, so that the energy is ½ e² [J]; e = ε
-    for a table.  ε = ½(λ² - 1) is the strain of the bar.
-
-    Args:
-        lengths: natural lengths (n,) [m] of the bars that this rank evaluates.
-
-    Raises:
-        InputError: the law is not that of a cable.
-    """
+    """The stored energy [J] of bars with natural lengths (n,) [m], as a function of the measure e
+    of each, which `Tape.terms` makes: ½ e² for laws with a constant axial stiffness, e = ε for a
+    table."""
     if isinstance(law, TensionOnly):
         return OneSided()
     if isinstance(law, CableLaw):
@@ -259,15 +232,8 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
 def _refuse_edges_without_length(
     body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
 ) -> None:
-    """Check that no edge of a tape has ends that coincide.  Collective.
-
-    Args:
-        lengths: lengths (n,) [m] of this rank's edges.
-        midpoints: their middles (n, 3) [m], for the message.
-
-    Raises:
-        InputError: on all ranks, if an edge is shorter than `SHORTEST_EDGE` of the longest one.
-    """
+    """Check that no edge of a tape, with the lengths (n,) and midpoints (n, 3) [m] of those of this
+    rank, has ends that coincide.  Collective."""
     longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
     bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
     own_place = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
@@ -277,8 +243,8 @@ def _refuse_edges_without_length(
     # To the nanometre, so that round-off of zero is zero.
     x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
     raise InputError(
-        f"Tape '{name}' on '{body.name}': the group '{edges}' has an edge without length at "
-        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes "
-        "there, or leave "
-        "this edge out of the group."
+        f"Tape '{name}' on '{body.name}': "
+        f"the group '{edges}' has an edge without length at ({x:.6g}, {y:.6g}, {z:.6g}) m, "
+        "as a revolved mesh has at its pole; "
+        "merge the nodes there, or leave this edge out of the group."
     )

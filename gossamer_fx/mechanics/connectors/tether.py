@@ -1,25 +1,52 @@
-"""Tethers that a reel pays out."""
+"""Tethers: ropes whose length changes in a step, along a given history or against the friction of a
+brake.
+
+With the distance l of the ends and the natural length L the stretch is y = l - L, the stored energy
+½ k y² for y > 0. In a step from (l0, L0) to (l1, L1) the mean tension T_mean is the average of T(y)
+over y0 ≤ y ≤ y1, so that exactly
+
+    given L(t)   y1 = l1 - L1, T = k y     T_mean Δl = Δψ + T_mean ΔL   the reel supplies -T_mean ΔL
+    brake B      y1 = l1 - L0, T ≤ B       T_mean Δl = Δψ + B ΔL        the brake dissipates B ΔL
+
+with ΔL = max(y1 - B/k, 0).  Both are the slope of a convex potential of l1.  The rope on the reel
+ends at the length `total_length`; from there on the rope is stretched beyond B.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar
 
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, check_positive
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.model.body import Attached, Port
+from gossamer_fx.core.model.body import Array, Attached, Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between
-from gossamer_fx.mechanics.connectors.paid_out_ropes import PaidOutRope
-from gossamer_fx.mechanics.connectors.spring import half_distance_squared
+from gossamer_fx.mechanics.bodies.frames import LineBetween
+from gossamer_fx.mechanics.connectors.spring import Stiffness, half_distance_squared, length_of
+from gossamer_fx.mechanics.terms.assembly import (
+    Assembly,
+    CompiledTerms,
+    Compiler,
+    HistoryVariables,
+)
+from gossamer_fx.mechanics.terms.point_energies import Stencil
+
+# Change of the stretch over the length, below which the mean tension is that of the trapezoidal
+# rule. The quotient area/change would be a small difference of large numbers there.
+ROUND_OFF = 1e-9
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Tether(Between):
+class Tether(LineBetween):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
     else none.
 
@@ -53,23 +80,14 @@ class Tether(Between):
     a: Attached
     b: Attached
     _: KW_ONLY
-    stiffness: float
+    stiffness: Stiffness
     length: float | Callable[[float], float]
     brake_force: float | None = None
     total_length: float = math.inf
     name: str = "tether"
 
     def __post_init__(self) -> None:
-        """Check ends, stiffness [N/m], length [m], brake force [N] and total length [m] of the
-        tether.
-
-        Raises:
-            InputError: both ends are of the ground, a number is not positive, a length that is a
-                number has no brake, one that is a function has a brake, or the total length is
-                below the length.
-        """
         super().__post_init__()
-        check_positive(self, "stiffness", "N/m")
         if callable(self.length):
             check(
                 self.brake_force is None,
@@ -85,22 +103,11 @@ class Tether(Between):
         check_positive(self, "brake_force", "N")
         check(
             self.total_length >= self.length,
-            f"Tether '{self.name}': total_length is {self.total_length!r} m; give "
-            f"{self.length:g} m or more.",
+            f"Tether '{self.name}': total_length is {self.total_length!r} m; "
+            f"give {self.length:g} m or more.",
         )
 
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of the line, for pictures."""
-        return [(self.a, self.b)]
-
     def terms(self, start: State) -> Iterable[Term]:
-        """The rope on its reel, with a given length or a brake: what it adds to the equations.
-
-        Raises:
-            InputError: on all ranks, if the function does not return a positive length at t = 0 (or
-                later, in the run).
-        """
         measure = half_distance_squared(self.a, self.b)
         given = self.length
         if not callable(given):
@@ -128,3 +135,221 @@ class Tether(Between):
             return length
 
         yield PaidOutRope(self.name, measure, self.stiffness, history(0.0), history)
+
+
+class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
+    """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
+
+    def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
+        # The length of a rope between the ends of a step is not known to its brake.
+        check(
+            not system.rule.takes_mid_strain,
+            f"'{terms[0].name}': "
+            "a rope that is paid out has forces by its lengths at the ends of a step; "
+            "run its scene with Midpoint.",
+        )
+        self._system = system
+        self.terms = terms
+        self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
+        self._gather = Gather(system.numbering, [self._at.indices])
+        mine = [terms[i] for i in self._at.owner]
+        self._k = np.array([term.stiffness for term in mine], dtype=float)
+        brakes = np.array([term.brake for term in mine], dtype=float)
+        self._total_length = np.array([term.total_length for term in mine], dtype=float)
+        self.length = np.array([term.length for term in mine], dtype=float)
+        self._given = []
+        for i, term in enumerate(terms):
+            if term.history is not None:
+                self._given.append((i, term.history))
+        # Force [N] and stretch [m] at which a brake slips.  A rope without a brake never slips: its
+        # entries are not read.
+        self._brakes = np.isfinite(brakes)
+        self._brake = np.where(self._brakes, brakes, 0.0)
+        self._yield = self._brake / self._k
+        self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
+        self.losses = [terms[i].name for i in self._braked]
+        # L1 of a step with a history.
+        self._next = self.length
+        self._stencil = Stencil(self._at, self, False, system.rule)
+        # Distances of the ends [m] at the start of the step; set by the first `commit`.
+        self._l: Array = np.zeros(self._at.n)
+        self._begun = False
+
+    # ---- a step ----------------------------------------------------------------------------------
+
+    def begin_step(self, t: float) -> None:
+        system = self._system
+        # The length is that of the end of the step, also where the forces are those of its middle.
+        end = system.time + system.h
+        lengths = np.full(len(self.terms), np.nan)
+        for i, history in self._given:
+            lengths[i] = history(end)
+        given = lengths[self._at.owner]
+        self._next = np.where(np.isfinite(given), given, self.length)
+
+    def commit(self) -> None:
+        # Unknowns (n, D) of the ends of this rank's n ropes.
+        q = self._gather(self._system.q0)[0]
+        length = self._lengths(q)
+        if self._begun:
+            self.length = self._next + self._slip(length)
+        else:
+            # A rope that is too short at the start has slipped before: no tension exceeds its
+            # brake.
+            self.length = self.length + self._slip(length)
+            self._begun = True
+        self._next = self.length
+        # Distances of the ends [m] at the start of the next step.
+        self._l = length
+        self._stencil.keep(q)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        q = self._gather(self._system.q1)[0]
+        indices = self._at.indices.ravel()
+        forces = self._stencil.force(q).ravel()
+        r.setValues(indices, forces, addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        q = self._gather(self._system.q1)[0]
+        add_blocks(A, self._at.indices, self._at.indices, self._stencil.tangent(q))
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress T_mean/l_mean (n, 1) [N/m] of a step for each of n ropes with the measures e
+        = ½ l², and its derivative by e1; l_mean is the mean distance of the ends."""
+        # Distances l0, l1 [m] of the ends; T (n,) [N]: mean tension; slope [N/m]: dT/dl1.
+        l0 = length_of(e0)
+        l1 = length_of(e1)
+        T, slope = self._tension(l1)
+        l_mean = (l0 + l1) / 2
+        stress = T / l_mean
+        # dl1/de1 = 1/l1, and dl_mean/dl1 = ½.
+        derivative = (slope - T / l_mean / 2) / l_mean / l1
+        return stress[:, None], derivative[:, None, None]
+
+    def supplied(self) -> float:
+        l1 = self._lengths(self._gather(self._system.q1)[0])
+        T, _ = self._tension(l1)
+        paid_out = self._next - self.length
+        return float(np.sum(-T * paid_out))
+
+    def dissipated(self) -> Array:
+        if not self._braked:
+            return np.zeros(0)
+        slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
+        loss = self._brake * slip
+        of_terms = np.bincount(self._at.owner, loss, len(self.terms)).astype(float)
+        return of_terms[self._braked]
+
+    def energies(self) -> dict[str, float]:
+        found = dict.fromkeys((term.name for term in self.terms), 0.0)
+        energies = self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2
+        for i, energy in zip(self._at.owner, energies, strict=True):
+            found[self.terms[i].name] += float(energy)
+        return found
+
+    # ---- history variables -----------------------------------------------------------------------
+
+    def lengths(self) -> Array:
+        """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
+        return self._of_terms(self.length)
+
+    def tensions(self) -> Array:
+        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every
+        rank."""
+        return self._of_terms(self._k * np.maximum(self._l - self.length, 0.0))
+
+    def _of_terms(self, values: Array) -> Array:
+        """Values (n,) of the ropes of this rank as those of each term, the same on every rank."""
+        found = np.zeros(len(self.terms))
+        found[self._at.owner] = values
+        return np.asarray(self._system.comm.allreduce(found))
+
+    def get_state(self) -> dict[str, Any]:
+        return {"lengths": self.lengths().tolist()}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.length = np.array(state["lengths"])[self._at.owner]
+        self._next = self.length
+
+    # ---- the law ---------------------------------------------------------------------------------
+
+    def _lengths(self, q: Array) -> Array:
+        """Distances l (n,) [m] of the ends at unknowns q (n, D)."""
+        return length_of(self._at.strain(q))
+
+    def _room(self) -> Array:
+        """Lengths (n,) [m] that remain on the reels; zero without a brake."""
+        remaining = np.maximum(self._total_length - self.length, 0.0)
+        return np.where(self._brakes, remaining, 0.0)
+
+    def _slip(self, l1: Array) -> Array:
+        """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
+        [m]."""
+        beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
+        return np.where(self._brakes, beyond, 0.0)
+
+    def _pull(self, y: Array) -> Array:
+        """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of
+        the step: k y, but no more than the brake force as long as rope remains on the reel, and
+        zero if slack."""
+        slip = np.clip(y - self._yield, 0.0, self._room())
+        beyond = np.where(self._brakes, slip, 0.0)
+        return self._k * np.maximum(y - beyond, 0.0)
+
+    def _tension(self, l1: Array) -> tuple[Array, Array]:
+        """Mean tension T_mean (n,) [N] of a step to the distances l1 (n,) [m], averaged exactly
+        over its stretch, and dT_mean/dl1 (n,) [N/m]."""
+        # The distance at the start of the step is the attribute `_l`.
+        y1 = l1 - self._next
+        y0 = self._l - self.length
+        # Backward Euler takes the tension at the end of the step.
+        if self._system.rule.acts_at_end:
+            y0 = y1
+        end_of_slip = self._yield + self._room()
+        slips = self._brakes & (y1 > self._yield) & (y1 < end_of_slip)
+        slope = np.where((y1 > 0) & ~slips, self._k, 0.0)
+
+        # The area under T from y0 to y1 by the trapezoidal rule between the corners of T, where T
+        # is linear, so that it is exact.  Corners outside the path are moved to its ends and add
+        # nothing.
+        low = np.minimum(y0, y1)
+        high = np.maximum(y0, y1)
+        corners = [0 * y0, self._yield, end_of_slip]
+        corners_of_path = [np.clip(corner, low, high) for corner in corners]
+        y = np.sort([low, *corners_of_path, high], axis=0)
+        pull = np.array([self._pull(each) for each in y])
+        area = np.sum((pull[1:] + pull[:-1]) / 2 * np.diff(y, axis=0), axis=0)
+
+        path = high - low
+        is_far = ROUND_OFF * np.maximum(self._l, l1) < path
+        safe_path = np.where(is_far, path, 1.0)
+        safe_change = np.where(is_far, y1 - y0, 1.0)
+        pull0 = self._pull(y0)
+        pull1 = self._pull(y1)
+        T = np.where(is_far, area / safe_path, (pull0 + pull1) / 2)
+        derivative = np.where(is_far, (pull1 - T) / safe_change, slope / 2)
+        return T, derivative
+
+
+@dataclass(frozen=True, eq=False)
+class PaidOutRope:
+    """A rope between two points, whose length is given or held by a brake.
+
+    Args:
+        measure: e = ½|x_a - x_b|² [m²] of the two points.
+        stiffness: k [N/m].
+        length: L [m] at the start.
+        history: L(t) [m], the same on every rank; without it a brake holds the rope.
+        brake: B [N], at which the brake slips; infinite with a history.
+        total_length: L [m] at which the reel is empty.
+    """
+
+    name: str
+    measure: PointMeasure
+    stiffness: float
+    length: float
+    history: Callable[[float], float] | None = None
+    brake: float = np.inf
+    total_length: float = np.inf
+    compiler: ClassVar[Compiler] = PaidOutRopes

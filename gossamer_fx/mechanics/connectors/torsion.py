@@ -15,20 +15,19 @@ import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between, check_axis
-from gossamer_fx.mechanics.bodies.frames import Frame, along, is_normal
+from gossamer_fx.mechanics.bodies.frames import Between, Frame, along, check_axis, is_normal
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
@@ -37,17 +36,8 @@ SMALL_ANGLE = 1e-4
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
-    """Angles (n,) [rad] of n hinges at the start of a step in (-π, π], and their changes.
-
-    A change is less than half a turn: the shorter way is taken.
-
-    Args:
-        e0, e1: (n, 2), dimensionless: numbers in proportion to cosine and sine of the angle, at the
-            beginning and the end of the step.
-
-    Returns:
-        φ0 and Δφ = φ1 - φ0 (n,) [rad], with the angle φ1 at the end of the step.
-    """
+    """Angles φ0 (n,) [rad] in (-π, π] of n hinges at the start of a step, and their changes Δφ of
+    less than half a turn, from measures (n, 2) in proportion to (cos φ, sin φ) at both ends."""
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
     # The shorter way round: a step that turns by more than half a turn cannot be told from one
@@ -56,25 +46,12 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     return φ0, Δφ
 
 
-def stress(
-    m: Array,
-    slope: Array,
-    φ0: Array,
-    Δφ: Array,
-    e1: Array,
-) -> tuple[Array, Array]:
-    """Stress of a mean moment in the strains (cos φ, sin φ) of n hinges, and its derivative.
+def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
+    """Stress S (n, 2) [N m] of n hinges with S·(e1 - e0) = m Δφ, the work [J] of the mean moments m
+    (n,) [N m] of a step, and ∂S/∂e1 (n, 2, 2).
 
-    The stress S satisfies S·(e1 - e0) = m Δφ, the work [J] of the step.
-
-    Args:
-        m: mean moment (n,) [N m] of the step.
-        slope: its derivative (n,) [N m/rad] by the angle at the end.
-        φ0, Δφ: angle at the beginning and its change (n,) [rad], as `angles` returns them.
-        e1: strains (n, 2) at the end, dimensionless and not both zero.
-
-    Returns:
-        S (n, 2) [N m] and ∂S/∂e1 (n, 2, 2) [N m].
+    `slope` (n,) [N m/rad] is the derivative of m by the angle at the end; φ0 and Δφ are those of
+    `angles`, e1 (n, 2) the measures at the end.
     """
     half = Δφ / 2
     φ_mid = φ0 + Δφ / 2
@@ -107,7 +84,6 @@ class AngularSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "change")
 
     def energy(self, e: Array) -> Array:
-        """ψ (n,) [J] of measures e (n, 2)."""
         φ = np.arctan2(e[:, 1], e[:, 0])
         return self.k * (φ - self.change) ** 2 / 2
 
@@ -135,30 +111,10 @@ def across(axis: Vector, side: Frame) -> Frame:
     return side if is_normal(unit(axis), side) else side.complete
 
 
-def hinge_angle(
-    a: Frame,
-    b: Frame,
-    axis: Vector,
-    rest: float,
-) -> PointMeasure:
-    """The measures (cos φ, sin φ) of the angle φ [rad] of a hinge, which are quadratic.
-
-    φ is the rotation of b relative to a about the axis since the start, less `rest`.
-
-    Args:
-        a, b: frames (oriented points of bodies or of the ground) on both sides of the hinge.
-        axis: direction of the hinge at the start (3,), of any length but zero.
-        rest: angle at which φ is zero [rad].
-
-    Returns:
-        Two dimensionless measures (cos φ, sin φ) of one tuple of three unit vectors normal to the
-        axis: one is fixed in b, two in a.  They are products of the first vector with the second
-        and with the third one.
-
-    Raises:
-        InputError: a frame with two directors does not contain the normals of the axis.  That the
-            axis has a length is checked by the connectors, see `check_axis`.
-    """
+def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
+    """The measures (cos φ, sin φ) of the rotation φ of b relative to a about an axis since the
+    start, less `rest` [rad], which are quadratic in three unit vectors normal to the axis: one is
+    fixed in b, two in a."""
     # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
@@ -230,27 +186,19 @@ class TorsionSpring(AboutHinge):
     b: Frame
     _: KW_ONLY
     axis: Vector
-    stiffness: float
+    stiffness: Annotated[float, positive("N m/rad")]
     rest_angle: float = 0.0
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
-        check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest_angle) < math.pi,
-            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half "
-            "a turn.",
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
+            "stay within half a turn.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The stored energy of the angle about the axis: what the spring adds to the equations.
-
-        Yields:
-            One energy ½ k φ² [J] of the angle φ [rad] from the rest angle, with stiffness and rest
-            angle as parameters of gradients.
-        """
         yield PointStoredEnergy(
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest_angle),
@@ -289,12 +237,8 @@ class TorsionDamper(AboutHinge):
     b: Frame
     _: KW_ONLY
     axis: Vector
-    damping: float
+    damping: Annotated[float, positive("N m s/rad")]
     name: str = "torsion damper"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self, "damping", "N m s/rad")
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)

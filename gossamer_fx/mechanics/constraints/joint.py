@@ -31,8 +31,15 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between, FrameJoint, check_axis
-from gossamer_fx.mechanics.bodies.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.mechanics.bodies.frames import (
+    Between,
+    Frame,
+    FrameJoint,
+    along,
+    check_axis,
+    is_normal,
+    lies_in,
+)
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
 # Distance [m] up to which two points coincide: above the round-off of coordinates of some metres,

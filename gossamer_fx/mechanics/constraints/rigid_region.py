@@ -34,8 +34,7 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.frames import Frame, Line
 from gossamer_fx.mechanics.bodies.meshed import Meshed
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.bodies.rigid_piece import RigidPiece, fitted
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody, RigidPiece, fitted
 from gossamer_fx.mechanics.constraints.fixed import check_support
 from gossamer_fx.mechanics.constraints.joint import coincidence
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint

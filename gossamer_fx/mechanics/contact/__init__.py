@@ -13,9 +13,13 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     assembly         blocks of the tangent
     step_forces      forces and tangents of the active pairs of a step
     history          what is taken over from step to step
-    contact_set      one contact in a step, which calls the stages; `compiled` has all of a scene
+    contact_set      one contact in a step, which calls the stages; `compiled` adds what gradients
+                     and outputs ask
     contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
     pair_table       the table of pairs that the stages hand on, one row a pair
+    stencils         what is different from one kind of pair to the next: distance, derivatives,
+                     range of the energy
+    obstacles, cone  what bodies touch: of which stencils it is made, and how it is drawn
     kernels/         what is done pair by pair, in C
 
 Numberings:
@@ -28,6 +32,21 @@ Numberings:
                  of a body; more block rows belong to rigid bodies that obstacles are parts of
     block index  of a 3 x 3 block between two block rows, in one step, on one rank
     identifier   of a pair, the same on every rank and in every search
+
+Names of arrays and numbers, in all of contact:
+
+    x, x0, x1        the points (m, 3) [m] that a rank knows; at the start and end of a step
+    v, step, time    their velocities (m, 3) [m/s]; the length of a step and a time [s]
+    μ                adjoint displacements (m, 3) of the points; else a coefficient of friction [-]
+    pairs            a table of n pairs, with their kind (n,) and points (n, 4)
+    parameters       (u, v) (n, 2) [-] of closest points along both sides
+    lower, upper     least and greatest coordinates (m, 3) [m] of points; boxes (n, 6) [m] have both
+    alpha            weight of the end in the configuration where forces act; 1: a state alone
+    found            an array that results are added to
+    w                sliding (n, 2) [m] of pairs, or a vector of the system by which residuals are
+                     multiplied
+
+What exchanges data between ranks is collective.
 
 Distances, all in metres unless they are called squared:
 

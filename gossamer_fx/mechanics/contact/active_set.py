@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, MaskArray
+from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, approach_bounds
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import is_wall
 
 # Activation distance of a point over its gap at the start of a run, and in the course of it.
 # Layers that are packed closer than contact begins have no energy at first, and get their distance
@@ -29,71 +32,82 @@ NEAR_AT_END = 1.02
 
 
 class Activation:
-    """Activation distances of candidates; they follow from those of points and are kept while both
-    stay."""
+    """Activation distances: gaps [m] below which pairs have energy; a history variable of points.
 
-    def __init__(self) -> None:
+    Points of bodies keep theirs with their owner; a search changes which points a rank knows.
+
+    Args:
+        largest: activation distance of the contact [m].
+    """
+
+    def __init__(self, mesh: CollisionMesh, history: ContactHistory, largest: float) -> None:
+        self._mesh = mesh
+        self._history = history
+        self._largest = largest
+        self._own, own_numbers = mesh.own_points()
+        history.share(mesh.comm, own_numbers)
+        # Of the m points that this rank knows.
+        self._of_points = history.activation_distance
+        # Those of pairs, and the objects from which they follow: computed again with either.
         self._candidates: CandidatePairs | None = None
-        self._of_points: Array | None = None
+        self._used: Array | None = None
         self._of_pairs: Array = np.zeros(0)
 
-    def of(self, candidates: CandidatePairs, of_points: Array) -> Array:
-        """Return the gap (n,) [m] below which each contact pair has energy: the least of those of
-        its points.
+    def begin(self, nearest: Array) -> None:
+        """Choose the distances of a run, given the gap (m,) [m] of points to what is nearest. They
+        are nine tenths of the gap where layers are nearer to each other than that, so that they
+        have no energy at first."""
+        self._keep(np.minimum(self._largest, INITIAL_ACTIVATION * nearest))
+        self._history.has_begun = True
 
-        The array of the last call is returned again for the same objects.
+    def grow(self, nearest: Array) -> None:
+        """Let the distances grow with the gaps (m,) [m] of points to what is nearest. No pair has
+        energy between the present distance and its gap, so that growth costs none."""
+        possible = np.minimum(self._largest, GROWN_ACTIVATION * nearest)
+        grown = np.maximum(self._of_points, possible)
+        # Without growth the array stays the same object, for which pairs' distances are known.
+        if not np.array_equal(grown, self._of_points):
+            self._keep(grown)
 
-        Args:
-            candidates: n pairs that may touch in the next steps.
-            of_points: activation distance of each point of the contact, (m,) [m]: the gap below
-                which its pairs have energy.  For a pair of a point and a wall, that of the point
-                counts alone.
-        """
-        if candidates is not self._candidates or of_points is not self._of_points:
-            self._candidates = candidates
+    def _keep(self, of_points: Array) -> None:
+        """Take new distances (m,) [m] of all points, which all ranks agree on."""
+        self._of_points = of_points
+        self._history.activation_distance = of_points
+        if self._mesh.comm.size > 1:
+            self._history.activation_distance = of_points[self._own]
+
+    def update_points(self) -> None:
+        """Read the distances of the points that this rank knows since a search; collective."""
+        of_own = self._history.activation_distance
+        # The only rank knows the same points as before.
+        if self._mesh.comm.size == 1:
+            self._of_points = of_own
+            return
+        self._own, _ = self._mesh.own_points()
+        if self._history.has_begun:
+            of_points = np.empty(self._mesh.points.count)
+            of_points[self._own] = of_own
+            self._mesh.shared.spread(of_points[: self._mesh.points.body_count])
             self._of_points = of_points
-            first, second, third, fourth = of_points[candidates.points.T]
+
+    def of(self, candidates: CandidatePairs) -> Array:
+        """Return the gap (n,) [m] below which each pair has energy: the least of those of its
+        points. Of a point and a wall that of the point counts alone.  The same array is returned as
+        long as nothing has changed."""
+        if candidates is not self._candidates or self._of_points is not self._used:
+            self._candidates = candidates
+            self._used = self._of_points
+            first, second, third, fourth = self._of_points[candidates.points.T]
             # Four arrays at a time: a minimum along the short axis takes four times as long.
             least = np.minimum(np.minimum(first, second), np.minimum(third, fourth))
             self._of_pairs = np.where(is_wall(candidates.kind), first, least)
         return self._of_pairs
 
 
-def initial_activation(activation_distance: float, nearest: Array) -> Array:
-    """Return the activation distance (m,) [m] of points at the start of a run: the gap below which
-    pairs have energy.
-
-    It is nine tenths of the gap where layers are nearer to each other than that, so that they have
-    no energy at first.
-
-    Args:
-        activation_distance: of the contact [m].
-        nearest: gap (m,) [m] of each point to what is nearest.
-    """
-    return np.minimum(activation_distance, INITIAL_ACTIVATION * nearest)
-
-
-def grown_activation(present: Array, activation_distance: float, nearest: Array) -> Array:
-    """Return activation distances (m,) [m], gaps below which pairs have energy, that have grown
-    with the gaps.
-
-    No pair has energy between the present distance and its gap, so that growth costs none.
-
-    Args:
-        present: activation distance (m,) [m] of each point so far; no result is less.
-        activation_distance: of the contact [m], the largest result.
-        nearest: gap (m,) [m] of each point to what is nearest.
-    """
-    possible = np.minimum(activation_distance, GROWN_ACTIVATION * nearest)
-    return np.maximum(present, possible)
-
-
 class StepDistances:
     """Distances of all candidates in one step from x0 to x1.
 
     Args:
-        start: at the start.
-        x1: points (m, 3) [m] at the end, predicted or solved for.
         far: gap [m] from which a pair takes no part in a step.
 
     Attributes:
@@ -115,15 +129,9 @@ class StepDistances:
 
     def violations(self, activation_distance: Array, among: MaskArray) -> np.ndarray:
         """Return the indices (k,) of contact pairs that all but pass through each other in the
-        step.
-
-        These are pairs whose gap falls below a tenth of its value at the start, or of the
-        activation distance if that is less; see `find_violations`.
-
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-            among: mask (n,) of the pairs that are asked for; walls are left out in any case.
-        """
+        step. These are pairs whose gap falls below a tenth of its value at the start, or of the
+        activation distance if that is less; see `find_violations`. `among`: mask (n,) of the pairs
+        that are asked for; walls are left out in any case."""
         return find_violations(
             self.start.candidates,
             self.start.x,
@@ -136,14 +144,7 @@ class StepDistances:
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
         """Return which contact pairs are near at the start, may be at the end, or would pass
-        through.
-
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-
-        Returns:
-            mask (n,) of the candidate pairs.
-        """
+        through. Returns mask (n,) of the candidate pairs."""
         start = self.start.gap
         end = self.end.gap
         is_near = start < NEAR_AT_START * activation_distance
@@ -154,15 +155,8 @@ class StepDistances:
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
         """Return which contact pairs take no part in the step though they are near at its end or
-        would pass through.
-
-        Args:
-            activation_distance: gap (n,) [m] below which each pair has energy.
-            active: mask (n,) of the pairs that take part in the step.
-
-        Returns:
-            mask (n,) of the candidate pairs.
-        """
+        would pass through. `active`: mask (n,) of the pairs that take part in the step. Returns
+        mask (n,) of the candidate pairs."""
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True

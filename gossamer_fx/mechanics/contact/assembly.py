@@ -37,10 +37,6 @@ MAX_BLOCKS = 2**31 - 1
 class BlockAssembly:
     """The blocks that the pairs of one contact add to the tangent in one step.
 
-    Args:
-        points: of the contact, with v block rows.
-        system: to whose tangent the blocks belong.
-
     Attributes:
         blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block
             rows they are sent to that rank.
@@ -75,21 +71,10 @@ class BlockAssembly:
 
     def couple(self, *groups: np.ndarray) -> list[Int32Array]:
         """Choose the pattern of the tangent: all block rows within each row of each group are
-        coupled.
-
-        A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks` is zero
-        then.
-
-        Args:
-            groups: arrays (n, w) of block rows, each with its own n and w, one row a pair.
-
-        Returns:
-            for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
-
-        Raises:
-            RuntimeError: more blocks on this rank than 32 bits can number.
-            ValueError: a block row that does not exist.
-        """
+        coupled. A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks`
+        is zero then. `groups`: arrays (n, w) of block rows, each with its own n and w, one row a
+        pair. Returns for each group the block index (n, w w), row in `blocks`, of each two of its
+        block rows."""
         # A search may have changed which points this rank knows.
         if self._points.first_dof is not self._first_dof:
             self._sort_block_rows()
@@ -118,17 +103,9 @@ class BlockAssembly:
         self, group_size: Int32Array, members: Int32Array, room: int
     ) -> tuple[Int32Array, Int32Array, Int32Array]:
         """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
-
-        Args:
-            group_size: how many block rows, vectors of three unknowns, each group has, (g,).
-
-        Returns:
-            block index (room,) of each two members of each group; rows and columns (b,) of the
-            blocks.
-
-        Raises:
-            ValueError: a block row that does not exist.
-        """
+        `group_size`: how many block rows, vectors of three unknowns, each group has, (g,). Returns
+        block index (room,) of each two members of each group; rows and columns (b,) of the
+        blocks."""
         c = library()
         row_count = len(self._position)
         check_indices("The block rows of pairs", members, row_count)
@@ -165,11 +142,8 @@ class BlockAssembly:
 
     def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
         """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
-
-        Args:
-            rows, columns: block rows (b,), vectors of three unknowns, of each block, as this rank
-                numbers them.
-        """
+        `rows, columns`: block rows (b,), vectors of three unknowns, of each block, as this rank
+        numbers them."""
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         self._diagonal_rows = rows[self._diagonal]
@@ -185,11 +159,8 @@ class BlockAssembly:
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
-
-        Args:
-            coupling: indices (k,) of these blocks.
-            rows, columns: block rows (b,), vectors of three unknowns, of all blocks.
-        """
+        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,), vectors of three
+        unknowns, of all blocks."""
         # A key names the row and column of a block in the order of the unknowns.
         row_count = len(self._position)
         keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
@@ -202,12 +173,8 @@ class BlockAssembly:
 
     def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
-        get; collective.
-
-        Args:
-            coupling: indices (k,) of these blocks.
-            rows, columns: block rows (b,) of all blocks, as this rank numbers them.
-        """
+        get; collective. `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,)
+        of all blocks, as this rank numbers them."""
         self._sent = coupling.astype(np.int32)
         self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
         # Ranks have different numbers for the same block row, and the same for its first unknown.
@@ -242,13 +209,9 @@ class BlockAssembly:
         self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
 
     def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
-        """Add blocks on the diagonal to a matrix, in the format that it has.
-
-        Args:
-            block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
-                each once, in the order of their unknowns.
-            blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
-        """
+        """Add blocks on the diagonal to a matrix, in the format that it has. `block_rows`: row and
+        column (k,) of each block, as numbers of vectors of three unknowns; each once, in the order
+        of their unknowns."""
         if not len(block_rows):
             return
         rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
@@ -258,9 +221,8 @@ class BlockAssembly:
     # ---- the matrix of couplings ----
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows.
-
-        A block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
+        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows. A
+        block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
         fixed coordinates.  Collective."""
         if diagonal is None:
             self._fetch_entries()
@@ -287,12 +249,10 @@ class BlockAssembly:
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
     def _fetch_entries(self) -> None:
-        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows.
-
-        A block row is a vector of three unknowns.  Blocks that are zero are left out; rows and
-        columns of fixed coordinates become zero.  The results are `_entries` (k, 9), with
-        `_entry_rows` and `_entry_columns` (k,).  Collective.
-        """
+        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows. A block row
+        is a vector of three unknowns.  Blocks that are zero are left out; rows and columns of fixed
+        coordinates become zero.  The results are `_entries` (k, 9), with `_entry_rows` and
+        `_entry_columns` (k,).  Collective."""
         blocks = self.blocks
         index = self._sent
         if self._comm.size > 1:
@@ -317,17 +277,10 @@ class BlockAssembly:
         first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
         """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
-
-        Args:
-            block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
-                three unknowns.
-            blocks: (k, 9) [N/m], each row by row.
-
-        Returns:
-            the rows that have entries, where the entries of each begin and end, their columns, and
-            their values [N/m].  If the system has no blocks of three, a row of blocks is three
-            rows.
-        """
+        `block_rows, block_columns`: of each block (k,), sorted by rows: numbers of vectors of three
+        unknowns. Returns the rows that have entries, where the entries of each begin and end, their
+        columns, and their values [N/m].  If the system has no blocks of three, a row of blocks is
+        three rows."""
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
         rows = first_dof[block_rows[first]]
@@ -350,23 +303,12 @@ class BlockAssembly:
 
 
 def _unrolled(
-    columns: Int64Array,
-    blocks: Array,
-    first: Int64Array,
-    counts: Int64Array,
+    columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
 ) -> tuple[Int64Array, Array]:
-    """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
-
-    A block is a 3 x 3 part of the matrix, and a row of blocks stands for three scalar rows. The
-    blocks of a row of blocks are consecutive.
-
-    Args:
-        columns: the first column (k,) of each block.
-        blocks: (k, 9), row of blocks after row of blocks.
-
-    Returns:
-        columns and values [N/m].
-    """
+    """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows. A block is a 3
+    x 3 part of the matrix, and a row of blocks stands for three scalar rows. The blocks of a row of
+    blocks are consecutive. `columns`: the first column (k,) of each block. Returns columns and
+    values [N/m]."""
     total = len(columns)
     # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
     # d).
@@ -386,18 +328,8 @@ def _unrolled(
 
 
 def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
-    """Return which blocks have an entry that is not zero.
-
-    Args:
-        blocks: (b, 9) [N/m].
-        index: numbers (k,) of the blocks that are asked for.
-
-    Returns:
-        positions in `index`, ascending.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the type that C takes.
-    """
+    """Return which blocks have an entry that is not zero. `index`: numbers (k,) of the blocks that
+    are asked for."""
     c = library()
     count = len(index)
     is_nonzero = np.empty(count, dtype=np.uint8)

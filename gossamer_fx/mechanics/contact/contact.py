@@ -16,8 +16,7 @@ from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.contact.compiled import FRICTION, STIFFNESS, ContactEnergy
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import TRIANGLE_SIDES
-from gossamer_fx.mechanics.contact.geometry.facets import facets_of
+from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 
@@ -90,9 +89,8 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
-        """Check the arguments, and sort bodies from obstacles.
-
-        Collective where films are given: the shortest edge of each is that of all ranks."""
+        """Check the arguments, and sort bodies from obstacles. Collective where films are given:
+        the shortest edge of each is that of all ranks."""
         self.name = name
         self.distance = distance
         self.stiffness = stiffness
@@ -124,12 +122,7 @@ class Contact:
         )
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
-        """Raise `InputError` for what has no surface, and for what is given twice.
-
-        Raises:
-            InputError: one is given twice; one is neither an obstacle nor a body on a mesh; a
-                reduced film, whose unknowns are amplitudes of modes and not nodes.
-        """
+        """Raise `InputError` for what has no surface, and for what is given twice."""
         for k, body in enumerate(bodies):
             is_given_before = any(body is other for other in bodies[:k])
             check(
@@ -151,14 +144,7 @@ class Contact:
             )
 
     def _radii(self, given: Mapping[str, float]) -> list[float]:
-        """Return the radius [m] of each of `self.bodies`, in their order; 0 where none is given.
-
-        Args:
-            given: radius [m] by name of the body.
-
-        Raises:
-            InputError: a name that no body of this contact has, or a radius that `_radius` refuses.
-        """
+        """Return the radius [m] of each of `self.bodies`, in their order; 0 where none is given."""
         unknown = sorted(set(given) - {body.name for body in self.bodies})
         check(
             not unknown,
@@ -168,16 +154,7 @@ class Contact:
         return [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
 
     def _radius(self, body: MeshBody, radius: float) -> float:
-        """Return the radius [m] of a body, if its edges are long enough for it; collective.
-
-        Args:
-            radius: of its section, or half of its thickness [m]; 0: none, which only films may
-                have.
-
-        Raises:
-            InputError: the radius is negative, infinite, or zero for a cable or beam; or activation
-                distance + 2 radius is more than half of the shortest edge of the body on any rank.
-        """
+        """Return the radius [m] of a body, if its edges are long enough for it; collective."""
         is_line = body.space.mesh.topology.dim == 1
         is_allowed = radius > 0 or (radius == 0 and not is_line)
         check(
@@ -206,18 +183,7 @@ class Contact:
             yield from obstacle.requires()
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield ContactEnergy(
-            item=self,
-            bodies=self.bodies,
-            obstacles=self.obstacles,
-            radii=self.radii,
-            law=LAWS[self.law],
-            activation_distance=self.distance,
-            stiffness=self.stiffness,
-            friction=self.friction,
-            slip_velocity=self.slip_velocity,
-            parameters=tuple(self._parameters()),
-        )
+        yield ContactEnergy(self, LAWS[self.law], tuple(self._parameters()))
 
     def _parameters(self) -> Iterable[Parameter]:
         """Yield the numbers by which results may be derived: those that the user gave."""

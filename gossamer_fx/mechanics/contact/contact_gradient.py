@@ -3,30 +3,193 @@
 The reversed step of a backward pass gives most of the derivative by the start of a step.  Here is
 what it leaves out, and the derivatives by the numbers of a contact:
 
-    by the start of a step    friction, the origin of pairs' vectors (`origin_derivative`), and the
-                              stiffness that pairs derive from closing speeds (`stiffness_adjoint`)
+    by the start of a step    friction, the origin of pairs' vectors, and the stiffness that pairs
+                              derive from closing speeds
     by a number               friction coefficient, given stiffness, masses of bodies
+
+Origins.  The vector r of a pair leads between the closest points (u0, v0) of the start of the step.
+The energy of the pair does not depend on this origin.  The force of a step does, slightly: the
+correction along the change of the measures (`contact.potential`, equation 3) is another one for
+another r.  The reversed step of a gradient keeps the origin, so that this derivative is added to
+what the reversed step gives:
+
+    (∂F/∂(u0, v0) ∂(u0, v0)/∂x0)ᵀ μ                                                              (1)
+
+It is a part of 1e-9 of a gradient where films touch slowly, and of up to 1e-2 of the derivative of
+a single pair that crosses much of its activation distance in a step.
+
+Stiffness.  Without a given stiffness a pair that begins to touch in a step takes
+
+    k = 4 σ v² A,    v = 1.25 |dD/dt|,                                                          (2)
+
+σ the area density of both sides and dD/dt the rate of its distance at the start of this step
+(`pair_stiffness`).  It keeps k while it has energy.  So the forces of later steps depend on the
+state at the start of the first one, and on the masses of the bodies.
+
+Algorithm, backwards over the steps, with one sum for each pair.
+
+    1. Add μ·∂f/∂k = μ·f/k of the pair in the step: its forces are proportional to k.
+    2. In the step in which the pair chose k, carry the sum to the start of the step by (2), and
+       begin a new one.
+    3. What (2) gives for σ is summed up for each body.
+
+The reference speed, a lower bound of v that follows from the length of the first step, counts as
+given, and so do the activation distances.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
-from gossamer_fx.mechanics.contact.origin_derivative import add_product_through_origins
-from gossamer_fx.mechanics.contact.potential import energy_of_pairs, evaluate, unit_energies
-from gossamer_fx.mechanics.contact.stiffness_adjoint import StiffnessAdjoint, closing_derivatives
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.potential import (
+    ContactLaw,
+    PairState,
+    energy_of_pairs,
+    evaluate,
+    unit_energies,
+)
+from gossamer_fx.mechanics.contact.stencils import (
+    TINY,
+    derivatives_of,
+    is_wall,
+    parameter_derivatives_of,
+)
+
+
+class StiffnessAdjoint:
+    """Sums μ·∂f/∂k [J/J] of the pairs of one contact, and their derivatives by densities.
+
+    Args:
+        density: area densities (k,) [kg/m²] of bodies and obstacles.
+
+    Attributes:
+        by_density: derivative of the sums by the density of each body (k,) so far, this rank's
+            share.
+    """
+
+    def __init__(self, density: Array, comm: MPI.Intracomm) -> None:
+        self._density = density
+        self._comm = comm
+        self._identifier: Int64Array = np.zeros(0, dtype=np.int64)
+        self._sum: Array = np.zeros(0)
+        self.by_density: Array = np.zeros(len(density))
+
+    def add(self, identifier: Int64Array, contribution: Array) -> None:
+        """Add contributions (n,) of this rank's pairs; collective. All ranks have all sums: in an
+        earlier step another rank may have the pair."""
+        of_ranks = self._comm.allgather((identifier, contribution))
+        identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
+        contributions = np.concatenate([self._sum, *(part for _, part in of_ranks)])
+        self._identifier, row = np.unique(identifiers, return_inverse=True)
+        self._sum = np.zeros(len(self._identifier))
+        np.add.at(self._sum, row, contributions)
+
+    def take(self, identifier: Int64Array) -> Array:
+        """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
+        and forget them on all ranks; collective."""
+        found = np.zeros(len(identifier))
+        order = np.argsort(identifier)
+        known = np.isin(self._identifier, identifier)
+        row = np.searchsorted(identifier[order], self._identifier[known])
+        found[order[row]] = self._sum[known]
+        taken = np.concatenate(self._comm.allgather(identifier))
+        remains = ~np.isin(self._identifier, taken)
+        self._identifier = self._identifier[remains]
+        self._sum = self._sum[remains]
+        return found
+
+    def add_densities(
+        self, bodies: Int32Array | Int64Array, by_stiffness: Array, stiffness: Array
+    ) -> None:
+        """Add what the stiffness of pairs gives for the densities. `by_stiffness`: the sums (n,) of
+        the pairs."""
+        density = self._density[bodies]
+        # k is proportional to 2/(1/σ1 + 1/σ2); an obstacle has an infinite density.
+        both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
+        by_side = (by_stiffness * stiffness * both_sides)[:, None] / (2 * density**2)
+        np.add.at(self.by_density, bodies, by_side)
+
+
+def closing_derivatives(
+    pairs: ActivePairs,
+    x0: Array,
+    v: Array,
+    by_stiffness: Array,
+    reference_speed: float,
+    step: float,
+) -> tuple[Array, Array]:
+    """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step. A
+    pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
+    [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
+    `by_stiffness`: factors (n,). Returns derivatives of Σ by_stiffness k by the four points of each
+    pair (n, 4, 3), and by their velocities (n, 4, 3); zero where the lower bound counts."""
+    duration = SHORT_TIME * step
+    later = np.ascontiguousarray(x0 + duration * v)
+    # D and its derivatives at both times.
+    distance, gradient = derivatives_of(pairs, x0[pairs.points], closest_points(pairs, x0)[1])
+    later_distance, later_gradient = derivatives_of(
+        pairs, later[pairs.points], closest_points(pairs, later)[1]
+    )
+    rate = (later_distance - distance) / duration
+    # Below the reference speed k does not depend on the motion.
+    is_fast = SPEED_RESERVE * np.abs(rate) > reference_speed
+    safe_rate = np.where(is_fast, rate, 1.0)
+    by_rate = np.where(is_fast, 2 * by_stiffness * pairs.stiffness / safe_rate, 0.0)
+    by_position = by_rate[:, None, None] * (later_gradient - gradient) / duration
+    by_velocity = by_rate[:, None, None] * later_gradient
+    return by_position, by_velocity
+
+
+# Change of the origin, as a part of the sides, in the central difference for ∂F/∂(u0, v0).  Its
+# errors, of 1e-8 and less, are those of a small part of the force.
+ORIGIN_DIFFERENCE = 1e-4
+
+
+def forces_by_origin(
+    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float
+) -> Array:
+    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step."""
+    assert pairs.start is not None, "a step has the starts of its pairs"
+    found = np.zeros((len(pairs), 2, 4, 3))
+    for parameter in range(2):
+        for sign in (1.0, -1.0):
+            start = pairs.start.copy()
+            start[:, parameter] += sign * ORIGIN_DIFFERENCE
+            moved = replace(pairs, start=start)
+            response = evaluate(moved, x0, x1, law, alpha, by_pair=True, push_back=0.0)
+            forces = np.asarray(response.forces).reshape(-1, 4, 3)
+            found[:, parameter] += sign * forces / (2 * ORIGIN_DIFFERENCE)
+    found[is_wall(pairs.kind)] = 0.0
+    return found
+
+
+def add_product_through_origins(
+    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
+) -> None:
+    """Add (1) of all pairs to `found` (m, 3)."""
+    state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
+    pairs = pairs.rows((state == PairState.TOUCHES) & ~is_wall(pairs.kind))
+    if not len(pairs):
+        return
+    assert pairs.start is not None, "a step has the starts of its pairs"
+    by_origin = forces_by_origin(pairs, x0, x1, law, alpha)
+    by_parameters = np.einsum("nikc,nkc->ni", by_origin, μ[pairs.points])
+    of_points = parameter_derivatives_of(pairs, x0[pairs.points], pairs.start[:, :2])
+    np.add.at(found, pairs.points, np.einsum("ni,nikc->nkc", by_parameters, of_points))
 
 
 class ContactGradient:
-    """Derivatives of the forces and of the energy of one contact, in the present step.
-
-    Args:
-        contact_set: whose pairs, points and stiffness are read.
-    """
+    """Derivatives of the forces and of the energy of one contact, in the present step."""
 
     def __init__(self, contact_set: ContactSet) -> None:
         self._set = contact_set
@@ -45,7 +208,7 @@ class ContactGradient:
     def start_adjoint(self) -> None:
         """Begin a backward pass: forget the sums of pairs that derive their stiffness.
         Collective."""
-        if self._set.has_given_stiffness:
+        if self._set.pair_stiffness.given is not None:
             return
         self._stiffness_adjoint = StiffnessAdjoint(self._stiffness.densities(), self._comm)
 
@@ -53,16 +216,8 @@ class ContactGradient:
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of what the reversed step leaves out of the forces f;
-        collective.
-
-        It is friction, how the force of a pair depends on the origin of its vectors, and the
-        stiffness that pairs derive from their closing speed.
-
-        Args:
-            μ: vector of the system with the adjoint displacements, one for each unknown.
-            by_position, by_velocity: vectors of the system to which the products with respect to
-                the start positions q0 and velocities v0 are added.
-        """
+        collective. It is friction, how the force of a pair depends on the origin of its vectors,
+        and the stiffness that pairs derive from their closing speed."""
         contact_set = self._set
         on_points = self._on_points(μ)
         found = np.zeros((self._points.count, 3))
@@ -88,15 +243,9 @@ class ContactGradient:
 
     def _add_product_through_stiffness(self, μ: Array, found: Array, rates: Array) -> None:
         """Add the part of (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ that the derived stiffness of pairs gives;
-        collective.
-
-        f are the contact forces [N] of the step from q0 with the velocities v0.
-
-        Args:
-            μ: adjoint displacements (m, 3) of the points that this rank knows.
-            found, rates: (m, 3), to which the products with respect to positions and velocities of
-                the points at the start are added.
-        """
+        collective. f are the contact forces [N] of the step from q0 with the velocities v0. `found,
+        rates`: (m, 3), to which the products with respect to positions and velocities of the points
+        at the start are added."""
         adjoint = self._stiffness_adjoint
         pairs = self._set.pairs
         assert adjoint is not None and pairs is not None
@@ -141,13 +290,8 @@ class ContactGradient:
 
     def add_energy_by_stiffness(self, share: float) -> None:
         """Add a share of the derivative of the energy at q0 by the derived stiffness of pairs;
-        collective.
-
-        Nothing happens where the stiffness is given as a number.
-
-        Args:
-            share: factor [-] of the derivative, that of the energy in the objective.
-        """
+        collective. Nothing happens where the stiffness is given as a number. `share`: factor [-] of
+        the derivative, that of the energy in the objective."""
         if self._stiffness_adjoint is None:
             return
         self._set.stored_energy()
@@ -172,32 +316,17 @@ class ContactGradient:
         return dict(zip(mesh.bodies, map(float, by_mass), strict=True))
 
     def work_by_friction(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective.
-
-        Args:
-            w: vector of the system, one number for each unknown, by which the residual r is
-                multiplied.
-        """
+        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective."""
         on_points = self._on_points(w)
         if self._friction is None or self._set.pairs is None:
             return 0.0
         return self._friction.work_by_coefficient(self._set.x0, self._set.end_points(), on_points)
 
     def work_by_stiffness(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
-
-        All forces are proportional to it, those of friction included.
-
-        r is the residual of the system. The forces of the pairs are computed again, so that
-        `StepForces.point_forces` changes; without pairs the result is zero.
-
-        Args:
-            w: vector of the system, one number for each unknown, by which the residual is
-                multiplied.
-
-        Raises:
-            AssertionError: the stiffness is derived from closing speeds, not given.
-        """
+        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective. All forces
+        are proportional to it, those of friction included. r is the residual of the system. The
+        forces of the pairs are computed again, so that `StepForces.point_forces` changes; without
+        pairs the result is zero."""
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)
         if self._set.pairs is None:

@@ -11,16 +11,9 @@ from gossamer_fx.mechanics.contact.potential import evaluate
 
 
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
-    """Return the contact pressure on the nodes of a body; collective.
-
-    Args:
-        body: film, cable or beam.
-        contact_set: pairs of one contact, at the accepted state.
-
-    Returns:
-        global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank;
-        both are empty if the contact does not have the body.
-    """
+    """Return the contact pressure on the nodes of a body; collective. Returns global numbers (k,)
+    of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank; both are empty if the
+    contact does not have the body."""
     mesh = contact_set.mesh
     number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
     if number is None:
@@ -32,18 +25,10 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
 def pressures(contact_set: ContactSet) -> Array:
     """Return the contact pressure on the points of bodies that this rank knows, in the accepted
-    state; collective.
-
-    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
-    shape for which the point stands: pressures on both sides of a film add up.  The area of cables
-    and beams is length times diameter.
-
-    Args:
-        contact_set: pairs of one contact.
-
-    Returns:
-        pressure (n,) [N/m²] of the n points of bodies.
-    """
+    state; collective. It is the sum of the sizes of all pairs' forces on a point, over the area of
+    the stress-free shape for which the point stands: pressures on both sides of a film add up.  The
+    area of cables and beams is length times diameter. Returns pressure (n,) [N/m²] of the n points
+    of bodies."""
     contact_set.stored_energy()
     pairs = contact_set.pairs_with_energy()
     points = contact_set.points

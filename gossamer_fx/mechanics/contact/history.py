@@ -51,14 +51,8 @@ class ContactHistory(HistoryVariables):
 
     def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
         """Let this rank keep the activation distances [m] of some points only; together the ranks
-        keep all.
-
-        They are the gaps below which pairs of a point have energy.
-
-        Args:
-            comm: ranks of the contact.
-            own_points: numbers (m,) of the points that this rank owns, among those of all ranks.
-        """
+        keep all. They are the gaps below which pairs of a point have energy. `own_points`: numbers
+        (m,) of the points that this rank owns, among those of all ranks."""
         self.comm = comm
         self._own_points = own_points
         # A state that was set before is that of all points.
@@ -90,11 +84,7 @@ class ContactHistory(HistoryVariables):
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore the history variables that `get_state` returned, on any number of ranks.
-
-        Raises:
-            KeyError: an entry is missing.
-        """
+        """Restore the history variables that `get_state` returned, on any number of ranks."""
         of_all_points = np.array(state["activation distance"], dtype=float)
         self.has_begun = len(of_all_points) > 0
         self.activation_distance = of_all_points
@@ -106,16 +96,21 @@ class ContactHistory(HistoryVariables):
         # The contact set compares this number, and computes again what follows from the history.
         self.restored += 1
 
+    def keep(self, identifier: Int64Array, stiffness: Array) -> None:
+        """Take the stiffness (n,) [J] of the pairs that have energy in the accepted state."""
+        order = np.argsort(identifier)
+        self.identifier = identifier[order]
+        self.stiffness = stiffness[order]
+
+    def keep_some(self, which: MaskArray) -> None:
+        """Forget all pairs but some (mask (k,)): a checkpoint has the pairs of all ranks."""
+        self.identifier = self.identifier[which]
+        self.stiffness = self.stiffness[which]
+
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
-        """Return which contact pairs have energy already, and their stiffness.
-
-        Args:
-            identifier: numbers (n,) of pairs, which are the same in every step and on every rank.
-
-        Returns:
-            a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness of
-            the others has no meaning.
-        """
+        """Return which contact pairs have energy already, and their stiffness. Returns a mask (n,)
+        of those that have energy, and their stiffness (n,) [J]; the stiffness of the others has no
+        meaning."""
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
         row = np.searchsorted(self.identifier, identifier)

@@ -12,18 +12,29 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, is_vector
-from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector
+from gossamer_fx.core.drawing import Solid
+from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.geometry.obstacle_motion import PrescribedMotion
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.geometry.contact_points import PrescribedMotion
+from gossamer_fx.mechanics.contact.stencils import (
+    EdgeEdge,
+    PointInCylinder,
+    PointInSphere,
+    PointPlane,
+    Stencil,
+)
+
+if TYPE_CHECKING:
+    # Drawing is loaded when a picture is made.
+    from gossamer_fx.mechanics.contact.obstacle_drawing import DrawnSurface
 
 # Largest error of the products of a box's axes: they are orthonormal to round-off.
 ORTHONORMALITY = 1e-9
@@ -31,32 +42,43 @@ ORTHONORMALITY = 1e-9
 # The three bits of a corner's number, one for each axis of a box.
 AXIS_BITS = (1, 2, 4)
 
+# The two corners of an edge of a box differ in one bit.
+BOX_EDGES = tuple(
+    (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
+)
+
 
 @dataclass(frozen=True)
 class ObstacleWall:
     """A wall off which points are kept.
 
     Attributes:
-        kind: of its pairs.
-        points: three vectors that describe it, see `pair_table`: an origin, and a normal or two
-            directions across an axis.
-        radius: of spheres and cylinders [m].
+        stencil: of its pairs.
+        points: three vectors that describe it as its stencil says: an origin and two directions.
+        shape: number that the stencil needs, such as the radius of a room [m].
     """
 
-    kind: PairKind
+    stencil: type[Stencil]
     points: tuple[Attached, Attached, Attached]
-    radius: float = 0.0
+    shape: float = 0.0
 
 
 @dataclass(frozen=True)
 class ObstacleSolid:
-    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of
-    them."""
+    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius around them.
+
+    Attributes:
+        corners, edges, triangles: points, and the numbers of the corners of primitives.
+        radius: around all of it [m], or that of each corner.
+        edge_stencil: of pairs of its edges and those of bodies, with the number that it needs.
+    """
 
     corners: tuple[Attached, ...]
     edges: tuple[tuple[int, int], ...] = ()
     triangles: tuple[tuple[int, int, int], ...] = ()
-    radius: float = 0.0
+    radius: float | tuple[float, ...] = 0.0
+    edge_stencil: type[Stencil] = EdgeEdge
+    edge_shape: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,14 +104,8 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        """Check the arguments that all kinds of obstacles share.
-
-        Vectors and radii [m] are checked where a kind has an attribute of this name.
-
-        Raises:
-            InputError: a vector that is not three finite numbers, a radius that is not positive, a
-                negative friction, or both a rigid body and a prescribed motion.
-        """
+        """Check the arguments that all kinds of obstacles share. Vectors and radii [m] are checked
+        where a kind has an attribute of this name."""
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
             check_friction(owner, self.friction)
@@ -101,8 +117,7 @@ class Obstacle:
         for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
             value = getattr(self, attribute, (0.0, 0.0, 0.0))
             check(
-                is_vector(value),
-                f"{owner}: {attribute} is {value!r}; give three finite numbers.",
+                is_vector(value), f"{owner}: {attribute} is {value!r}; give three finite numbers."
             )
         radius = getattr(self, "radius", 1.0)
         check(
@@ -117,6 +132,30 @@ class Obstacle:
         Each kind of obstacle overrides this method.
         """
         raise NotImplementedError
+
+    def picture(self, near: Array) -> DrawnSurface | None:
+        """Return its surface at the start, for pictures; None: it is not drawn.
+
+        Rooms and planes have lines but no triangles, which would hide what is in or behind them.
+
+        Args:
+            near: points (n, 3) [m], in whose middle a plane is drawn, which has no end.
+
+        Returns:
+            points (k, 3) [m], and triangles (t, 3) and lines (l, 2) as numbers of points.
+        """
+        return None
+
+    def solid(self, near: Array) -> Solid | None:
+        """Return it as a solid to draw near points (n, 3) [m], n ≥ 1; None without a picture."""
+        surface = self.picture(near)
+        if surface is None:
+            return None
+        X, triangles, lines = surface
+        if self.body is not None:
+            # Points of a rigid body are given by their components along its directors.
+            X = np.array([self.body.port_at(x).weights[1:] for x in X])
+        return Solid(self.name, X, triangles, lines, self.body, self.motion)
 
     def requires(self) -> Iterable[Any]:
         return () if self.body is None else (self.body,)
@@ -151,7 +190,7 @@ def check_friction(owner: str, friction: float) -> None:
     )
 
 
-def _unit(vector: Vector | Array, owner: str) -> Array:
+def unit_vector(vector: Vector | Array, owner: str) -> Array:
     """Return a vector of length one; the owner is named in the message about one without a
     length."""
     direction = np.asarray(vector, dtype=float)
@@ -186,11 +225,16 @@ class Plane(Obstacle):
         Raises:
             InputError: the normal has no length.
         """
-        normal = _unit(self.normal, f"Plane '{self.name}': its normal")
+        normal = unit_vector(self.normal, f"Plane '{self.name}': its normal")
         # The third vector of a plane is not used, and repeats the origin.
         origin = self._at(self.point)
-        wall = ObstacleWall(PairKind.POINT_PLANE, (origin, self._along(normal), origin))
+        wall = ObstacleWall(PointPlane, (origin, self._along(normal), origin))
         return [wall], []
+
+    def picture(self, near: Array) -> DrawnSurface:
+        from gossamer_fx.mechanics.contact.obstacle_drawing import grid
+
+        return grid(np.asarray(self.point, dtype=float), unit(self.normal), near)
 
 
 @check_arguments
@@ -223,8 +267,16 @@ class Sphere(Obstacle):
         centre = self._at(self.centre)
         if self.inside:
             points = (centre, centre, centre)
-            return [ObstacleWall(PairKind.POINT_IN_SPHERE, points, self.radius)], []
+            return [ObstacleWall(PointInSphere, points, self.radius)], []
         return [], [ObstacleSolid((centre,), radius=self.radius)]
+
+    def picture(self, near: Array) -> DrawnSurface:
+        from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone
+
+        # A ball is a cylinder without length; any axis will do.
+        upwards = np.array([0.0, 0.0, 1.0])
+        centre = np.asarray(self.centre, dtype=float)
+        return rounded_cone((centre, centre), upwards, (self.radius, self.radius), self.inside)
 
 
 @check_arguments
@@ -258,14 +310,21 @@ class Cylinder(Obstacle):
         Raises:
             InputError: start and end are the same point.
         """
-        axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
+        axis = unit_vector(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         start = self._at(self.start)
         if not self.inside:
             solid = ObstacleSolid((start, self._at(self.end)), ((0, 1),), radius=self.radius)
             return [], [solid]
         first, second = perpendicular_pair(axis)
         points = (start, self._along(first), self._along(second))
-        return [ObstacleWall(PairKind.POINT_IN_CYLINDER, points, self.radius)], []
+        return [ObstacleWall(PointInCylinder, points, self.radius)], []
+
+    def picture(self, near: Array) -> DrawnSurface:
+        from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone
+
+        ends = (np.asarray(self.start, dtype=float), np.asarray(self.end, dtype=float))
+        axis = unit(ends[1] - ends[0])
+        return rounded_cone(ends, axis, (self.radius, self.radius), self.inside)
 
 
 @check_arguments
@@ -294,12 +353,7 @@ class Box(Obstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
-        """Check sizes [m] and axes in addition to what `Obstacle` checks.
-
-        Raises:
-            InputError: a size that is not positive, axes that are not three orthonormal rows, or
-                what `Obstacle` refuses.
-        """
+        """Check sizes [m] and axes in addition to what `Obstacle` checks."""
         super().__post_init__()
         check(
             min(self.sizes) > 0,
@@ -328,20 +382,22 @@ class Box(Obstacle):
             return self._walls(axes, centre, half), []
         # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
         corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
-        edges = [
-            (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
-        ]
         points = tuple(self._at(corner) for corner in corners)
-        return [], [ObstacleSolid(points, tuple(edges), _triangles_of_box())]
+        return [], [ObstacleSolid(points, BOX_EDGES, _triangles_of_box())]
+
+    def picture(self, near: Array) -> DrawnSurface:
+        axes = np.asarray(self.axes, dtype=float)
+        half = np.asarray(self.sizes, dtype=float) / 2
+        signs = np.array(list(product((-1, 1), repeat=3)))
+        corners = np.asarray(self.centre, dtype=float) + signs * half @ axes
+        faces = () if self.inside else _triangles_of_box()
+        triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
+        return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
     def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
-        """Return the six planes around a room, with normals towards its middle.
-
-        Args:
-            axes: unit directions of the edges, orthonormal rows (3, 3).
-            centre: of the box, (3,) [m].
-            half: half of its sizes along the axes, (3,) [m].
-        """
+        """Return the six planes around a room, with normals towards its middle. `axes`: unit
+        directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,) [m]; `half`:
+        half of its sizes along the axes, (3,) [m]."""
         walls = []
         for k in range(3):
             for sign in (-1, 1):
@@ -349,16 +405,13 @@ class Box(Obstacle):
                 # obstacle, or to the ground.
                 origin = self._at(centre + sign * half[k] * axes[k])
                 normal = self._along(-sign * axes[k])
-                walls.append(ObstacleWall(PairKind.POINT_PLANE, (origin, normal, origin)))
+                walls.append(ObstacleWall(PointPlane, (origin, normal, origin)))
         return walls
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return the 12 triangles of a box, two for each face, as numbers of its corners.
-
-    The number of a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive
-    side.
-    """
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners. The number of
+    a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive side."""
     triangles = []
     for bit in AXIS_BITS:
         first, second = (other for other in AXIS_BITS if other != bit)

@@ -1,15 +1,79 @@
-"""The stiffness of pairs at the beginning of contact: given, or enough to stop what comes."""
+"""The stiffness of pairs at the beginning of contact: given, or enough to stop what comes.
+A stiffness that was chosen by hand and cannot stop what comes is warned of once.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+import logging
+from collections.abc import Sequence
 
-from gossamer_fx.mechanics.contact.arrays import Array
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_room
-from gossamer_fx.mechanics.contact.stiffness_warning import STOPPING_FACTOR, StiffnessWarning
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import stencils_of
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
+
+LOG = logging.getLogger("gossamer_fx")
+
+# A pair with the area density σ and the closing speed v is stopped within the activation distance d
+# if its stiffness K d² per area is this multiple of σ v²; the derived stiffness is just that.
+STOPPING_FACTOR = 4
+
+
+class StiffnessWarning:
+    """Warns if K d² < 4 σ v²: layers then come so near each other that no step is short enough.
+
+    Args:
+        names: of bodies and obstacles.
+
+    Attributes:
+        was_given: whether the warning was given.
+    """
+
+    def __init__(
+        self,
+        stiffness: float,
+        activation_distance: float,
+        names: Sequence[str],
+        comm: MPI.Intracomm,
+    ) -> None:
+        self._stiffness = stiffness
+        self._activation_distance = activation_distance
+        self._names = names
+        self._comm = comm
+        self.was_given = False
+
+    def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
+        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective. Of
+        all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped, or
+        if the warning was given before. `density`: area density of the lighter side (n,) [kg/m²];
+        `speed`: closing speed (n,) [m/s]."""
+        if self.was_given:
+            return
+        needed = STOPPING_FACTOR * density * speed**2
+        present = self._stiffness * self._activation_distance**2
+        largest = 0.0
+        message = ""
+        if len(needed) and needed.max() > present:
+            row = int(needed.argmax())
+            largest = float(needed[row])
+            one, other = (self._names[number] for number in bodies[row])
+            message = (
+                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' "
+                f"and '{other}', "
+                f"which close at {speed[row]:.3g} m/s; give "
+                f"{largest / self._activation_distance**2:.2g} N/m³ at "
+                "least, or leave it out."
+            )
+        _, message = max(self._comm.allgather((largest, message)))
+        self.was_given = bool(message)
+        if message and self._comm.rank == 0:
+            LOG.warning(message)
+
 
 # Closing speed over that at the start of the step: a pair may be faster when it meets.
 SPEED_RESERVE = 1.25
@@ -31,13 +95,6 @@ TINY = 1e-300
 
 class PairStiffness:
     """Chooses k [J] of pairs that begin to touch.
-
-    Args:
-        mesh: what touches.
-        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A
-            with the area density σ of both sides and the closing speed v.
-        activation_distance: d [m].
-        system: with the masses of the bodies.
 
     Attributes:
         given: K [N/m³], or None.
@@ -74,28 +131,17 @@ class PairStiffness:
         v: Array,
         reference_speed: float,
     ) -> Array:
-        """Return the stiffness k [J] of contact pairs that begin to touch; collective.
-
-        A given stiffness that cannot stop the pairs is warned of once, in the log.
-
-        Args:
-            pairs: n pairs.
-            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m].
-            x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
-            reference_speed: closing speed [m/s] that is assumed at least.
-
-        Returns:
-            (n,) [J], proportional to the area for which each pair stands.
-        """
+        """Return the stiffness k [J] of contact pairs that begin to touch; collective. A given
+        stiffness that cannot stop the pairs is warned of once, in the log. `reference_speed`:
+        closing speed [m/s] that is assumed at least. Returns (n,) [J], proportional to the area for
+        which each pair stands."""
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
         density = self.densities()[bodies]
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self.given is not None:
             self._warning.check(
-                bodies=bodies,
-                density=density.min(axis=1),
-                speed=np.maximum(-rate, 0),
+                bodies=bodies, density=density.min(axis=1), speed=np.maximum(-rate, 0)
             )
             return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
@@ -112,31 +158,25 @@ class PairStiffness:
             self._density = self._mesh.body_densities(self._system)
         return self._density
 
+    def rescale(self, stiffness: float) -> float:
+        """Give the contact another K [N/m³]; return it over the one before."""
+        assert self.given is not None, "only a given stiffness is changed"
+        factor = stiffness / self.given
+        self.given = stiffness
+        return factor
+
     def masses_changed(self) -> None:
         self._density = None
 
     def _rate_of_distance(
-        self,
-        pairs: CandidatePairs,
-        squared_distance: Array,
-        x0: Array,
-        v: Array,
+        self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
     ) -> Array:
         """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
-        close.
-
-        It is a difference quotient over a thousandth of the step.
-
-        Args:
-            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
-                rooms minus the squared distance from the middle.
-            x0, v: points [m] and their velocities [m/s], (m, 3).
-        """
+        close. It is a difference quotient over a thousandth of the step."""
         duration = SHORT_TIME * self._system.h
         later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
-        change = np.sqrt(np.abs(later)) - np.sqrt(np.abs(squared_distance))
-        is_plane = pairs.kind == PairKind.POINT_PLANE
-        # Of planes s is the distance; in a room it falls while the distance from the middle grows.
-        by_kind = [later - squared_distance, -change]
-        rate: Array = np.select([is_plane, is_room(pairs.kind)], by_kind, change) / duration
+        rate = np.empty(len(pairs))
+        for stencil, rows in stencils_of(pairs.kind):
+            change = stencil.distance(later[rows]) - stencil.distance(squared_distance[rows])
+            rate[rows] = change / duration
         return rate

@@ -1,14 +1,7 @@
 """The table of contact pairs that the stages of contact hand on, one row a pair.
 
 A pair is two primitives that may touch: a point and a triangle, two edges, or a point and a wall.
-Its four points stand in a fixed order:
-
-    POINT_TRIANGLE     the point, the three corners
-    EDGE_EDGE          the ends of the first edge, the ends of the second
-    POINT_PLANE        the point, an origin on the plane, the plane's normal, the origin again
-    POINT_IN_SPHERE    the point, the centre three times
-    POINT_IN_CYLINDER  the point, an origin on the axis, two directions across the axis
-
+Its kind is the number of its stencil, which says in which order its four points stand (`stencils`).
 The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad
 phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the
 energy.
@@ -16,35 +9,15 @@ energy.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from enum import IntEnum
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
 
-from gossamer_fx.core.forms.c_source import check_indices
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array, MaskArray
-
-
-class PairKind(IntEnum):
-    """What the two sides of a pair are; the numbers are those of `kernels/contact.h`."""
-
-    POINT_TRIANGLE = 0
-    EDGE_EDGE = 1
-    POINT_PLANE = 2
-    POINT_IN_SPHERE = 3
-    POINT_IN_CYLINDER = 4
-
-
-def is_wall(kind: ByteArray) -> MaskArray:
-    """Return which pairs (n,) are of a point and a wall: a plane, or the inside of a room."""
-    # By the order of the kinds, which the C kernels use, too.
-    return kind >= PairKind.POINT_PLANE
-
-
-def is_room(kind: ByteArray) -> MaskArray:
-    """Return which pairs (n,) are of a point and the inside of a sphere or cylinder."""
-    return kind >= PairKind.POINT_IN_SPHERE
+from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.stencils import SIDES, STENCILS, Sides
 
 
 @dataclass
@@ -52,12 +25,14 @@ class PairTable:
     """n pairs of this rank: what their distances need.
 
     Attributes:
-        kind: of each pair (n,), a `PairKind`.
+        kind: of each pair (n,), the number of its stencil.
         points: numbers (n, 4) of its points in the contact.
+        shape: number (n,) that the stencil needs, such as the radius of a room [m]; None: zeros.
     """
 
     kind: ByteArray
     points: Int32Array
+    shape: Array | None = field(default=None, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -71,16 +46,34 @@ class PairTable:
             columns[column.name] = None if values is None else values[which]
         return type(self)(**columns)
 
+    def followed_by(self, other: Self) -> Self:
+        """Return a table of these rows and those of another one that has the same columns."""
+        columns = {}
+        for column in fields(self):
+            both = (getattr(self, column.name), getattr(other, column.name))
+            columns[column.name] = np.concatenate(both)
+        return type(self)(**columns)
+
     def check(self, point_count: int) -> None:
         """Raise `ValueError` if a pair has a point or kind that does not exist: C does not look."""
         check_indices("The points of pairs", self.points, point_count)
-        check_indices("The kinds of pairs", self.kind, len(PairKind))
+        check_indices("The kinds of pairs", self.kind, max(STENCILS) + 1)
+
+    def geometry(self, which: Any) -> PairTable:
+        """Return of some rows what their distances need."""
+        shape = None if self.shape is None else self.shape[which]
+        return PairTable(self.kind[which], self.points[which], shape=shape)
+
+    @property
+    def shapes(self) -> Array:
+        """The numbers (n,) that stencils need."""
+        return np.zeros(len(self)) if self.shape is None else self.shape
 
     @property
     def second_point(self) -> Int32Array:
         """The first point (n,) of the second side."""
         # The second side begins behind one point, or behind the two ends of an edge.
-        is_edges = self.kind == PairKind.EDGE_EDGE
+        is_edges = SIDES[self.kind] == Sides.EDGE_EDGE
         return np.where(is_edges, self.points[:, 2], self.points[:, 1])
 
 
@@ -93,13 +86,11 @@ class CandidatePairs(PairTable):
             history variables find their pair again; see `CollisionMesh.identifiers`.
         area: for which each pair stands [m²] (n,).
         radius: of both sides together [m] (n,), for cables, beams and round obstacles.
-        wall_radius: of the sphere or cylinder that holds the point [m] (n,); zero for other pairs.
     """
 
     identifier: Int64Array
     area: Array
     radius: Array
-    wall_radius: Array
 
 
 @dataclass
@@ -110,11 +101,10 @@ class ActivePairs(PairTable):
     Attributes:
         identifier: as those of candidates (n,).
         stiffness: k [J] (n,).
-        width: change of s over which the energy falls to zero [m²] (n,); for planes s is a distance
-            [m].
-        offset: s at which x is zero [m²] (n,); for planes [m].
+        width: change of s over which the energy falls to zero (n,), in the unit of s: [m²] or [m].
+        offset: s at which x is zero (n,).
         start: at the start of the step (n, 4): parameters u, v of the closest points, distance [m],
-            and squared distance with rounded edges [m²].  None: not computed yet; see
+            and s with rounded edges.  None: not computed yet; see
             `potential.pair_starts`.
     """
 
@@ -123,3 +113,20 @@ class ActivePairs(PairTable):
     width: Array
     offset: Array
     start: Array | None = None
+
+
+def pair_list_fields(pairs: PairTable) -> dict[str, Any]:
+    """Return the fields of a `pair_list`, which other structures hold, too."""
+    c = library()
+    count = len(pairs)
+    return {
+        "count": count,
+        "points": c.array("points", pairs.points, "int32", (count, 4)),
+        "kind": c.array("kind", pairs.kind, "uint8", (count,)),
+        "shape": c.array("shape", pairs.shape, "float64", (count,)),
+    }
+
+
+def pair_list(pairs: PairTable) -> CStruct:
+    """Return what distances of pairs need as a `pair_list`."""
+    return library().struct("pair_list", pair_list_fields(pairs))

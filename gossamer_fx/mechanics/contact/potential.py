@@ -62,14 +62,10 @@ import numpy as np
 from gossamer_fx.core.forms.c_source import CStruct
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.kernels.structs import pair_list_fields
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
+from gossamer_fx.mechanics.contact.stencils import ROUNDING, stencils_of
 from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
-
-# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
-# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
-ROUNDING = 0.05
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the
 # parabola of the pair, so that the next iterate comes back to the right side.
@@ -110,106 +106,50 @@ def activate(
     candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
 ) -> ActivePairs:
     """Return n contact pairs with the numbers of their energy, which reaches up to an activation
-    distance.
-
-    With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
-
-    Args:
-        candidates: n pairs that may touch.
-        activation_distance: gap (n,) [m] below which each has energy.
-        law: of the energy.  Barriers of edge pairs are made infinite where the edges cross.
-
-    Returns:
-        the pairs with offset and width of the squared distance [m²], of planes [m], and the
-        stiffness zero.
-    """
-    radius = candidates.radius
-    width: Array = (radius + activation_distance) ** 2 - radius**2
-    offset: Array = radius**2
-    if law == ContactLaw.BARRIER:
-        width, offset = infinite_at_crossings(candidates.kind, width, offset)
-    planes = candidates.kind == PairKind.POINT_PLANE
-    # For planes s is a signed distance and no square.
-    width[planes] = activation_distance[planes]
-    offset[planes] = radius[planes]
-    # Inside a sphere or cylinder s is minus the squared distance from the middle.
-    rooms = is_room(candidates.kind)
-    room = candidates.wall_radius[rooms] - radius[rooms]
-    width[rooms] = room**2 - (room - activation_distance[rooms]) ** 2
-    offset[rooms] = -(room**2)
+    distance. With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
+    Returns the pairs with offset and width of the squared distance [m²], of planes [m], and the
+    stiffness zero."""
+    count = len(candidates)
+    width = np.empty(count)
+    offset = np.empty(count)
+    is_barrier = law == ContactLaw.BARRIER
+    for stencil, rows in stencils_of(candidates.kind):
+        width[rows], offset[rows] = stencil.energy_range(
+            activation_distance[rows], candidates.radius[rows], candidates.shapes[rows], is_barrier
+        )
     return ActivePairs(
         kind=candidates.kind,
         points=candidates.points,
+        shape=candidates.shape,
         identifier=candidates.identifier,
-        stiffness=np.zeros(len(candidates)),
+        stiffness=np.zeros(count),
         width=width,
         offset=offset,
     )
 
 
-def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
-    """Return width and offset (n,) [m²] of barrier energies that are infinite where edges cross.
-
-    Squared distances of edges are rounded, so that they are not zero at a crossing.  The energy
-    begins at the same distance: offset + width is constant.
-
-    Args:
-        kind: values (n,) of `PairKind`; only edge pairs are changed.
-        width: change of the squared distance over which the energy falls to zero (n,) [m²].
-        offset: squared distance where the barrier of pairs without rounding is infinite (n,) [m²].
-    """
-    rounded = np.where(kind == PairKind.EDGE_EDGE, ROUNDING / 2, 0.0)
-    new_width = width / (1 + rounded)
-    return new_width, offset + rounded * new_width
-
-
-def pair_starts(
-    pairs: ActivePairs,
-    x: Array,
-    squared_distance: Array,
-    parameters: Array,
-) -> Array:
+def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
     """Return the column `start` of contact pairs: what the energy rule needs from the start of a
-    step.
-
-    Args:
-        pairs: n pairs that take part in the step.
-        x: points (m, 3) [m] at the start.
-        squared_distance: of the closest points there (n,) [m²], of planes [m].
-        parameters: (u, v) (n, 2) [-] of these points along the two sides.
-
-    Returns:
-        (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
-        walls is not used.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    step. Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The
+    distance of walls is not used."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
-    rounded = np.empty(count)
-    parameters = np.ascontiguousarray(parameters)
-    c.lib.rounded_squared_distances(
+    start = np.empty((count, 4))
+    c.lib.pair_starts(
         _active_pairs(pairs, None, ContactLaw.BARRIER).pointer,
         c.array("x", x, "float64", (len(x), 3)),
-        c.array("parameters", parameters, "float64", (count, 2)),
-        c.array("rounded", rounded, "float64", (count,), writable=True),
+        c.array("s", np.ascontiguousarray(squared_distance), "float64", (count,)),
+        c.array("parameters", np.ascontiguousarray(parameters), "float64", (count, 2)),
+        c.array("start", start, "float64", (count, 4), writable=True),
     )
-    start = np.empty((count, 4))
-    start[:, :2] = parameters
-    # Walls have signed or negative s; their distance is not used.
-    start[:, 2] = np.sqrt(np.maximum(squared_distance, 0))
-    start[:, 3] = rounded
     return start
 
 
 def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
-    """Return pairs of the reversed step, which starts at the points x (m, 3) [m].
-
-    The closest points of the original start stay the origin of their vectors: the force depends on
-    that origin where it is corrected along the change of the measures.
-    """
+    """Return pairs of the reversed step, which starts at the points x (m, 3) [m]. The closest
+    points of the original start stay the origin of their vectors: the force depends on that origin
+    where it is corrected along the change of the measures."""
     start = pair_starts(pairs, x, *closest_points(pairs, x))
     if pairs.start is not None:
         start[:, :2] = pairs.start[:, :2]
@@ -217,27 +157,11 @@ def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
 
 
 def energy_of_pairs(
-    pairs: ActivePairs,
-    x: Array,
-    law: ContactLaw,
-    parameters: Array | None = None,
+    pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
 ) -> tuple[float, Array]:
-    """Return the energy of contact pairs in one configuration, and their scaled distances.
-
-    Args:
-        pairs: n pairs with their stiffness [J].
-        x: points (m, 3) [m].
-        law: of the energy.
-        parameters: (u, v) of the closest points at x (n, 2), if they are known; None: computed
-            here.
-
-    Returns:
-        sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one
-        where a pair has energy.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return the energy of contact pairs in one configuration, and their scaled distances. Returns
+    sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one where
+    a pair has energy."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -254,16 +178,7 @@ def energy_of_pairs(
 
 
 def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -> Array:
-    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness.
-
-    Args:
-        pairs: n pairs, of which only the kinds count.
-        scaled_distance: x (n,) [-] of each, from `energy_of_pairs`.
-        law: of the energy.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness."""
     c = library()
     count = len(pairs)
     energy = np.empty(count)
@@ -292,34 +207,11 @@ def evaluate(
     push_back: float = PUSH_BACK,
 ) -> PairResponse:
     """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
-
-    Args:
-        pairs: n pairs with the column `start` of their closest points; without it, these are
-            computed.
-        x0, x1: points (m, 3) [m] at the start and at the end.
-        law: of the energy.
-        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient
-            of the energy in the state x1.
-        point_forces: array (m, 3) [N] to which the forces are added.
-        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent
-            between any two points of a pair are added to the rows of `blocks` that block_index
-            names.
-        by_pair: whether forces are returned pair by pair.
-        tangents_by_pair: whether tangents are, too.
-        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
-            indefinite.
-        known_state: of an earlier call for the same step; pairs without contact are then left out.
-        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
-            was accepted, whose pairs are then treated alike in both directions of time.
-
-    Returns:
-        state of each pair (n,); forces (n, 12) [N] and tangents (n, 144) [N/m] as asked for, else
-        None.
-
-    Raises:
-        ValueError: an array is not contiguous, read-only though it is written to, or not of the
-            shape above.
-    """
+    `point_forces`: array (m, 3) [N] to which the forces are added; `geometric_share`: share [-] of
+    the geometric stiffness in tangents, which may make them indefinite; `push_back`: stiffness of
+    pairs that passed through, over their own [-]; zero for a step that was accepted, whose pairs
+    are then treated alike in both directions of time. Returns state of each pair (n,); forces (n,
+    12) [N] and tangents (n, 144) [N/m] as asked for, else None."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -366,14 +258,7 @@ def evaluate(
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
-    """Return the C structure of n active pairs with the numbers of the energy law.
-
-    Args:
-        start: column `start` (n, 4); None where the C function does not read it.
-
-    Raises:
-        ValueError: a column is not contiguous, or not of the type that C takes.
-    """
+    """Return the C structure of n active pairs with the numbers of the energy law."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

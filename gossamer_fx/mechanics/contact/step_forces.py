@@ -38,12 +38,6 @@ if TYPE_CHECKING:
 class StepForces:
     """Forces and tangents of the active pairs of this rank, with friction.
 
-    Args:
-        points: points of the contact.
-        law: of the energy: barrier or penalty.
-        system: the equations of the scene, with the step.
-        friction: Coulomb friction of the pairs; None: there is none.
-
     Attributes:
         friction: if there is any.
         push_back: stiffness of pairs that passed through, over their own [-].
@@ -79,19 +73,8 @@ class StepForces:
 
     def set_pairs(self, pairs: ActivePairs, x0: Array) -> None:
         """Take the active pairs of a step, and choose the sparsity pattern of their tangent;
-        collective.
-
-        Pairs between bodies couple their four points.  Points of obstacles are combinations of
-        block rows, vectors of three unknowns, which are coupled instead.
-
-        Args:
-            pairs: all contact pairs of this rank that take part in the step, with the column
-                `start` of their closest points.
-            x0: points (m, 3) [m] at the start of the step.
-
-        Raises:
-            RuntimeError: more 3 x 3 blocks of the tangent on this rank than 32 bits can number.
-        """
+        collective. Pairs between bodies couple their four points.  Points of obstacles are
+        combinations of block rows, vectors of three unknowns, which are coupled instead."""
         is_of_bodies = between_bodies(pairs.points, self._points.body_count)
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
@@ -108,15 +91,9 @@ class StepForces:
         self._last_states = None
 
     def reverse(self, pairs: ActivePairs, x0: Array) -> ActivePairs:
-        """Return the pairs of the reversed step, whose forces are computed from now on.
-
-        The sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is
-        left out.
-
-        Args:
-            pairs: those of the last `set_pairs`.
-            x0: points (m, 3) [m] at the start of the reversed step.
-        """
+        """Return the pairs of the reversed step, whose forces are computed from now on. The
+        sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is left
+        out."""
         table = reversed_pairs(pairs, x0)
         start = table.start
         assert start is not None, "reversed pairs have the starts of the reversed step"
@@ -130,14 +107,9 @@ class StepForces:
         return table
 
     def compute(self, x0: Array, x1: Array) -> None:
-        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
-
-        The forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums,
-        over the pairs of this rank.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step.
-        """
+        """Compute the forces of this rank's pairs, with friction, and note what each pair does. The
+        forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums, over
+        the pairs of this rank."""
         # Pairs add to the rows of their points.
         self.clear()
         of_bodies, of_obstacles = (
@@ -204,15 +176,10 @@ class StepForces:
 
     def _add_through_block_rows(self, tangents: Array) -> None:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
-        their points.
-
-        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
-        [N/m] between these vectors, those of the assembly, are changed in place.
-
-        Args:
-            tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
-                point coordinates, row by row.
-        """
+        their points. A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3
+        x 3 blocks [N/m] between these vectors, those of the assembly, are changed in place.
+        `tangents`: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
+        point coordinates, row by row."""
         weights = self._row_weights
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
@@ -220,11 +187,7 @@ class StepForces:
         np.add.at(self._assembly.blocks, index, by_rows.reshape(*index.shape, 9))
 
     def identifiers_of_passed(self, x0: Array, x1: Array) -> Int64Array:
-        """Return the identifiers (k,) of contact pairs that passed through each other in a step.
-
-        Args:
-            x0, x1: points (m, 3) [m] at its start and at its end.
-        """
+        """Return the identifiers (k,) of contact pairs that passed through each other in a step."""
         tables = (self._body_pairs, self._obstacle_pairs)
         # What the last residual found, unless the end has moved since.
         states = self._states_at(x1)
@@ -239,12 +202,6 @@ class StepForces:
 
     def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
         """Return what both tables of pairs do in a step to x1, if it is the last residual's.
-
-        Args:
-            x1: points (m, 3) [m] at the end of the step.
-
-        Returns:
-            a `PairState` of each pair between bodies (n,), and of each pair with an obstacle (k,);
-            None: no residual was computed for this end.
-        """
+        Returns a `PairState` of each pair between bodies (n,), and of each pair with an obstacle
+        (k,); None: no residual was computed for this end."""
         return self._last_states if np.array_equal(x1, self._last_end) else None

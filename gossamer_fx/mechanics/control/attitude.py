@@ -13,8 +13,7 @@ from gossamer_fx.core.model.body import Array, Port, Vector, combine
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import bodies_of
-from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.frames import Frame, bodies_of
 from gossamer_fx.mechanics.control.rotation import (
     euler_angles,
     euler_axes,

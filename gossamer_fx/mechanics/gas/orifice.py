@@ -153,7 +153,8 @@ class Orifice:
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from a to b, isentropic from the side of the higher pressure."""
+        """Mass flow [kg/s] from the first end to the second through an effective area [m²], at the
+        pressures p [Pa] and temperatures T [K] of both ends."""
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)

@@ -15,8 +15,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import bodies_of
-from gossamer_fx.mechanics.bodies.frames import Frame, Line
+from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
 from gossamer_fx.mechanics.terms.point_loads import Couple, PointForce, PointLoad
 
 History = Callable[[float], Sequence[float]]

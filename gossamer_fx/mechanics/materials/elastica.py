@@ -42,7 +42,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm, invariants
 
 # Shortening δ up to which the cubic is fitted to the elastica.
 FITTED_UP_TO = 0.3
@@ -63,46 +63,20 @@ END_SLOPES = np.linspace(0.02, 1.2, 200)
 
 
 def onset(e_E: float) -> float:
-    """Buckling strain e_c of a strip, the smaller root of e_c (1 - e_c) = e_E.
+    """Buckling strain e_c of a strip with Euler's strain e_E ≤ ¼, the smaller root of (2); the load
+    p at which it buckles is the same number.
 
-    The load p = P/(E' t) at which it buckles is the same number.
-
-    Args:
-        e_E: Euler's strain π² t²/(12 L²) [-], at most 1/4.
-
-    Raises:
-        ValueError: e_E is above 1/4.
-
-    >>> round(onset(0.09), 12)
-    0.1
+    >>> round(onset(0.09), 12) 0.1
     """
     # The form of the root that does not subtract nearly equal numbers.
     return 2 * e_E / (1 + math.sqrt(1 - 4 * e_E))
 
 
 def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
-    """Return the shortening and the relative load of a buckled strip, equations (3), (4) of the
-    module.
+    """Shortening δ and relative load P/P_c of a buckled strip with Euler's strain e_E ≤ ¼ and the
+    slope α > 0 [rad] at its ends, equations (3) and (4) of the module.
 
-    θ is the slope of the strip, of at most α, and φ with sin(θ/2) = sin(α/2) sin φ the variable of
-    integration, from 0 to π/2. p is the load over the plane-strain stiffness of the strip [-], c a
-    factor of (3), and I[f] the integral (4).
-
-    Args:
-        e_E: Euler's strain π² t²/(12 L²) [-] of a strip of thickness t and half wavelength L; > 0
-            and at most 1/4.
-        α: slope at the ends [rad], > 0.
-
-    Returns:
-        shortening δ over the length [-], and the load over that at the onset of buckling, P/P_c
-        [-].
-
-    Raises:
-        ValueError: e_E is above 1/4.
-
-    >>> δ, load = buckled_strip(1e-6, 0.1)
-    >>> round(δ, 6), round(load, 6)
-    (0.0025, 1.001251)
+    >>> δ, load = buckled_strip(1e-6, 0.1) >>> round(δ, 6), round(load, 6) (0.0025, 1.001251)
     """
     points, point_weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
     # From [-1, 1] to [0, π/2].
@@ -133,18 +107,10 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
 
 
 def cubic(e_E: float) -> tuple[float, float, float]:
-    """Coefficients (c1, c2, c3) [-] of P/P_c = 1 + c1 x + c2 x² + c3 x³ with x = δ - e_c.
+    """Coefficients (c1, c2, c3) of P/P_c = 1 + c1 x + c2 x² + c3 x³ with x = δ - e_c.
 
-    They fit the relative loads P/P_c of `buckled_strip` over the shortening δ by least squares, for
-    δ < `FITTED_UP_TO`; e_c is the strain at the onset of buckling.
-
-    α are the end slopes [rad] of the buckled strips whose loads are fitted.
-
-    Args:
-        e_E: Euler's strain π² t²/(12 L²) [-], > 0 and at most 1/4.
-
-    Raises:
-        ValueError: e_E is above 1/4.
+    They fit the relative loads of `buckled_strip` over the shortening δ < `FITTED_UP_TO` by least
+    squares.
     """
     curve: Array = np.array([buckled_strip(e_E, α) for α in END_SLOPES])
     curve = curve[curve[:, 0] < FITTED_UP_TO]
@@ -187,10 +153,7 @@ class Elastica(IsotropicFilm):
     with a `Plate`.
 
     Args:
-        E: Young's modulus [Pa], positive.
-        nu: Poisson's ratio, above -1 and at most 0.5.
-        density: mass density ρ [kg/m³], positive.
-        thickness: t [m], positive.
+        E, nu, density, thickness: as of `Linear`.
         half_wavelength: L [m], above 10 π t.
 
     Raises:
@@ -210,23 +173,12 @@ class Elastica(IsotropicFilm):
     c3: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, and fit the cubic of the buckled strip, whose wrinkles the law
-        describes.
-
-        Sets `onset`, the strain at which the strip buckles [-], and the coefficients c1, c2, c3 [-]
-        of the cubic law of its load, see `cubic`.
-
-        Raises:
-            InputError: a modulus, density or thickness that is not positive, nu outside (-1, 0.5],
-                or a half wavelength [m] of not more than 10 π thicknesses.
-        """
         super().__post_init__()
         shortest = 10 * math.pi * self.thickness
         check(
             math.isfinite(self.half_wavelength) and self.half_wavelength > shortest,
-            f"Elastica: half_wavelength is {self.half_wavelength!r} m; a strip needs more than "
-            f"{shortest:.3g} m, ten "
-            "times pi its thickness.",
+            f"Elastica: half_wavelength is {self.half_wavelength!r} m; "
+            f"a strip needs more than {shortest:.3g} m, ten times pi its thickness.",
         )
         slenderness = math.pi * self.thickness / self.half_wavelength
         e_E = slenderness**2 / 12
@@ -237,26 +189,10 @@ class Elastica(IsotropicFilm):
             object.__setattr__(self, name, value)
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy W per reference area [J/m²] of a strain, as a UFL expression.
-
-        h and r are centre and radius of Mohr's circle of e, γ1 ≥ γ2 the principal strains; f = γ2 +
-        ν γ1 is the strain [-] across the direction of the larger stress, with ν the ratio of
-        Poisson.
-
-        Args:
-            e: Green-Lagrange strain (E11, E22, 2 E12) [-].
-            c: the numbers of the law as UFL constants, under their names.
-        """
-        h, r = half_trace_and_radius(e)
-        γ1 = h + r
-        γ2 = h - r
-        f = γ2 + c.nu * γ1
-        # Taut energy by trace and determinant, which are smooth where the principal strains
-        # coincide.
-        trace = e[0] + e[1]
-        det = e[0] * e[1] - e[2] ** 2 / 4
-        biaxial = trace**2 - 2 * (1 - c.nu) * det
-        taut = c.E / (2 * (1 - c.nu**2)) * biaxial
+        γ1, γ2, f = _strains(e, c)
+        # By trace and determinant, which are smooth where the principal strains coincide.
+        trace, det = invariants(e)
+        taut = c.E / (2 * (1 - c.nu**2)) * (trace**2 - 2 * (1 - c.nu) * det)
         wrinkled = c.E * γ1**2 / 2 + _buckled(f, c)
         tensile = ufl.conditional(ufl.ge(f, -c.onset), taut, wrinkled)
         one_way = _unloaded(γ2, c)
@@ -266,35 +202,13 @@ class Elastica(IsotropicFilm):
         return c.thickness * ufl.conditional(is_tensile, tensile, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:
-        """State of the film at a strain, `TAUT`, `WRINKLED` or `SLACK`, as a UFL expression.
-
-        h and r are centre and radius of Mohr's circle of e, γ1 ≥ γ2 the principal strains; f = γ2 +
-        ν γ1 is the strain [-] across the direction of the larger stress, with ν the ratio of
-        Poisson.
-
-        Args:
-            e: Green-Lagrange strain (E11, E22, 2 E12) [-].
-            c: the numbers of the law as UFL constants, under their names.
-        """
-        h, r = half_trace_and_radius(e)
-        γ1 = h + r
-        γ2 = h - r
-        f = γ2 + c.nu * γ1
+        γ1, _, f = _strains(e, c)
         tensile = ufl.conditional(ufl.ge(f, -c.onset), TAUT, WRINKLED)
         is_tensile = ufl.ge(self._larger_stress(γ1, f, c), 0)
         return ufl.conditional(is_tensile, tensile, SLACK)
 
     def _larger_stress(self, γ1: Expr, f: Expr, c: Any) -> Expr:
-        """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa] of a film with straight or buckled
-        strips.
-
-        ψ(f) is the energy density [J/m³] of a strip and ψ'(f) [Pa] its stress, E Young's modulus
-        and ν Poisson's ratio.
-
-        Args:
-            γ1: larger principal strain [-].
-            f: strain γ2 + ν γ1 that bears on the strips [-], γ2 the smaller principal strain.
-        """
+        """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa]."""
         buckled = c.onset * _relative_load(f, c)
         is_straight = ufl.ge(f, -c.onset)
         compression = ufl.conditional(is_straight, -f, buckled)
@@ -303,21 +217,22 @@ class Elastica(IsotropicFilm):
         return along - c.nu * c.E / (1 - c.nu**2) * compression
 
 
+def _strains(e: Expr, c: Any) -> tuple[Expr, Expr, Expr]:
+    """Principal strains γ1 ≥ γ2 of e, and the strain f = γ2 + ν γ1 that bears on the strips."""
+    h, r = half_trace_and_radius(e)
+    γ1 = h + r
+    γ2 = h - r
+    return γ1, γ2, γ2 + c.nu * γ1
+
+
 def _stretch(f: Expr) -> Expr:
     """Stretch λ = √(1 + 2f) of a strip with the Green-Lagrange strain f, which is limited to
-    `STEEPEST`.
-    """
+    `STEEPEST`."""
     return ufl.sqrt(1 + 2 * ufl.max_value(f, STEEPEST))
 
 
 def _relative_load(f: Expr, c: Any) -> Expr:
-    """Stress of the buckled strip at the strain f, over its stress at the onset of buckling [-].
-
-    Args:
-        f: Green-Lagrange strain of the strip [-]; below `STEEPEST` the stress is constant.
-        c: strain `onset` of buckling [-], and coefficients c1, c2, c3 [-] of the load beyond it, as
-            UFL constants.
-    """
+    """Stress of the buckled strip at the strain f, over its stress at the onset of buckling."""
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     λ = _stretch(f)
     x = λ_w - λ
@@ -327,13 +242,8 @@ def _relative_load(f: Expr, c: Any) -> Expr:
 
 
 def _buckled(f: Expr, c: Any) -> Expr:
-    """Energy density ψ(f) [J/m³] of a buckled strip, for a strain f below -e_w.
-
-    e_w is the compressive strain at which the strip buckles; ψ is zero at f = 0.
-
-    Args:
-        f: Green-Lagrange strain of the strip [-].
-    """
+    """Energy density ψ(f) [J/m³] of a buckled strip, for a strain f below -e_w; ψ is zero at f =
+    0."""
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     x = λ_w - _stretch(f)
     # The integral of the cubic, as of the nominal load over the shortening.
@@ -348,17 +258,12 @@ def _buckled(f: Expr, c: Any) -> Expr:
 def _unloaded(γ: Expr, c: Any) -> Expr:
     """Energy density U(γ) [J/m³] of strips with the strain γ along them and no stress across.
 
-    Without stress across, the strain across is γ1 = -ν ψ'(f)/E, with Poisson's ratio ν, Young's
-    modulus E, the strain f = γ + ν γ1 that bears on the strips, and the energy density ψ(f) [J/m³]
-    of a strip, whose derivative ψ'(f) [Pa] is its stress.  Strips buckle at f = -e_w.  They are
+    Without stress across, the strain across is γ1 = -ν ψ'(f)/E with f = γ + ν γ1.  Strips are
     straight, or buckled with
 
         f = γ + κ ψ'(f)/ψ'(-e_w),    κ = ν² e_w/(1 - ν²).
 
     One iteration solves this equation: the second one would change the stress by less than E e_w³.
-
-    Args:
-        γ: Green-Lagrange strain along the strips [-].
     """
     κ = c.nu**2 * c.onset / (1 - c.nu**2)
     # The iteration starts with the load at the onset of buckling, where the relative load is 1.

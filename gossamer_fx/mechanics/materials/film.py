@@ -12,24 +12,51 @@ are written by trace and determinant as far as possible.
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass, fields
 from numbers import Real
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import ufl
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.errors import check, require_positive
 from gossamer_fx.core.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_gradient, within_cone
 from gossamer_fx.core.model.parameters import Parameter
-from gossamer_fx.mechanics.materials.c_law import CLaw
+
+
+@dataclass(frozen=True, eq=False)
+class CLaw:
+    """Addresses of the C functions of a law, with the signature that FFCx gives to expressions.
+
+    At p points of a cell they take the strains e0 and e1 (p, m) at the start and at the end of a
+    step and k `numbers` of the law (p, k), and as their only constant p.
+
+    Attributes:
+        path_average: address of the mean stress along the path from e0 to e1, with its derivative
+            by e1 (p, m + m²).
+        end_point: address of the stress at e1, with its derivative (p, m + m²).
+        density: address of the energy density at e0 (p,).
+        numbers: expression (k,) of the numbers of the law, which may differ from point to point.
+        owner: what has to exist as long as the functions are called.
+    """
+
+    path_average: int
+    end_point: int
+    density: int
+    numbers: Expr
+    owner: object
+
+
+Modulus = Annotated[float, positive("Pa")]
+PoissonsRatio = Annotated[float, Range(-1.0, 0.5, above=True)]
+# Compressive over tensile stiffness
+StiffnessRatio = Annotated[float, Range(0.0, 1.0)]
 
 # Values of `FilmLaw.state`.
 SLACK = 0
@@ -43,16 +70,11 @@ ROUND_OFF = 1e-12
 
 
 def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
-    """The numbers of a law as UFL constants on a mesh, under the same names.
-
-    Args:
-        law: dataclass; fields that are not numbers are left out.
-        mesh: of the body with this law.
-    """
+    """The numbers of a law, a dataclass, as UFL constants on a mesh under the same names."""
     result = SimpleNamespace()
     for field in fields(law):
         value = getattr(law, field.name)
-        # Directions of axes are not numbers; bodies add them, see `bodies.directions`.
+        # Directions of axes are not numbers; bodies add them, see `bodies.properties`.
         if isinstance(value, Real):
             setattr(result, field.name, constant(mesh, float(value)))
     return result
@@ -76,10 +98,6 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
 
     A law with numbers that are derived from others has none but its density: the forms do not show
     how the derived ones change.  Tables of a law do not count as parameters.
-
-    Args:
-        law: dataclass of numbers.
-        coefficients: its numbers as UFL constants, see `constants`.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(
@@ -93,6 +111,9 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
 class FilmLaw:
     """Base of all laws of films; a law of your own defines `energy`.
 
+    In its methods e is a strain (E11, E22, 2 E12) in the frame of the film, and c has the numbers
+    of the law as UFL constants.
+
     Attributes:
         density: mass density [kg/m³].
         thickness: thickness [m].
@@ -100,38 +121,25 @@ class FilmLaw:
             path is then its average.
     """
 
-    density: float
-    thickness: float
+    density: Annotated[float, positive("kg/m³")]
+    thickness: Annotated[float, positive("m")]
 
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check density [kg/m³] and thickness [m].
-
-        Raises:
-            InputError: one of them is not a positive, finite number.
-        """
-        law = type(self).__name__
-        for name in ("density", "thickness"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"{law}: {name} is {value!r}; give a positive number.",
-            )
+        # Of laws of your own, too, which need not check their arguments.
+        require_positive(f"{type(self).__name__}: density", self.density, "kg/m³")
+        require_positive(f"{type(self).__name__}: thickness", self.thickness, "m")
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy per unit reference area [J/m²] of the strain e = (E11, E22, 2 E12)."""
+        """Stored energy per unit reference area [J/m²] of the strain e."""
         raise TypeError(f"{type(self).__name__} has no energy")
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
         """Pieces of the straight path from strain e0 to e1 on which the energy is smooth.
 
         An empty list means that the pieces are not known; the path is then integrated by Gauss
-        points.  See `gossamer_fx.core.forms.strain_path`.
-
-        Args:
-            e0, e1: strains (E11, E22, 2 E12) at the start and at the end of a step.
-            c: the numbers of the law as UFL constants.
+        points. See `gossamer_fx.core.forms.strain_path`.
         """
         return []
 
@@ -141,11 +149,7 @@ class FilmLaw:
 
     def c_law(self, c: Any, comm: MPI.Intracomm) -> CLaw | None:
         """The C functions of a law that UFL cannot write as one expression; None of all others.
-
-        Args:
-            c: the numbers of the law as UFL constants.
-            comm: the ranks; collective.
-        """
+        Collective."""
         return None
 
     def unwrinkled(self) -> FilmLaw:
@@ -153,8 +157,7 @@ class FilmLaw:
         raise TypeError(f"{type(self).__name__} has no law without wrinkles")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """The strain (E11, E22, 2 E12) at which taut film has the stress S = (S11, S22, S12)
-        [N/m]."""
+        """The strain e at which taut film has the stress S = (S11, S22, S12) [N/m]."""
         raise TypeError(f"{type(self).__name__} has no strain of a given stress")
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
@@ -171,31 +174,10 @@ class IsotropicFilm(FilmLaw):
         nu: Poisson's ratio.
     """
 
-    E: float
-    nu: float
-
-    def __post_init__(self) -> None:
-        """Check Young's modulus [Pa], Poisson's ratio [-], density [kg/m³] and thickness [m].
-
-        Raises:
-            InputError: E, density or thickness is not a positive number, or nu is outside (-1,
-                0.5].
-        """
-        law = type(self).__name__
-        check(
-            math.isfinite(self.E) and self.E > 0,
-            f"{law}: E is {self.E!r}; give a positive number.",
-        )
-        super().__post_init__()
-        check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+    E: Modulus
+    nu: PoissonsRatio
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant: plane stress, Hooke's law inverted.
-
-        Args:
-            S: stress resultant (S11, S22, S12) [N/m].
-            c: the numbers of the law as UFL constants.
-        """
         stiffness = c.E * c.thickness
         return ufl.as_vector(
             [
@@ -236,8 +218,7 @@ class Linear(IsotropicFilm):
     quadratic = True
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        tr, det = _invariants(e)
-        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+        return _taut(e, c)
 
 
 @check_arguments
@@ -258,10 +239,7 @@ class Miyazaki(IsotropicFilm):
     continuity or isotropy, so there is one.
 
     Args:
-        E: Young's modulus [Pa], positive.
-        nu: Poisson's ratio, above -1 and at most 0.5.
-        density: mass density ρ [kg/m³], positive.
-        thickness: t [m], positive.
+        E, nu, density, thickness: as of `Linear`.
         residual_stiffness: u, compressive over tensile stiffness, between 0 and 1.
 
     Raises:
@@ -277,42 +255,16 @@ class Miyazaki(IsotropicFilm):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 1e-6
-
-    def __post_init__(self) -> None:
-        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
-
-        Raises:
-            InputError: E, density or thickness is not positive, nu is outside (-1, 0.5], or the
-                residual stiffness is outside [0, 1].
-        """
-        super().__post_init__()
-        check(
-            0 <= self.residual_stiffness <= 1,
-            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio "
-            "of compressive to tensile stiffness lies between 0 and 1.",
-        )
+    residual_stiffness: StiffnessRatio = 1e-6
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
+        return self._by_state(e, c, _taut(e, c), self._wrinkled(e, c), self._slack(e, c))
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """Pieces of the path from e0 to e1, as the module `gossamer_fx.core.forms.strain_path`
-        describes.
+        """Five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
 
         Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone -h ≥
-        (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.  The rest is wrinkled.
-
-        ν is Poisson's ratio and u the residual stiffness, the ratio of the stiffness in
-        compression to that in tension; f1 = γ2 + ν γ1 and f2 = γ1 + u ν γ2 with the principal
-        strains γ1 ≥ γ2. a and b are the ends of a piece.
-
-        Args:
-            e0, e1: strains (E11, E22, 2 E12) [-] at the start and at the end of a step.
-            c: the numbers of the law as UFL constants.
-
-        Returns:
-            five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
+        (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.
         """
         ν = c.nu
         uν = c.residual_stiffness * c.nu
@@ -331,7 +283,7 @@ class Miyazaki(IsotropicFilm):
         ]
 
         def taut_stress(a: Expr, b: Expr) -> Expr:
-            return gradient(lambda e: self._taut(e, c), (a + b) / 2)
+            return gradient(lambda e: _taut(e, c), (a + b) / 2)
 
         def slack_stress(a: Expr, b: Expr) -> Expr:
             return gradient(lambda e: self._slack(e, c), (a + b) / 2)
@@ -350,41 +302,28 @@ class Miyazaki(IsotropicFilm):
 
         With γ1 = h + r the energy is quadratic except for a multiple of h r, with centre h and
         radius r of Mohr's circle.
-
-        ν is Poisson's ratio, u the residual stiffness [-], γ1 the larger principal strain; tr is
-        the trace of a strain and det its determinant.
-
-        Args:
-            ea, eb: strains (E11, E22, 2 E12) [-] at both ends of the path.
         """
         ν = c.nu
         u = c.residual_stiffness
         factor = c.E * c.thickness / (1 - u * ν**2)
 
         def quadratic(e: Expr) -> Expr:
-            tr, det = _invariants(e)
+            tr, det = invariants(e)
             return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
 
         of_quadratic = gradient(quadratic, (ea + eb) / 2)
         return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
-    def _taut(self, e: Expr, c: Any) -> Expr:
-        """Energy of the taut state [J/m²]."""
-        tr, det = _invariants(e)
-        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
-
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
-        """Energy of the wrinkled state [J/m²]."""
         h, r = half_trace_and_radius(e)
-        tr, det = _invariants(e)
+        tr, det = invariants(e)
         ν = c.nu
         u = c.residual_stiffness
         factor = c.E * c.thickness / (2 * (1 - u * ν**2))
         return factor * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
 
     def _slack(self, e: Expr, c: Any) -> Expr:
-        """Energy of the slack state [J/m²]."""
-        tr, det = _invariants(e)
+        tr, det = invariants(e)
         ν = c.nu
         u = c.residual_stiffness
         factor = c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2))
@@ -394,15 +333,8 @@ class Miyazaki(IsotropicFilm):
         return self._by_state(e, c, TAUT, WRINKLED, SLACK)
 
     def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-        """One of three expressions, by the state of the film at a strain.
-
-        h and r are centre and radius of Mohr's circle, γ1 ≥ γ2 the principal strains. The film is
-        taut if f1 = γ2 + ν γ1 ≥ 0, to round-off, and otherwise wrinkled if f2 = γ1 + u ν γ2 > 0,
-        with u the residual stiffness [-].
-
-        Args:
-            e: strain (E11, E22, 2 E12) [-].
-        """
+        """One of three expressions, by the state of the film at the strain e: taut if f1 ≥ 0, to
+        round-off, otherwise wrinkled if f2 > 0."""
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -421,10 +353,7 @@ class TensionField(Miyazaki):
     carries it.
 
     Args:
-        E: Young's modulus [Pa], positive.
-        nu: Poisson's ratio, above -1 and at most 0.5.
-        density: mass density ρ [kg/m³], positive.
-        thickness: t [m], positive.
+        E, nu, density, thickness: as of `Linear`.
         residual_stiffness: zero; another value is refused.
 
     Raises:
@@ -439,10 +368,9 @@ class TensionField(Miyazaki):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 0.0
+    residual_stiffness: StiffnessRatio = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             self.residual_stiffness == 0,
@@ -450,7 +378,13 @@ class TensionField(Miyazaki):
         )
 
 
-def _invariants(e: Expr) -> tuple[Expr, Expr]:
+def _taut(e: Expr, c: Any) -> Expr:
+    """Energy [J/m²] of taut isotropic film."""
+    tr, det = invariants(e)
+    return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+
+
+def invariants(e: Expr) -> tuple[Expr, Expr]:
     """Trace and determinant of a strain (E11, E22, 2 E12)."""
     trace = e[0] + e[1]
     determinant = e[0] * e[1] - e[2] ** 2 / 4

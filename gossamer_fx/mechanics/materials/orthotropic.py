@@ -65,8 +65,16 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.c_law import CLaw
-from gossamer_fx.mechanics.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, FilmLaw
+from gossamer_fx.mechanics.materials.film import (
+    ROUND_OFF,
+    SLACK,
+    TAUT,
+    WRINKLED,
+    CLaw,
+    FilmLaw,
+    Modulus,
+    StiffnessRatio,
+)
 
 Vector = Sequence[float]  # (3,)
 Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
@@ -113,8 +121,7 @@ class AroundAxis:
     def __call__(self, points: Array) -> Array:
         """The directions (3, n) at points (3, n)."""
         arms = points - np.array(self.point, dtype=float)[:, None]
-        directions: Array = np.cross(np.array(self.axis, dtype=float), arms.T).T
-        return directions
+        return np.cross(np.array(self.axis, dtype=float), arms.T).T
 
 
 @check_arguments
@@ -149,46 +156,25 @@ class LinearOrthotropic(FilmLaw):
         0.03
     """
 
-    E1: float
-    E2: float
+    E1: Modulus
+    E2: Modulus
     nu12: float
-    G12: float
+    G12: Modulus
     _: KW_ONLY
     direction: Direction
 
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check moduli [Pa], Poisson's ratio [-], density [kg/m³], thickness [m] and direction.
-
-        Raises:
-            InputError: a modulus, density or thickness that is not positive, a nu12 of √(E1/E2) or
-                more, or a direction that is not a vector.
-        """
         super().__post_init__()
-        law = type(self).__name__
-        for name in ("E1", "E2", "G12"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"{law}: {name} is {value!r} Pa; give a positive number.",
-            )
         check(
             self.nu12**2 < self.E1 / self.E2,
-            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; give "
-            f"less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
+            f"{type(self).__name__}: nu12 is {self.nu12!r}, "
+            "so that the stiffness is not positive definite; "
+            f"give less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
-        self._check_direction()
-
-    def _check_direction(self) -> None:
-        """Check what can be said of the direction without a film.
-
-        A function of points is checked when a film takes the law.
-
-        Raises:
-            InputError: a vector, or that of a group, is not three finite numbers, or is zero.
-        """
         given = self.direction
+        # A film checks functions of points.
         if callable(given):
             return
         vectors = {"": given} if not isinstance(given, Mapping) else given
@@ -201,8 +187,8 @@ class LinearOrthotropic(FilmLaw):
             where = f" in '{group}'" if group else ""
             check(
                 is_vector and bool(numbers.any()),
-                f"{type(self).__name__}: direction{where} is {vector!r}; give a vector of three "
-                "numbers that is not zero.",
+                f"{type(self).__name__}: direction{where} is {vector!r}; "
+                "give a vector of three numbers that is not zero.",
             )
 
     @classmethod
@@ -242,9 +228,9 @@ class LinearOrthotropic(FilmLaw):
         determinant = A11 * A22 - A12**2
         check(
             A11 > 0 and A22 > 0 and A66 > 0 and determinant > 0,
-            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, A12 = {A12!r}, A22 = {A22!r}, A66 = "
-            f"{A66!r} N/m are not "
-            "positive definite; give A11, A22, A66 > 0 and A12² < A11 A22.",
+            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, "
+            f"A12 = {A12!r}, A22 = {A22!r}, A66 = {A66!r} N/m are not positive definite; "
+            "give A11, A22, A66 > 0 and A12² < A11 A22.",
         )
         return cls(
             determinant / A22 / thickness,
@@ -267,13 +253,7 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant, by the compliance in the axes of the law.
-
-        Args:
-            S: stress resultant (S11, S22, S12) [N/m] in the film's frame.
-            c: the numbers of the law as UFL constants, with cosine and sine of the angle of its
-                first axis.
-        """
+        """By the compliance in the axes of the law."""
         # `in_axes` takes twice the shear, as strains have it.
         stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
         F11 = 1 / (c.E1 * c.thickness)
@@ -325,52 +305,20 @@ class Orthotropic(LinearOrthotropic):
     """
 
     _: KW_ONLY
-    residual_stiffness: float = 0.0
+    residual_stiffness: StiffnessRatio = 0.0
 
     quadratic = False
 
-    def __post_init__(self) -> None:
-        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
-
-        Raises:
-            InputError: a number that `LinearOrthotropic` refuses, or a residual stiffness outside
-                [0, 1].
-        """
-        super().__post_init__()
-        check(
-            0 <= self.residual_stiffness <= 1,
-            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
-            "compressive to tensile "
-            "stiffness lies between 0 and 1.",
-        )
-
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Stored energy W per reference area [J/m²], as a UFL expression of a strain.
-
-        The direction of tension is found by a grid of directions and bracketed steps of Newton; one
-        further step carries its derivative.
-
-        t is the direction of tension, `strain` and F are its strain [-] and compliance [m/N] with
-        two derivatives by the angle, φ is a quantity that is zero at the direction of tension, and
-        u is the residual stiffness [-].
-
-        Args:
-            e: Green-Lagrange strain (E11, E22, 2 E12) [-] in the film's frame.
-            c: the numbers of the law as UFL constants, with cosine and sine of the angle of its
-                first axis.
-        """
+        """W, with the direction of tension t from a grid of directions and bracketed steps of
+        Newton; one further step carries its derivative."""
         frozen = _without_variables(e)
         e = in_axes(e, c)
         taut = ufl.dot(_taut_stress(e, c), e) / 2
         t = _tension_direction(in_axes(frozen, c), c)
         # One more step, of which UFL takes derivatives: that of a converged iteration, dt/de.
-        strain = _strain_along(e, t)
-        F = _compliance_along(t, c)
-        φ = strain[1] * F[0] - strain[0] * F[1] / 2
-        slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
-        is_maximum = ufl.lt(slope, 0)
-        step = ufl.conditional(is_maximum, -φ / ufl.conditional(is_maximum, slope, -1.0), 0.0)
-        t = _turned(t, step)
+        _, is_maximum, step = _newton_step(e, t, c)
+        t = _turned(t, ufl.conditional(is_maximum, step, 0.0))
         wrinkled = _strain_along(e, t)[0] ** 2 / (2 * _compliance_along(t, c)[0])
         relaxed = _by_state(in_axes(frozen, c), c, taut, wrinkled, 0.0)
         u = c.residual_stiffness
@@ -380,15 +328,8 @@ class Orthotropic(LinearOrthotropic):
         return _by_state(in_axes(e, c), c, TAUT, WRINKLED, SLACK)
 
     def c_law(self, c: Any, comm: MPI.Intracomm) -> CLaw:
-        """The C functions of this law, compiled or loaded; collective.
-
-        Args:
-            c: the numbers of the law as UFL constants.
-            comm: the ranks, of which rank 0 compiles.
-
-        Raises:
-            InputError: no C compiler was found.
-        """
+        """The C functions of this law, compiled by rank 0 or loaded; without a C compiler
+        `InputError`. Collective."""
         from gossamer_fx.core.forms.c_source import c_library
 
         compiled = c_library(HEADER, comm)
@@ -403,7 +344,6 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def unwrinkled(self) -> FilmLaw:
-        """Return the law without wrinkles: the same stiffness in compression as in tension."""
         return LinearOrthotropic(
             self.E1,
             self.E2,
@@ -416,12 +356,8 @@ class Orthotropic(LinearOrthotropic):
 
 
 def in_axes(e: Expr, c: Any) -> Expr:
-    """A strain (E11, E22, 2 E12) of the film's frame in the axes of an orthotropic law.
-
-    Args:
-        e: strain (3,), dimensionless; of a stress give twice the shear.
-        c: with cosine and sine of the angle of the first axis in the film's frame.
-    """
+    """A strain (E11, E22, 2 E12) of the film's frame in the axes of an orthotropic law, of which c
+    has cosine and sine; of a stress give twice the shear."""
     # Squares and product of cosine and sine
     c2 = c.cosine**2
     s2 = c.sine**2
@@ -455,14 +391,8 @@ def _taut_stress(e: Expr, c: Any) -> Expr:
 
 
 def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-    """Choose one of three expressions by the state of the film: taut, wrinkled or slack.
-
-    S is the stress [N/m] of a taut film, S1 and S2 its normal components raised by a margin for
-    round-off. It is tensile if trace and determinant of S are not negative.
-
-    Args:
-        e: strain (E11, E22, 2 E12) [-] in the axes of the film.
-    """
+    """Choose one of three expressions by the state of the film at the strain e, in its axes: taut
+    where trace and determinant of the taut stress are not negative, to round-off."""
     S = _taut_stress(e, c)
     C11, _, C22, _ = _stiffnesses(c)
     margin = ROUND_OFF * ufl.max_value(C11, C22)
@@ -482,13 +412,8 @@ def _without_variables(e: Expr) -> Expr:
 
 
 def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
-    """Strain e_tt along a direction t, and its first and second derivatives by the angle of t.
-
-    In the code c and s are the cosine and sine.
-
-    Args:
-        e: strain (E11, E22, 2 E12) [-] in the axes of the law.
-    """
+    """Strain e_tt along a direction t, and its first and second derivatives by the angle of t.  e
+    is in the axes of the law."""
     c, s = t
     double_sine = 2 * c * s
     double_cosine = c**2 - s**2
@@ -500,13 +425,8 @@ def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
 
 
 def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
-    """Compliance F_tt [m/N] along a direction t, and its two derivatives by the angle of t.
-
-    F is the inverse of the stiffness C of taut film; F_tt is the strain along t of a unit stress
-    t⊗t.
-
-    F11, F22 and K [m/N] are the coefficients of c⁴, s⁴ and c² s² in F_tt; c2 and s2 are the squares
-    of cosine c and sine s."""
+    """Compliance F_tt [m/N] along a direction t, the strain along t of a unit stress t⊗t, and its
+    two derivatives by the angle of t."""
     F11 = 1 / (c.E1 * c.thickness)
     F22 = 1 / (c.E2 * c.thickness)
     K = 1 / (c.G12 * c.thickness) - 2 * c.nu12 * F11
@@ -520,6 +440,17 @@ def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
     return value, double_sine * slope, second
 
 
+def _newton_step(e: Expr, t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
+    """φ of equation (3), whether its slope is that of a maximum of e_tt²/F_tt, and the step of the
+    angle of t towards it."""
+    strain = _strain_along(e, t)
+    F = _compliance_along(t, c)
+    φ = strain[1] * F[0] - strain[0] * F[1] / 2
+    slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
+    is_maximum = ufl.lt(slope, 0)
+    return φ, is_maximum, -φ / ufl.conditional(is_maximum, slope, -1.0)
+
+
 def _turned(t: tuple[Expr, Expr], step: Expr) -> tuple[Expr, Expr]:
     """The direction t turned by atan(step)."""
     x = t[0] - step * t[1]
@@ -529,20 +460,11 @@ def _turned(t: tuple[Expr, Expr], step: Expr) -> tuple[Expr, Expr]:
 
 
 def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
-    """The direction t of tension of wrinkled film, which maximises e_tt²/F_tt.
+    """The direction t (cosine and sine) of tension of wrinkled film, which maximises e_tt²/F_tt,
+    for a strain e in the axes of the law and without variables of UFL.
 
-    e_tt > 0 is the strain along t, F_tt the compliance [m/N] along t.  The angle is found about the
-    best one of a grid, by bracketed steps of Newton.
-
-    φ has the sign of the derivative of e_tt²/F_tt by the angle and is zero at the maximum. `strain`
-    and F are the values of e_tt and F_tt with their first and second derivatives by the angle.
-
-    Args:
-        e: strain (E11, E22, 2 E12) [-] in the axes of the law, without variables of UFL.
-
-    Returns:
-        cosine and sine of the angle in the axes of the law; without meaning if no direction has
-        tension.
+    The angle is found about the best one of a grid, by bracketed steps of Newton on φ, equation (3)
+    of the module.  t is without meaning if no direction has tension.
     """
     largest = ufl.as_ufl(0.0)
     cosine = ufl.as_ufl(1.0)
@@ -563,17 +485,12 @@ def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
     offset: Expr = ufl.as_ufl(0.0)
     for _ in range(NEWTON_STEPS):
         t = _turned(middle, offset)
-        strain = _strain_along(e, t)
-        F = _compliance_along(t, c)
-        φ = strain[1] * F[0] - strain[0] * F[1] / 2
-        slope = strain[2] * F[0] + strain[1] * F[1] / 2 - strain[0] * F[2] / 2
+        φ, is_maximum, step = _newton_step(e, t, c)
         rises = ufl.gt(φ, 0)
         low = ufl.conditional(rises, offset, low)
         high = ufl.conditional(rises, high, offset)
         # The derivative of the tangent by the angle is 1 + tangent².
-        is_maximum = ufl.lt(slope, 0)
-        step = -φ / ufl.conditional(is_maximum, slope, -1.0) * (1 + offset**2)
-        following = offset + step
+        following = offset + step * (1 + offset**2)
         is_inside = ufl.And(ufl.ge(following, low), ufl.le(following, high))
         follows = ufl.And(is_maximum, is_inside)
         offset = ufl.conditional(follows, following, (low + high) / 2)

@@ -72,16 +72,11 @@ class ThermalExpansion:
     gradient: Temperature | None = None
 
     def __post_init__(self) -> None:
-        """Check that coefficients [1/K] and absolute temperatures [K] are possible.
-
-        Raises:
-            InputError: a coefficient is too large, or a temperature is below 0 K.
-        """
         for alpha in self.alphas:
             check(
                 abs(alpha) <= MAX_ALPHA,
-                f"ThermalExpansion: alpha is {alpha!r} 1/K; give at most {MAX_ALPHA:g}, e.g. 20e-6 "
-                "for 20 parts per million and kelvin.",
+                f"ThermalExpansion: alpha is {alpha!r} 1/K; "
+                f"give at most {MAX_ALPHA:g}, e.g. 20e-6 for 20 parts per million and kelvin.",
             )
         check(
             self.reference >= 0,
@@ -91,8 +86,8 @@ class ThermalExpansion:
         for value in self._numbers():
             check(
                 value >= 0,
-                f"ThermalExpansion: temperature is {value!r} K; give an absolute temperature, not "
-                "below 0 K.",
+                f"ThermalExpansion: temperature is {value!r} K; "
+                "give an absolute temperature, not below 0 K.",
             )
 
     @property

@@ -29,7 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Never, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -119,6 +119,15 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...
+
+    @classmethod
+    def compile(cls, terms: Sequence[KindOfTerm], system: Assembly) -> list[Self]:
+        """Return what all terms of the kind in a scene become: one object for all, or several."""
+        return [cls(terms, system)]
+
+    def has(self, term: object) -> bool:
+        """Return whether it was compiled from a term of its kind."""
+        return True
 
     # ---- equations -------------------------------------------------------------------------------
 

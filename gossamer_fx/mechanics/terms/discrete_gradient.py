@@ -77,7 +77,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.forms.strain_path import gradient as gradient
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.c_law import CLaw
+from gossamer_fx.mechanics.materials.film import CLaw
 
 # Round-off of a difference of energies, over their sum.
 ROUND_OFF = 4 * np.finfo(float).eps

@@ -30,7 +30,7 @@ from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import with_derivative
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.materials.c_law import CLaw
+from gossamer_fx.mechanics.materials.film import CLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule
 
 # Its functions are declared in this header.

@@ -15,7 +15,7 @@ from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, line_derivative
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -24,28 +24,17 @@ def axial_strain(shape: BodyShape) -> Expr:
     """The strain λ - 1 = √(1 + 2ε) - 1 of which the tension of a cable or beam is a function.
 
     The initial strain is contained in it, the thermal strain is not.
-
-    Args:
-        shape: coordinates of a cable or beam as functions on its mesh.
     """
     return ufl.sqrt(1 + 2 * shape.elastic_strain()[0]) - 1
 
 
 def tension(shape: BodyShape) -> Expr:
-    """The axial force [N] of a cable or beam, negative for compression.
-
-    Args:
-        shape: coordinates of a cable or beam as functions on its mesh.
-    """
+    """The axial force [N] of a cable or beam, negative for compression."""
     return shape.body.axial_force(shape.q, shape.elastic_strain())
 
 
 def stretch(shape: BodyShape) -> Expr:
-    """The present length |x'| of a cable or beam over the stress-free one.
-
-    Args:
-        shape: coordinates of a cable or beam as functions on its mesh.
-    """
+    """The present length |x'| of a cable or beam over the stress-free one."""
     dq = line_derivative(shape.q)
     # Beams have directors behind the positions.
     dx = ufl.as_vector([dq[0], dq[1], dq[2]])
@@ -60,16 +49,8 @@ class GaussValues:
     a change of length would show tension at the nodes.  Therefore the quantity is a discontinuous
     polynomial through its values at these points.
 
-    Args:
-        system: the compiled scene.
-        body: a cable or beam in it.
-        quantity: `tension` or `axial_strain`.
-
     Attributes:
         function: the quantity, set by `update`.
-
-    Raises:
-        InputError: the body is not in the scene, or no C compiler was found.
     """
 
     def __init__(self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr]) -> None:
@@ -126,15 +107,7 @@ class GaussValues:
 
 
 class CurrentLength:
-    """The length ∫ |x'| dS [m] of a cable or beam in the accepted state.
-
-    Args:
-        system: the compiled scene.
-        body: a cable or beam in it.
-
-    Raises:
-        InputError: the body is not in the scene, or no C compiler was found.
-    """
+    """The length ∫ |x'| dS [m] of a cable or beam in the accepted state."""
 
     def __init__(self, system: System, body: Curve) -> None:
         """Compile the length as a form.  Collective."""

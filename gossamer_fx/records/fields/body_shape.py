@@ -21,10 +21,6 @@ class BodyShape:
     The functions are created once; `update` sets them to the values of the state.  A reduced film
     has no nodal unknowns: then the functions are on the mesh of the film that was reduced.
 
-    Args:
-        system: of a run or an equilibrium.
-        body: a film, plate, cable or beam in it.
-
     Attributes:
         body: the body whose mesh, law and measures belong to the functions: of a reduced film the
             film that was reduced, else the body itself.
@@ -32,9 +28,6 @@ class BodyShape:
         v: their rates.
         thermal_strain: thermal strain at q, an expression; None without thermal expansion.
         thermal_curvature: of a plate with a gradient of temperature, an expression; else None.
-
-    Raises:
-        InputError: the body is not in the scene.
     """
 
     def __init__(self, system: System, body: MeshBody) -> None:

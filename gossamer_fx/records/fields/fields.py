@@ -57,7 +57,7 @@ from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.discrete_gradient import gradient
 from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
@@ -221,16 +221,7 @@ FIELDS = {
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
-    """Check the names of output fields of a body.
-
-    Args:
-        body: film, plate, cable or beam.
-        names: of its fields, keys of `FIELDS`.
-
-    Raises:
-        InputError: no name is given, or the body does not have one of the fields; the message lists
-            those that it has.
-    """
+    """Check the names of output fields of a body."""
     is_film = isinstance(body, Membrane)
     is_line = isinstance(body, Curve)
     bends = isinstance(body, Membrane) and body.bends
@@ -249,6 +240,15 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
         check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
 
 
+def jumps(name: str) -> bool:
+    """Whether a field may jump between cells; then it is constant in each cell of a body of order
+    1."""
+    field = FIELDS[name]
+    is_of_cells = field.of_films or field.along_line is not None
+    # Maps of wrinkles are means at the vertices.
+    return is_of_cells and name not in WRINKLE_MAPS
+
+
 # ---- functions -----------------------------------------------------------------------------------
 
 
@@ -260,25 +260,23 @@ class FieldFunctions:
     Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
     nothing is lost or smoothed.
 
-    Args:
-        system: the compiled scene.
-        body: a body on a mesh in it.
-        names: of the fields.
-
     Attributes:
         functions: one for each name, in their order; set by `update`.
-
-    Raises:
-        InputError: see `check_fields`.
     """
 
-    def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        system: System,
+        body: MeshBody,
+        names: Sequence[str],
+        element: tuple[str, int] | None = None,
+    ) -> None:
         """Make one function for each name, and what computes its values; `update` computes them.
 
         Collective: expressions are compiled."""
         check_fields(body, names)
         self._shape = BodyShape(system, body)
-        self._element = self._element_of(names)
+        self._element = element or self._element_of(names)
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
         for name in names:
@@ -289,8 +287,7 @@ class FieldFunctions:
     def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
         """Return family and order of an element that can represent all fields."""
         order = self._shape.body.space.ufl_element().degree
-        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
-        if jumps:
+        if any(jumps(name) for name in names):
             return "Discontinuous Lagrange", order
         return "Lagrange", order
 
@@ -302,16 +299,7 @@ class FieldFunctions:
     def _update_of(
         self, function: fem.Function, body: MeshBody, system: System
     ) -> Callable[[], None]:
-        """Return what sets the function of a field to the accepted state; collective.
-
-        Returns:
-            a function without arguments: a map of wrinkles, the interpolation of a compiled
-            expression, or the collection of values from the scene.
-
-        Raises:
-            InputError: no C compiler was found, or a map of wrinkles is asked for and the law of
-                the film has none.
-        """
+        """Return what sets the function of a field to the accepted state; collective."""
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
             # Imported here, as few outputs need it.

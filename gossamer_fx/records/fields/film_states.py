@@ -21,11 +21,7 @@ STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
 
 def film_state(shape: BodyShape) -> Expr:
-    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut.
-
-    Args:
-        shape: coordinates of the film as functions on its mesh.
-    """
+    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut."""
     film = shape.body
     # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
     unit = constant(film.space.mesh, 1.0)
@@ -34,9 +30,6 @@ def film_state(shape: BodyShape) -> Expr:
 
 class AreaFractions:
     """Shares of the reference area of some films that are slack, wrinkled and taut.
-
-    Args:
-        films: films of a scene.
 
     Example:
         >>> from gossamer_fx.records.fields.film_states import AreaFractions
@@ -52,12 +45,6 @@ class AreaFractions:
         """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
 
         Collective.  Areas are those of the stress-free shape.
-
-        Args:
-            system: the compiled scene, always the same one; its accepted state counts.
-
-        Raises:
-            InputError: a film is not in the scene.
         """
         if self._compiled is None:
             self._compiled = self._compile(system)
@@ -76,9 +63,6 @@ class AreaFractions:
         Returns:
             for each film its shape, a constant that selects the state (0, 1 or 2), and the form
             [m²] of the area of this rank's cells in that state.
-
-        Raises:
-            InputError: a film is not in the scene.
         """
         compiled = []
         for film in self._films:

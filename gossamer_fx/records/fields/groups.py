@@ -21,9 +21,6 @@ def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[Integers]]:
     A film with one part only is called by the name of the film.  With several films, the names of
     their groups follow that of the film.
 
-    Args:
-        films: films of a scene.
-
     Returns:
         The names of all parts, and for each film the numbers (cells,) of its cells' parts in that
         list.

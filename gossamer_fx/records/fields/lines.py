@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.core.algebra.point_measures import evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.model.body import Array, Attached, Port
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
+from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStoredEnergy
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.records.fields.fields import position
-from gossamer_fx.records.fields.line_forces import line_forces
 from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
@@ -201,3 +204,120 @@ def _order_along_line(ends: Pairs) -> npt.NDArray[np.int64]:
     if len(order) != len(ends):
         return given
     return np.array(order)
+
+
+@dataclass(frozen=True)
+class LineForces:
+    """Tensions and lengths of the n lines of a connector, the same on every rank.
+
+    A spring, rope or tether is one line, a bundle has one for each rope, a tape one for each bar.
+
+    Attributes:
+        tensions: (n,) [N], negative for compression; without the force of a damping.
+        lengths: distances (n,) [m] of the two ends.
+        natural_lengths: (n,) [m]; of a tether with a brake those in this state.
+        weights: shares (n,) of the lines in the mean of the connector, whose sum is one.
+    """
+
+    tensions: Array
+    lengths: Array
+    natural_lengths: Array
+    weights: Array
+
+    @property
+    def strains(self) -> Array:
+        """Changes of length over the natural lengths (n,); infinite where these are zero."""
+        with np.errstate(divide="ignore"):
+            found: Array = self.lengths / self.natural_lengths - 1
+        return found
+
+
+def line_forces(system: System, connector: DrawnAsLines) -> LineForces:
+    """Tensions and lengths of a connector in the accepted state.  Collective."""
+    terms = system.terms_of(connector)
+    check(
+        bool(terms),
+        f"'{connector.name}' is not in the scene; ask for a part that is in it.",
+    )
+    stored = [term for term in terms if isinstance(term, PointStoredEnergy)]
+    if stored:
+        parts = [_of_stored_energy(system, term, connector) for term in stored]
+        return _joined(parts)
+    return _of_reel(system, connector)
+
+
+def _of_stored_energy(
+    system: System, term: PointStoredEnergy, connector: DrawnAsLines
+) -> LineForces:
+    """Tensions of the lines of one stored energy.
+
+    The measure is e = ½ α l² + c of the length l.  With the stress S = dψ/de the tension is
+    dψ/dl = S α l = 2 S (e - c)/l.  A spring has α = 1 and c = 0.  A tape has a multiple of
+    ½(l²/L² - 1), so that l²/L² = (c - e)/c.
+    """
+    compiled = next(kind for kind in system.compiled if isinstance(kind, PointEnergies))
+    count = len(term.measure.ports)
+    is_tape = bool(np.any(term.measure.c))
+    if is_tape:
+        tape: Any = connector
+        natural = np.asarray(tape.lengths, dtype=np.float64)
+    else:
+        natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
+    # Each line is evaluated on one rank: the sum over all ranks is its tension.
+    here = evaluated_here(term.measure.ports)
+    own_values = np.zeros((2, count))
+    measure, stress = compiled.stresses(term)
+    offset = np.broadcast_to(term.measure.c, (count, 1))[here, 0]
+    quadratic_part = measure[:, 0] - offset
+    lengths = np.sqrt(2 * np.maximum(quadratic_part, 0.0))
+    if is_tape:
+        lengths = natural[here] * np.sqrt(np.maximum(-quadratic_part / offset, 0.0))
+    # Coincident ends have no direction, and no tension along it.
+    has_length = lengths > 0
+    own_values[0, here] = np.divide(
+        2 * stress[:, 0] * quadratic_part,
+        lengths,
+        out=np.zeros(len(here)),
+        where=has_length,
+    )
+    own_values[1, here] = lengths
+    tensions, lengths = system.comm.allreduce(own_values)
+    weights = np.full(count, 1 / count)
+    if is_tape:
+        # Bars are parts of one line, and count by their lengths; ropes are lines by themselves.
+        weights = natural / natural.sum()
+    return LineForces(tensions, lengths, natural, weights)
+
+
+def _of_reel(system: System, connector: DrawnAsLines) -> LineForces:
+    """Tension of a tether, whose natural length is on its reel."""
+    # Imported here: a scene without a reel does not load it.
+    from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
+
+    for kind in system.compiled:
+        if not isinstance(kind, PaidOutRopes):
+            continue
+        for number, term in enumerate(kind.terms):
+            # The names of parts are unique in a scene.
+            if term.name == connector.name:
+                ends = system.state.vectors(connector.lines_to_draw[0])
+                length = float(np.linalg.norm(ends[1] - ends[0]))
+                one = slice(number, number + 1)
+                return LineForces(
+                    tensions=kind.tensions()[one],
+                    lengths=np.array([length]),
+                    natural_lengths=kind.lengths()[one],
+                    weights=np.ones(1),
+                )
+    raise AssertionError(f"'{connector.name}' has neither a stored energy nor a reel")
+
+
+def _joined(parts: list[LineForces]) -> LineForces:
+    """The lines of several parts, which count alike in the mean."""
+    weights = np.concatenate([part.weights for part in parts])
+    return LineForces(
+        tensions=np.concatenate([part.tensions for part in parts]),
+        lengths=np.concatenate([part.lengths for part in parts]),
+        natural_lengths=np.concatenate([part.natural_lengths for part in parts]),
+        weights=weights / weights.sum(),
+    )

@@ -50,16 +50,10 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     """Force and moment that a support exerts in the last solution.  Collective.
 
     Args:
-        system: the compiled scene, after a step or at rest.
-        support: an item that fixes or prescribes coordinates or rotations, e.g. `Fixed`.
         about: point (3,) [m] of the moment, the same on every rank.
 
     Returns:
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
-
-    Raises:
-        InputError: `support` is not a support, is not in the scene or holds nothing, or the point
-            is not three finite numbers.
     """
     check(
         hasattr(support, "terms"),
@@ -104,16 +98,10 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     Side `a` bears the opposite.
 
     Args:
-        system: the compiled scene, after a step or at rest.
-        joint: a joint of two points or frames, with multipliers.
         about: point (3,) [m] of the moment; default: the origin.
 
     Returns:
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
-
-    Raises:
-        InputError: it is not in the scene, or has no multipliers, or the point is not three
-            numbers.
     """
     check(
         hasattr(joint, "b"),

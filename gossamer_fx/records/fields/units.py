@@ -1,6 +1,11 @@
-"""Units of output fields, and prefixes of units."""
+"""Units and names of output fields, and prefixes of units."""
 
 from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.view import Axis
 
 # Unit of each field; fields that are missing are pure numbers.
 UNITS = {
@@ -40,17 +45,8 @@ def with_unit(field: str) -> str:
     return field
 
 
-def without_unit(name: str) -> str:
-    """Name of a field from its name with the unit."""
-    return name.partition(" [")[0]
-
-
 def scaled(largest: float) -> tuple[float, str]:
     """Return factor and prefix of the unit in which a number lies between 1 and 1000.
-
-    Args:
-        largest: number in the unit without prefix, ≥ 0.  Below 1e-9 the factor is 1, from 1e12 on
-            the largest one, 1e9.
 
     Example:
         `scaled(0.02)` is `(1e-3, "m")`: 0.02 s are 20 ms.
@@ -60,7 +56,52 @@ def scaled(largest: float) -> tuple[float, str]:
     return factor, _PREFIXES[factor]
 
 
+def scaled_axis(axis: Axis, values: Array) -> tuple[float, str]:
+    """Factor and unit of the axis of a figure that has these values; a pure number stays."""
+    if not axis.unit:
+        return 1.0, ""
+    factor, prefix = scaled(float(np.abs(values).max(initial=0.0)))
+    return factor, f"{prefix}{axis.unit}"
+
+
 def energy_words(energy: float) -> str:
     """An energy with its unit, e.g. "17.2 kJ"."""
     factor, prefix = scaled(abs(energy))
     return f"{energy / factor:.3g} {prefix}J"
+
+
+# ---- in pictures ---------------------------------------------------------------------------------
+
+NAMES = {
+    "displacement": "Displacement",
+    "velocity": "Speed",
+    "tension": "Tension",
+    "axial_strain": "Axial strain",
+    "curvature1": "Larger principal curvature",
+    "curvature2": "Smaller principal curvature",
+    "moment1": "Larger bending moment",
+    "moment2": "Smaller bending moment",
+    "fold_angle": "Fold angle at creases",
+    "strain1": "Larger principal strain",
+    "strain2": "Smaller principal strain",
+    "elastic_strain1": "Larger principal elastic strain",
+    "elastic_strain2": "Smaller principal elastic strain",
+    "stress1": "Larger principal stress",
+    "stress2": "Smaller principal stress",
+    "pressure": "Pressure inside over outside",
+    "contact_pressure": "Contact pressure",
+    "state": "State of the film",
+    "mode_amplitude": "Amplitude of the mode",
+    "wrinkle_slope": "Slope of the wrinkles",
+    "wrinkle_amplitude": "Amplitude of the wrinkles",
+    "wrinkle_direction": "Direction of the wrinkles",
+    "group": "Parts of the films",
+}
+
+
+def plain_text(text: str) -> str:
+    """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture
+    are replaced."""
+    # Python does not count the space at which no line is broken as printable.
+    shown = "".join(c if c.isprintable() or c == "\u00a0" else "\ufffd" for c in text)
+    return shown.replace("$", r"\$")

@@ -65,16 +65,7 @@ LEAST_EXCESS = 1e-15
 
 
 class WrinkleMap:
-    """Sets a function on a film to one of the maps, which its name tells; compiled once.
-
-    Args:
-        function: on the film's mesh, with one of the names of the maps.
-        film: in the system.
-        system: the compiled scene.
-
-    Raises:
-        InputError: the law of the film has no maps.
-    """
+    """Sets a function on a film to one of the maps, which its name tells; compiled once."""
 
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
         """Check the film's law, and compile the expressions of the map; collective."""
@@ -150,11 +141,7 @@ class WrinkleMap:
 
 
 def _check_law(film: Membrane) -> None:
-    """Refuse films whose law does not give the taut strain of a stress, or no bending stiffness.
-
-    Raises:
-        InputError: names the film and its law.
-    """
+    """Refuse films whose law does not give the taut strain of a stress, or no bending stiffness."""
     law = type(film.law)
     has_strain = law.taut_strain is not FilmLaw.taut_strain
     has_bending = law.bending_stiffness is not FilmLaw.bending_stiffness

@@ -13,23 +13,20 @@ import numpy as np
 from gossamer_fx.core.mesh.quality import box, corner_points, sizes
 from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
 Description = dict[str, Any]
 
 # Packages whose versions may change results; they are recorded with a run.
-_PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh", "adios2")
+_PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh")
 
 
-def describe(run: Run) -> Description:
+def describe(run: StateView) -> Description:
     """Bodies, terms, gas, energies and momenta of the present state, as data for `run.json`.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
     energies [J], momenta [kg m/s, kg m²/s].  Collective; the same on every rank.
-
-    Args:
-        run: whose scene and state are described.
     """
     system = run.system
     totals = run.totals
@@ -71,7 +68,7 @@ def describe(run: Run) -> Description:
     }
 
 
-def _body(run: Run, body: Body) -> Description:
+def _body(run: StateView, body: Body) -> Description:
     """Kind, size, mass [kg], surrounding box [m] and law of a body, as data for JSON.  Collective.
 
     Returns:
@@ -110,7 +107,7 @@ def _body(run: Run, body: Body) -> Description:
     return found
 
 
-def _mass(run: Run, body: Body) -> float:
+def _mass(run: StateView, body: Body) -> float:
     """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective."""
     system = run.system
     owned = system.block(body).owned
@@ -139,12 +136,7 @@ def versions() -> dict[str, str]:
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description of a run as lines of text: one for each body, chamber and kind of term.
-
-    Args:
-        about: the entry "scene" of a run.json, as `describe` returns it: masses in kg, energies in
-            J.
-    """
+    """A description of a run as lines of text: one for each body, chamber and kind of term."""
     ranks = f"{about['ranks']} ranks"
     if about["ranks"] == 1:
         ranks = "1 rank"

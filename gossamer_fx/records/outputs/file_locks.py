@@ -23,7 +23,6 @@ from filelock import FileLock, Timeout
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.records.outputs.file_names import segment_number
 from gossamer_fx.records.outputs.output import make_parent
 
 # The last object of this process that took the lock on a path, for runs of one program that follow
@@ -37,14 +36,6 @@ class FileLocks:
     Runs of one program may follow each other: a run takes over the locks of an earlier run of the
     same program, unless that one is inside `Simulation.run` (`running` is true).  On a file system
     without locks nothing is locked.
-
-    Args:
-        comm: ranks of the run; rank 0 holds the locks, the others only learn of errors.
-        paths: files and folders that the run writes.
-
-    Raises:
-        InputError: two of the paths are the same file or segments of one file, a folder cannot be
-            made or written, or another run holds one of the locks.
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
@@ -56,7 +47,10 @@ class FileLocks:
         # A run that is dropped without being closed must not block the next one.
         weakref.finalize(self, _release_all, self._locks)
         for one, other in combinations(self._paths, 2):
-            _check_different(one, other)
+            check(
+                one != other,
+                f"Two outputs of the run write '{one}'; give one of them another name.",
+            )
         self.acquire()
 
     def acquire(self) -> None:
@@ -70,11 +64,7 @@ class FileLocks:
         _release_all(self._locks)
 
     def _acquire_all(self) -> None:
-        """Lock every file on this rank; if one is locked by another run, release all and raise.
-
-        Raises:
-            InputError: another run of this or another program writes one of the files.
-        """
+        """Lock every file on this rank; if one is locked by another run, release all and raise."""
         try:
             for path in self._paths:
                 if path not in self._locks:
@@ -87,9 +77,6 @@ class FileLocks:
     def _take_over(self, path: Path) -> FileLock | None:
         """The lock that an earlier run of this program holds on a path, which it loses; None if
         there is none.
-
-        Raises:
-            InputError: the earlier run is inside `Simulation.run` and still writes the file.
         """
         other = _LAST_OWNER.get(path)
         if other is None or path not in other._locks:
@@ -102,24 +89,8 @@ class FileLocks:
         return other._locks.pop(path)
 
 
-def _check_different(one: Path, other: Path) -> None:
-    """Raise `InputError` if two paths are one file, or one is a segment of the other (see
-    `file_names`)."""
-    same = segment_number(one, other) is not None or segment_number(other, one) is not None
-    longer = max(one, other, key=lambda path: len(str(path)))
-    check(not same, f"Two outputs of the run write '{longer}'; give one of them another name.")
-
-
 def _lock(path: Path) -> FileLock:
-    """Lock a path for this process, and write a file next to it that names the process.
-
-    Returns:
-        the lock, which is held until it is released or the process ends.  On a file system without
-        locks it is not held, and no error is raised.
-
-    Raises:
-        InputError: another process holds the lock; the message names it if it is known.
-    """
+    """Lock a path for this process, and write a file next to it that names the process."""
     # The run may be closed by another thread than the one that opened it.
     lock = FileLock(_lock_file(path), thread_local=False)
     try:

@@ -1,22 +1,21 @@
-"""The protocol of outputs, tables that survive a crash, and the evaluation of probes."""
+"""The protocol of outputs, their schedules, files of other runs, and the evaluation of probes."""
 
 from __future__ import annotations
 
-import csv
-import errno
-import io
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
-Probe = Callable[[Run], float]
+Probe = Callable[[StateView], float]
 
 # Files and folders of a recorded run, see `Recording`.
 RUN_FILES = (
@@ -42,15 +41,15 @@ class Output(Protocol):
         """Times [s] that the run must meet exactly."""
         ...
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         """Check the request and make the files; before anything is computed."""
         ...
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Look at the state; at the start and after every step."""
         ...
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Finish the files; also after a failure."""
         ...
 
@@ -65,7 +64,7 @@ class Continued(Output, Protocol):
         rank."""
         ...
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
         """Remove what was written after the cursor, and continue there; called instead of
         `open`."""
         ...
@@ -90,19 +89,8 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
     return cursors
 
 
-def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective.
-
-    Args:
-        run: that begins.
-        output: a record of the run, e.g. a table or field files.
-        cursors: class names and positions of the outputs of a checkpoint; the first one of the same
-            class is used and removed from the list.  Empty for a run from the start.
-
-    Raises:
-        InputError: the output would replace the files of another run, its request is wrong, or the
-            files do not fit the checkpoint.
-    """
+def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
+    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective."""
     kind = type(output).__name__
     # Outputs have no names: those of one kind are matched in the order in which they are given.
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
@@ -120,13 +108,6 @@ def check_no_other_run(comm: MPI.Intracomm, output: Output) -> None:
     An output with the attribute `overwrite` owns all that it writes: unless that attribute is true,
     none of its files may exist.  Any other output replaces a file of its name, but not one that
     belongs to the folder of a recorded run.
-
-    Args:
-        comm: of the run; rank 0 looks, as other ranks may see the folder later.
-        output: that begins, and does not continue after a restart.
-
-    Raises:
-        InputError: names the folder and the file.
     """
     if not isinstance(output, Writing) or getattr(output, "overwrite", False):
         return
@@ -152,179 +133,11 @@ def _is_of_a_run(path: Path) -> bool:
     return path.name in RUN_FILES and (path.parent / "run.json").exists()
 
 
-class Table:
-    """A CSV file that rank 0 writes row by row; a row is in it completely or not at all.
-
-    Args:
-        path: of the file.
-
-    Attributes:
-        end: length of the file after the last complete row [bytes].
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.end = 0
-        self._rows = 0  # complete rows, without the head
-        self._head: Sequence[str] = ()  # columns that are written with the first row
-
-    def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
-        """Begin an empty table; an older file is kept until the first row.  Collective.
-
-        Args:
-            comm: of the run; rank 0 writes.
-            head: names of the columns.
-
-        Raises:
-            InputError: the folder cannot be made or written.
-        """
-        make_parent(comm, self.path, file=True)
-        self.end = 0
-        self._rows = 0
-        self._head = head
-
-    def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
-        """Add a row to the file.  Collective.
-
-        Args:
-            comm: of the run; rank 0 writes.
-            row: a value for each column: numbers or words, the same on every rank.
-
-        Raises:
-            OutputFailure: the disk is full or the folder is gone; the rows before are whole.
-        """
-        lines = _csv_line(row)
-        # The head comes with the first row, so that a run that fails before keeps an older file.
-        if self._head:
-            lines = _csv_line(self._head) + lines
-
-        def write() -> None:
-            if comm.rank == 0:
-                if self._head:
-                    self.path.write_bytes(b"")
-                append_bytes(self.path, self.end, lines)
-
-        write_on_all(comm, self.path, write)
-        self._head = ()
-        self.end = comm.bcast(self.end + len(lines))
-        self._rows += 1
-
-    def cursor(self) -> dict[str, int]:
-        """What the table holds: `end` in bytes, and the number of `rows`."""
-        return {"end": self.end, "rows": self._rows}
-
-    def cut(self, comm: MPI.Intracomm, head: Sequence[str], cursor: Mapping[str, int]) -> None:
-        """Go on with a table as it was at a cursor; later rows are cut off.  Collective.
-
-        Args:
-            comm: of the run; rank 0 works on the file.
-            head: names of the columns that the table must have.
-            cursor: position that `cursor` returned: length `end` [bytes] and number of `rows`.
-
-        Raises:
-            InputError: the file is shorter, or has other columns or another number of rows.
-        """
-        make_parent(comm, self.path, file=True)
-        on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["rows"]))
-        self.end = cursor["end"]
-        self._rows = cursor["rows"]
-
-    def _cut(self, head: Sequence[str], end: int, rows: int) -> None:
-        """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one
-        rank.
-
-        Nothing is changed if a check fails. A file that does not exist counts as empty.
-
-        Args:
-            end: length of the file that is kept [bytes].
-
-        Raises:
-            InputError: the file is shorter, or has other columns or another number of rows.
-            OSError: the file cannot be read or shortened.
-        """
-        content = b""
-        if self.path.is_file():
-            content = self.path.read_bytes()
-        check(
-            len(content) >= end,
-            f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} "
-            f"instead of {end} "
-            "bytes; put back a copy of it, or start again.",
-        )
-        first_line = _csv_line(head)
-        check(
-            content.startswith(first_line),
-            f"'{self.path}' has other columns than this run; restart with the same ones, or give "
-            "another name.",
-        )
-        kept = content[:end]
-        check(
-            kept.endswith(b"\n") and kept.count(b"\n") == rows + first_line.count(b"\n"),
-            f"'{self.path}' was replaced since the checkpoint was written, when it had {rows} "
-            "rows; put back a copy of "
-            "it, or start again.",
-        )
-        os.truncate(self.path, end)
-
-
-def append_bytes(path: Path, end: int, content: bytes) -> None:
-    """Write bytes at a position of a file; if the disk has no room for all of them, nothing is
-    written.
-
-    Args:
-        path: of the file, which exists.
-        end: position [bytes] at which `content` begins, normally the end of the file.
-        content: the bytes.
-
-    Raises:
-        OSError: the disk is full, or the file does not exist.
-    """
-    # Without a buffer, a full disk is noticed here and not when the file is closed.
-    with path.open("r+b", buffering=0) as file:
-        file.seek(end)
-        try:
-            if file.write(content) != len(content):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        except OSError:
-            file.truncate(end)
-            raise
-
-
-def _csv_line(values: Iterable[Any]) -> bytes:
-    """A row of a CSV file, with its line break, in UTF-8."""
-    entries = []
-    for value in values:
-        if isinstance(value, float):
-            # The type of NumPy would be part of its representation.
-            entries.append(repr(float(value)))
-        else:
-            entries.append(value)
-    line = io.StringIO()
-    csv.writer(line).writerow(entries)
-    # Names may contain half of a surrogate pair, e.g. from a file name, which has no UTF-8.
-    return line.getvalue().encode(errors="backslashreplace")
-
-
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
-    """Make the folder of an output and try to write in it.
-
-    Args:
-        comm: of the run.
-        path: of the output.
-        file: whether it is to be a file (True) or a folder (False), if that is known.
-
-    Raises:
-        InputError: the folder cannot be made or written, or a folder has the name of the file, or
-            the other way.
-    """
+    """Make the folder of an output and try to write in it."""
 
     def task() -> None:
-        """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0.
-
-        Raises:
-            InputError: the folder cannot be made or written, or `path` is a folder instead of a
-                file, or the other way.
-        """
+        """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
@@ -352,30 +165,14 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
     on_rank_zero(comm, task)
 
 
-def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
-    """The value of a probe in the state of a run.  Collective.
-
-    Args:
-        run: whose state is read.
-        name: of the probe, for messages.
-        probe: a function of the run that returns one number, in any unit.
-
-    Raises:
-        InputError: the probe fails, or does not return the same finite number on every rank.
-    """
-    return float(ask_numbers(run.comm, f"{name} at t = {run.time:.6g} s", lambda: probe(run)))
+def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
+    """The value of a probe in the state of a run.  Collective."""
+    return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", lambda: probe(run)))
 
 
 def replace_file(path: Path, text: str) -> None:
     """Replace the contents of a file at once, so that a reader never finds half of them; on one
     rank.
-
-    Args:
-        path: of the file, which need not exist; a file with the ending `.new` is made next to it.
-        text: its new contents.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     try:
         new = path.with_suffix(".new")
@@ -386,3 +183,47 @@ def replace_file(path: Path, text: str) -> None:
         raise InputError(
             f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
         ) from error
+
+
+# A time is met if it differs by less than this from the one asked for, relatively above 1 s [s].
+TIME_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Every n-th step, or given times; the first and the last state are always due.
+
+    Args:
+        times: of records, instead [s].
+    """
+
+    every: int = 1
+    times: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the number of steps between two records, and the times of records."""
+        check(
+            isinstance(self.every, int) and self.every >= 1,
+            f"every is {self.every!r}; give the number of steps between two outputs.",
+        )
+        for t in self.times:
+            check(
+                isinstance(t, Real) and math.isfinite(t) and t >= 0,
+                f"times holds {t!r}; give the times of outputs in seconds, from 0 on.",
+            )
+
+    def due(self, step: int, time: float, last: bool) -> bool:
+        """Whether a record is due after a step.
+
+        Args:
+            time: [s].
+        """
+        if step == 0 or last:
+            return True
+        if self.times:
+            return self.meets(time)
+        return step % self.every == 0
+
+    def meets(self, time: float) -> bool:
+        """Whether a time [s] is one of the given ones."""
+        return any(abs(time - t) <= TIME_TOLERANCE * max(abs(t), 1.0) for t in self.times)

@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.records.fields.units import energy_words
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import Account, StateView
 
 # Wall time [s] between two lines if the output is not a terminal: a log file must stay short.
 LINE_INTERVAL = 10.0
@@ -47,21 +47,23 @@ class Progress:
         self._shown = 0.0  # time of the last update, by the monotonic clock [s]
         self._bar: Bar | None = None
 
-    def open(self, run: Run) -> None:
+    def open(self, run: StateView) -> None:
         self._live = self._stream.isatty()
         if not self._live:
             self._pause = max(self._pause, LINE_INTERVAL)
         self._print(
-            run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n"
+            run,
+            f"{run.system.numbering.size} unknowns, "
+            f"compiled in {run.account.compile_seconds:.1f} s\n",
         )
 
-    def _print(self, run: Run, text: str) -> None:
+    def _print(self, run: StateView, text: str) -> None:
         """Write a text on rank 0."""
         if run.comm.rank == 0:
             self._stream.write(text)
             self._stream.flush()
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         """Update the terminal if enough wall time has passed since the last update.  Collective.
 
         `_shown` is the time of the last update and `_pause` the time between updates, both wall
@@ -72,65 +74,70 @@ class Progress:
         if run.comm.bcast(is_early):
             return
         self._shown = now
-        balance = energy_balance(run)
+        account = run.account
+        balance = energy_balance(account)
         if self._live:
-            self._draw(run, balance)
+            self._draw(run, account, balance)
         else:
-            counts = f"step {run.step}   iterations {run.last_iterations}   {balance}"
-            self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
+            where = f"{run.axis.symbol} = {run.time:.6g} of {account.until:.6g} {run.axis.unit}"
+            counts = f"step {run.step}   iterations {account.last_iterations}   {balance}"
+            self._print(run, f"{where}   {counts}\n")
 
-    def _draw(self, run: Run, balance: str) -> None:
-        """Update the bar on the terminal; only rank 0 draws.
-
-        Args:
-            run: whose time and end time [s], step, length of the step [s] and iterations are shown.
-        """
+    def _draw(self, run: StateView, account: Account, balance: str) -> None:
+        """Update the bar on the terminal; only rank 0 draws."""
         if run.comm.rank > 0:
             return
         if self._bar is None:
             self._bar = _bar(self._stream)
             self._bar.add_task("")
             self._bar.start()
+        words = f"{run.time:.4g}/{account.until:.4g} {run.axis.unit}  "
         # Before the first step, no step has a length that could be shown.
-        h = run.stepping.wanted
         if run.step:
-            h = run.system.h
-        counts = f"step {run.step}  {run.last_iterations} it.  {balance}"
-        words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
+            words += f"h {run.system.h:.2g} s  "
+        words += f"step {run.step}  {account.last_iterations} it.  {balance}"
         self._bar.update(
-            self._bar.task_ids[0], completed=run.time, total=run.until, description=words
+            self._bar.task_ids[0], completed=run.time, total=account.until, description=words
         )
         self._bar.refresh()
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """End the bar, and print a summary: steps, iterations, wall times [s], and closing
         errors."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
         steps = max(run.step, 1)
-        closes = "at rest"
-        if not run.at_rest:
+        account = run.account
+        summary = (
+            f"{run.step} steps in {account.seconds:.1f} s, {account.iterations / steps:.1f} "
+            f"iterations a step, {account.rejected} steps rejected"
+        )
+        balance = account.balance
+        if balance is not None and balance.at_rest:
+            summary += "; at rest"
+        elif balance is not None:
             # The relative error alone would hide a large error of the energy of a film next to the
             # energy of its gas.
-            closes = (
-                f"energy closes to {run.energy_error:.1e} of {energy_words(run.largest_energy)}, "
-                f"{run.energy_defect:.1e} J"
+            summary += (
+                f"; energy closes to {balance.energy_error:.1e} of "
+                f"{energy_words(balance.largest_energy)}, {balance.energy_defect:.1e} J"
             )
-        summary = (
-            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a "
-            f"step, {run.substeps} steps rejected; {closes}"
-        )
-        if run.totals.mass:
-            summary += f", gas mass to {run.mass_error:.1e}"
-        spent = f"{run.solver.newton.summary()}; output {run.output_seconds:.1f} s"
+        if balance is not None and run.totals.mass:
+            summary += f", gas mass to {balance.mass_error:.1e}"
+        spent = f"{account.solver}; output {account.output_seconds:.1f} s"
         self._print(run, f"{summary}\n{spent}\n")
 
 
-def energy_balance(run: Run) -> str:
+def energy_balance(account: Account) -> str:
     """The closing error of the energy in words; a share of energies that are round-off would mean
     nothing."""
-    return "at rest" if run.at_rest else f"ledger {run.energy_error:+.1e}"
+    balance = account.balance
+    if balance is None:
+        return ""
+    if balance.at_rest:
+        return "at rest"
+    return f"ledger {balance.energy_error:+.1e}"
 
 
 def _bar(stream: IO[str]) -> Bar:

@@ -12,8 +12,7 @@
                        there are any
     tensions.csv       tensions of these lines and of cables and beams, at the same times
     probes.csv         the probes that were asked for
-    fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
-    fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
+    fields/NAME.pvd    fields of each body on a mesh, and the folder fields/NAME_files: `VTU`
 
 `RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
 `run.json` in addition.
@@ -25,6 +24,7 @@ import json
 import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -33,34 +33,30 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero
-from gossamer_fx.core.model.body import Body, is_on_mesh
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of
-from gossamer_fx.records.outputs.connector_lines import ConnectorLines
 from gossamer_fx.records.outputs.description import describe, versions
-from gossamer_fx.records.outputs.file_names import file_name
-from gossamer_fx.records.outputs.ledger import Ledger
-from gossamer_fx.records.outputs.output import RUN_FILES, Probe, make_parent, replace_file
-from gossamer_fx.records.outputs.probe_table import Probes
-from gossamer_fx.records.outputs.run_file import FORMAT
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.output import (
+    RUN_FILES,
+    Probe,
+    Schedule,
+    make_parent,
+    replace_file,
+)
+from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.outputs.vtx import VTX
 from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
-from gossamer_fx.solve.view import Run
-
-# What writes one of the files.
-RecordedPart = VTX | VTU | Probes | ConnectorLines | Ledger
+from gossamer_fx.solve.view import StateView
 
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
 
-# Formats of fields, and the endings of their files.
-FORMATS = {"vtx": ".bp", "vtu": ".pvd"}
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
@@ -85,12 +81,10 @@ class Recording:
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the
             first state is recorded, so that a run that is refused destroys nothing.
-        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are
-            read by pyvista as well as ParaView).
 
     Raises:
-        InputError: an unknown format; when the run is made: an unknown field or body, or a folder
-            that cannot be written or holds another run.
+        InputError: when the run is made: an unknown field or body, or a folder that cannot be
+            written or holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -112,16 +106,10 @@ class Recording:
         title: str = "",
         states_every: int | None = None,
         overwrite: bool = False,
-        format: str = "vtx",
     ) -> None:
-        check(
-            format in FORMATS,
-            f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
-        )
         self.folder = Path(folder)
         self.title = title
         self.overwrite = overwrite
-        self.format = format
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
@@ -129,9 +117,10 @@ class Recording:
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
+        self._captions: list[str] = []  # of the states of a record that is not a run
         self._clears_folder = False  # whether the first record removes the files of another run
-        self._fields: dict[str, VTX | VTU] = {}
-        self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
+        self._fields: dict[str, VTU] = {}
+        self._tables: dict[str, TableOutput] = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -144,24 +133,15 @@ class Recording:
 
     # ---- the protocol of outputs -----------------------------------------------------------------
 
-    def open(self, run: Run) -> None:
-        """Check the request, and make all outputs.  Collective.
-
-        Raises:
-            InputError: an unknown field or body, a probe that fails, or a folder that cannot be
-                written.
-        """
+    def open(self, run: StateView) -> None:
+        """Check the request, and make all outputs.  Collective."""
         self._prepare(run)
         self._clears_folder = self.overwrite
         for _, output in self._outputs():
             output.open(run)
 
-    def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
-        """Continue after a restart, from the positions of all files in a checkpoint.
-
-        Raises:
-            InputError: the checkpoint is of a recording with other files.
-        """
+    def resume(self, run: StateView, cursor: Mapping[str, Any]) -> None:
+        """Continue after a restart, from the positions of all files in a checkpoint."""
         self._prepare(run)
         # All names are known before the first file is shortened to its position.
         missing = [name for name, _ in self._outputs() if name not in cursor]
@@ -176,14 +156,12 @@ class Recording:
     def cursor(self) -> dict[str, Any]:
         return {name: output.cursor() for name, output in self._outputs()}
 
-    def record(self, run: Run, last: bool) -> None:
-        """Record the state of a run in all files where it is due.  Collective.
-
-        Raises:
-            OutputFailure: a file cannot be written.
-            InputError: a probe fails, or `run.json` cannot be written.
-        """
+    def record(self, run: StateView, last: bool) -> None:
+        """Record the state of a run in all files where it is due.  Collective."""
         self.has_begun = True
+        caption = run.account.caption
+        if caption:
+            self._captions.append(caption)
         if self._clears_folder:
             # Also tables that this run does not write, e.g. of a gas that it does not have.
             on_rank_zero(run.comm, self._clear_folder)
@@ -197,9 +175,6 @@ class Recording:
     def _clear_folder(self) -> None:
         """Remove the files of another run from the folder; the folder of the fields stays.  On one
         rank.
-
-        Raises:
-            OSError: a file cannot be removed.
         """
         for path in self.writes:
             if path.is_dir():
@@ -211,7 +186,7 @@ class Recording:
             else:
                 path.unlink(missing_ok=True)
 
-    def record_fields(self, run: Run) -> None:
+    def record_fields(self, run: StateView) -> None:
         """Record the fields of the present state, unless they were just recorded."""
         is_new = any(output.last_time != run.time for output in self._fields.values())
         for output in self._fields.values():
@@ -222,15 +197,11 @@ class Recording:
             if is_new and table is not None:
                 table.record(run, last=True)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Close all files, and write to `run.json` how the run ended.  Collective.
 
         The status is "finished", "stopped", or "stopped: " with the message of the error that is
         being raised.
-
-        Raises:
-            OutputFailure: a field file cannot be closed.
-            InputError: `run.json` cannot be written.
         """
         for _, output in self._outputs():
             output.close(run)
@@ -238,25 +209,21 @@ class Recording:
         failure = sys.exception()
         if failure is not None:
             self._write(run, f"stopped: {failure}")
-        elif run.time >= run.until * (1 - _END_TOLERANCE):
+        elif run.time >= run.account.until * (1 - _END_TOLERANCE):
             self._write(run, "finished")
         else:
             self._write(run, "stopped")
 
     # ---- outputs for the files -------------------------------------------------------------------
 
-    def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
+    def _outputs(self) -> Iterator[tuple[str, VTU | TableOutput]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
         yield from self._tables.items()
 
-    def _prepare(self, run: Run) -> None:
-        """Make the outputs, and the part of run.json that does not change.  Collective.
-
-        Raises:
-            InputError: a body of `fields` is not in the scene, or the folder cannot be written.
-        """
+    def _prepare(self, run: StateView) -> None:
+        """Make the outputs, and the part of run.json that does not change.  Collective."""
         make_parent(run.comm, self.folder / "run.json")
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
         names = [body.name for body in run.system.bodies if is_on_mesh(body)]
@@ -274,7 +241,6 @@ class Recording:
             "title": self.title,
             "scene": describe(run),
             "arguments": arguments_of(run.scene.items),
-            "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
             "fields": {name: list(output.fields) for name, output in self._fields.items()},
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
@@ -283,17 +249,14 @@ class Recording:
         if any("group" in output.fields for output in self._fields.values()):
             self._about["groups"] = groups_of(films)[0]
 
-    def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
+    def _make_fields(self, run: StateView) -> dict[str, VTU]:
         """The outputs of fields by the names of bodies: one for each body on a mesh."""
-        outputs: dict[str, VTX | VTU] = {}
-        kind: type[VTX] | type[VTU] = VTX
-        if self.format == "vtu":
-            kind = VTU
+        outputs: dict[str, VTU] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):
                 continue
-            outputs[body.name] = kind(
-                self.folder / "fields" / f"{file_name(body.name)}{FORMATS[self.format]}",
+            outputs[body.name] = VTU(
+                self.folder / "fields" / f"{file_name(body.name)}.pvd",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
                 every=self.schedule.every,
@@ -303,16 +266,13 @@ class Recording:
 
     def _make_tables(
         self,
-        run: Run,
+        run: StateView,
         films: Sequence[Membrane],
-    ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
+    ) -> Iterator[tuple[str, TableOutput]]:
         """Yield the tables by their file names; those without columns are left out.
 
         These are tables of gas states, area fractions of films, positions of points, frames of
         solids, the user's probes, ends of connectors, tensions, and the energy balance.
-
-        Raises:
-            InputError: a probe, a film or a name of a file is refused by the table that it is for.
         """
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
@@ -377,34 +337,34 @@ class Recording:
                     columns[f"{number} {solid.name} {vector}{axis}"] = FramePart(solid, 3 * i + j)
         return columns
 
-    def _write(self, run: Run, status: str) -> None:
+    def _write(self, run: StateView, status: str) -> None:
         """Write run.json with the scene and the statistics of the run so far.  Collective.
 
         Args:
             run: with time [s], steps, iterations, wall times [s] and closing errors.
-            status: how the run ended, or "running".
-
-        Raises:
-            InputError: the file cannot be written.
         """
-        statistics = {
-            "time": run.time,
-            "until": run.until,
+        account = run.account
+        statistics: dict[str, Any] = {
             "steps": run.step,
-            "rejected": run.substeps,
-            "iterations": run.iterations,
-            "iterations a step": run.iterations / max(run.step, 1),
-            "seconds": run.seconds,
-            "seconds of compilation": run.compile_seconds,
-            "at rest": run.at_rest,
-            "energy error": run.energy_error,
-            "energy defect": run.energy_defect,
-            "largest energy": run.largest_energy,
-            "mass error": run.mass_error,
+            "rejected": account.rejected,
+            "iterations": account.iterations,
+            "iterations a step": account.iterations / max(run.step, 1),
+            "seconds": account.seconds,
+            "seconds of compilation": account.compile_seconds,
         }
-        about = self._about | {"status": status, "statistics": statistics}
-        # Records of equilibria and modes have more to tell, see `static_records`.
-        about |= getattr(run, "about", {})
+        if account.balance is not None:
+            for name, value in asdict(account.balance).items():
+                statistics[name.replace("_", " ")] = value
+        axis = {**asdict(run.axis), "at": run.time, "until": account.until}
+        about = self._about | {
+            "kind": account.kind,
+            "status": status,
+            "axis": axis,
+            "method": dict(account.method),
+            "statistics": statistics,
+            "captions": self._captions,
+            **account.details,
+        }
         text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 
@@ -413,11 +373,10 @@ class _Coordinate:
     """A coordinate [m] of the first node of a body, as a probe."""
 
     def __init__(self, body: Body, axis: int) -> None:
-        """Take the body, and the number of the axis: 0, 1 or 2 for x, y or z."""
         self._body = body
         self._axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The coordinate in the state of a run."""
         positions = run.system.state[self._body].positions()
         # Ranks without the node contribute minus infinity.
@@ -425,7 +384,7 @@ class _Coordinate:
         return float(run.comm.allreduce(own, MPI.MAX))
 
 
-def _tension_columns(run: Run) -> dict[str, Probe]:
+def _tension_columns(run: StateView) -> dict[str, Probe]:
     """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones."""
     lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
     if not lines:
@@ -443,7 +402,7 @@ def _tension_columns(run: Run) -> dict[str, Probe]:
     return columns
 
 
-def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
+def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     """Names of the fields of a body that are recorded if none were asked for."""
     if not isinstance(body, Membrane):
         return ("displacement",)
@@ -453,3 +412,38 @@ def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
     if bounds_gas:
         return (*FILM_FIELDS, "pressure")
     return FILM_FIELDS
+
+
+class ConnectorLines(TableOutput):
+    """CSV file with the two ends of each line of the connectors [m], six columns a line."""
+
+    def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
+        super().__init__(path, schedule)
+        self._ends: dict[str, Attached] = {}  # by the beginnings of their three columns
+        number = 0
+        for item in items:
+            if not isinstance(item, DrawnAsLines):
+                continue
+            for pair in item.lines_to_draw:
+                number += 1
+                for end, letter in zip(pair, "ab", strict=True):
+                    self._ends[f"{number} {item.name} {letter}"] = end
+
+    def __bool__(self) -> bool:
+        """Whether there is anything to write."""
+        return bool(self._ends)
+
+    def values(self, run: StateView) -> dict[str, Any]:
+        # Neighbouring bars of a tape share their points, and the position of each is a sum over all
+        # ranks.
+        known: dict[Any, Array] = {}
+        found = {}
+        for name, end in self._ends.items():
+            key: Any = id(end)
+            if isinstance(end, Port):
+                key = (id(end.body), end.nodes, end.weights, end.vectors)
+            if key not in known:
+                known[key] = run.system.state.vector(end)
+            for axis, x in zip("xyz", known[key], strict=True):
+                found[f"{name}{axis}"] = float(x)
+        return found

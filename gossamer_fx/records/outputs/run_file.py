@@ -6,7 +6,9 @@ find the keys and types that they expect.  An error names the key, the value and
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +16,12 @@ from typing import Any
 from gossamer_fx.core.checks.errors import InputError, check
 
 # Number of the format of run.json and of the other files in the folder.
-FORMAT = 1
+FORMAT = 2
 
 _REMEDY = "write the run again, or put back a copy of the file."
 
 # Larger integers do not fit into the arrays of NumPy.
 _MAX_INTEGER = 2**63
-
-# Keys of statistics that older versions wrote, and their present names.
-_OLD_STATISTICS = {"halved": "rejected"}
 
 # Characters of a value in a message: the file may contain a text of any length.
 _MAX_SHOWN = 60
@@ -100,18 +99,17 @@ _RUN = {
         "angular momentum": Several(NUMBER, 3),
     },
     "arguments?": Each(Each(_ANYTHING)),
-    "stepper": {"kind": str, "dt": NUMBER},
+    "kind": str,
+    "axis": {"name": str, "unit": str, "at": NUMBER, "until": NUMBER},
+    "method": Each(_ANYTHING),
     "fields": Each(Several(str)),
     "groups?": Several(str),
     "solids?": Several(_SOLID),
     "versions": Each(str),
-    "kind?": str,
-    "captions?": Several(str),
+    "captions": Several(str),
     "result?": Each(_ANYTHING),
     "prestress?": Each(_PRESTRESS),
     "statistics": {
-        "time": NUMBER,
-        "until": NUMBER,
         "steps": int,
         "rejected": int,
         "iterations": int,
@@ -119,27 +117,16 @@ _RUN = {
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
         "at rest?": bool,
-        "energy error": NUMBER,
+        "energy error?": NUMBER,
         "energy defect?": NUMBER,
         "largest energy?": NUMBER,
-        "mass error": NUMBER,
+        "mass error?": NUMBER,
     },
 }
 
 
 def read_run_file(folder: Path) -> dict[str, Any]:
-    """The contents of a run's `run.json`, checked.
-
-    Args:
-        folder: of the run.
-
-    Returns:
-        a dictionary with the keys and types that `_RUN` lists, quantities in SI units.
-
-    Raises:
-        InputError: the file does not exist, it is not JSON, of another format, or has other keys or
-            types than a run writes.
-    """
+    """The contents of a run's `run.json`, checked."""
     path = folder / "run.json"
     check(
         path.is_file(),
@@ -157,7 +144,6 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         not isinstance(version, int) or version == FORMAT,
         f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
     )
-    _rename_old_keys(about)
     _check_kind(path, "the file", about, _RUN)
     for solid in about.get("solids", []):
         point_count = len(solid["X"])
@@ -171,32 +157,13 @@ def read_run_file(folder: Path) -> dict[str, Any]:
     return dict(about)
 
 
-def _rename_old_keys(about: Any) -> None:
-    """Give the statistics of an older version their present names, in place."""
-    # Not yet checked: the file may hold anything.
-    if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
-        return
-    statistics = about["statistics"]
-    for old, new in _OLD_STATISTICS.items():
-        if old in statistics:
-            statistics.setdefault(new, statistics.pop(old))
-
-
 def _check_kind(
     path: Path,
     where: str,
     value: Any,
     kind: Any,
 ) -> None:
-    """Raise `InputError` unless a value of a JSON file has the expected structure.
-
-    Args:
-        kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
-            or `Each`, `Several` or `Row` of kinds.
-
-    Raises:
-        InputError: names the file, the key, the value and what it must be.
-    """
+    """Raise `InputError` unless a value of a JSON file has the expected structure."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         for key, inner in kind.items():
@@ -246,3 +213,46 @@ def _refuse_unless(
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."
     check(right, f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")
+
+
+# Characters of a name that are kept: file systems allow 255 bytes, and endings are added.
+_MAX_CHARACTERS = 100
+
+# Hexadecimal digits of the hash that ends a long name.
+_HASH_DIGITS = 16
+
+# A point in front hides a file; blanks and points at an end are lost on some systems.
+_MISLEADING = re.compile(r"^[. ]|[. ]$")
+
+
+def file_name(name: str) -> str:
+    """A file name for an object's name; different names give different file names.
+
+    Letters, digits, blanks and `- _ .` are kept.  Other characters, and those that would mislead,
+    become % and the hexadecimal digits of their UTF-8.  A name over 100 characters is cut and ends
+    in a hash.
+
+    Example:
+        >>> file_name("film/left")
+        'film%2Fleft'
+    """
+    characters = []
+    for character in name:
+        is_alphanumeric = character.isascii() and character.isalnum()
+        if is_alphanumeric or character in " -_.":
+            characters.append(character)
+        else:
+            characters.append(_escaped(character))
+    safe = _MISLEADING.sub(lambda found: _escaped(found[0]), "".join(characters))
+    if len(safe) > _MAX_CHARACTERS:
+        # Of the full name, as long names may differ at their ends only.
+        digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()
+        return f"{safe[:_MAX_CHARACTERS]}%{digest[:_HASH_DIGITS]}"
+    return safe or "%"
+
+
+def _escaped(text: str) -> str:
+    """% and two hexadecimal digits for each byte of a text in UTF-8, also of half a surrogate
+    pair."""
+    encoded = text.encode("utf-8", errors="surrogatepass")
+    return "".join(f"%{byte:02X}" for byte in encoded)

@@ -9,7 +9,7 @@ import numpy as np
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Origin and axes of a solid that is not moved, (4, 3).
 REST = np.vstack([np.zeros(3), np.eye(3)])
@@ -28,10 +28,6 @@ def frame_of(solid: Solid, system: System) -> Array:
 
     A solid is a rigid shape in pictures: on a rigid body, with a prescribed motion, or at rest.
     Its axes are the rows 1 to 3; those of a solid that is not on a body are the coordinate axes.
-
-    Args:
-        solid: of the scene.
-        system: the compiled scene, with the state and the time.
 
     Collective: all ranks call it.
     """
@@ -61,9 +57,6 @@ def as_data(solid: Solid) -> dict[str, Any]:
 
     Args:
         solid: a rigid shape that pictures show, with points X (n, 3) [m].
-
-    Returns:
-        a dictionary with the keys "X", "triangles", "lines" (indices of points), and "moves".
     """
     points = []
     for point in solid.X:
@@ -81,7 +74,6 @@ class FramePart:
     """A component of a solid's frame, as a probe.
 
     Args:
-        solid: of the scene.
         part: index of the component in the frame (4, 3), row by row.
     """
 
@@ -89,7 +81,7 @@ class FramePart:
         self._solid = solid
         self._part = part
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component in the state of a run."""
         frame = frame_of(self._solid, run.system)
         return float(frame.ravel()[self._part])

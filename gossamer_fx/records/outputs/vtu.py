@@ -1,42 +1,62 @@
-"""Fields of a body as VTU files and a PVD file, which ParaView and pyvista read without ADIOS2."""
+"""Fields of a body as VTU files and a PVD file, which ParaView, VisIt and pyvista read.
+
+Next to `film.pvd` are in the folder `film_files`
+
+    00007.vtu, 00007_1.vtu      record 7 of rank 0, and of rank 1
+    mesh_00000.vtu, ...         the stress-free mesh of each rank, for the records from 0 on
+
+A run that is restarted may divide the mesh among its ranks in another way.  Therefore it writes the
+mesh again, with the number of its first record.
+
+VTU was chosen among the formats of ParaView since each record is a separate file: a run that is
+killed leaves whole records, a restart removes files, ranks do not wait for each other, and no
+library is needed.  `tools/measure_field_formats.py` compares time and size with VTX and VTKHDF.
+"""
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
-from gossamer_fx.core.mesh.linear_pieces import linear_pieces
-from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.records.fields.fields import FieldFunctions
+from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
+from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jumps
 from gossamer_fx.records.fields.units import with_unit
-from gossamer_fx.records.outputs.field_output import FieldOutput
-from gossamer_fx.records.outputs.output import make_parent
+from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.vtu_format import (
+    Block,
     Entry,
     Grid,
     Integers,
+    cell_blocks,
+    check_end,
     read_pvd,
     write_pvd,
     write_vtu,
 )
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
+
+# Names of the files of records and of meshes.
+_NUMBERED = re.compile(r"(?:mesh_)?(\d{5,})(?:_\d+)?\.vtu")
 
 
 @check_arguments
-class VTU(FieldOutput):
+class VTU:
     """Fields of one body in VTU files, one for each time and rank, and a PVD file that lists them.
 
     The points are at their present positions, so that the deformed shape is seen without a filter;
-    the stress-free mesh is at the position less the displacement.  Cells of order 2 are cut into
-    straight pieces.  Arrays have their units in their names, e.g. "stress1 [Pa]".  Each rank writes
-    its own cells.
+    the stress-free mesh is at the position less the displacement.  Fields of bodies of order 1 that
+    jump between cells are values of cells; a body of order 2 has quadratic cells, each with its own
+    points if a field jumps.  Arrays have their units in their names, e.g. "stress1 [Pa]".
 
     Args:
         path: of the PVD file, ending in `.pvd`; the VTU files are in a folder next to it,
@@ -50,18 +70,16 @@ class VTU(FieldOutput):
         last_time: of the last record [s]; None before the first.
 
     Raises:
-        InputError: the path has another ending; when the run is made: an unknown field or body, or
-            a folder that cannot be written.
+        InputError: the path has another ending, or `fields` is a word; when the run is made: an
+            unknown field or body, or a folder that cannot be written.
 
     Example:
         >>> fields = gx.outputs.VTU(folder / "film.pvd", film, fields=["stress1"])
         >>> fall = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1), outputs=[fields])
         >>> fall.run(until=0.2)
         >>> sorted(path.name for path in (folder / "film_files").iterdir())
-        ['00000.vtu', '00001.vtu', '00002.vtu']
+        ['00000.vtu', '00001.vtu', '00002.vtu', 'mesh_00000.vtu']
     """
-
-    ending = ".pvd"
 
     def __init__(
         self,
@@ -72,153 +90,173 @@ class VTU(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        super().__init__(path, body, fields, every, times)
-        self._times: list[float] = []
-        self._ranks: list[int] = []  # number of files of each record
+        self.path = Path(path)
+        self.body = body
+        self.fields = fields
+        self.schedule = Schedule(every, tuple(times))
+        check(
+            self.path.suffix == ".pvd",
+            f"VTU cannot write '{path}'; give a name that ends in .pvd.",
+        )
+        check(
+            not isinstance(fields, str),
+            f"VTU '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
+        )
+        self.last_time: float | None = None
+        self._entries: list[Entry] = []
+        self._records = 0  # number of records so far
+        self._has_mesh = False  # whether the mesh of this run is written
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
+        return self.schedule.times
 
     @property
     def folder(self) -> Path:
         """Folder of the VTU files."""
-        return files_of(self.path)
+        return self.path.with_name(f"{self.path.stem}_files")
 
     @property
     def writes(self) -> Sequence[Path]:
         return [self.path, self.folder]
 
-    def open(self, run: Run) -> None:
-        """Check the request, and number the points that this rank writes.  Collective.
-
-        Raises:
-            InputError: an unknown field or body, or a folder that cannot be written.
-        """
-        body = self.chosen_body(run)
+    def open(self, run: StateView) -> None:
+        """Check the request, and number the points that this rank writes.  Collective."""
+        body = self._chosen_body(run)
+        check_fields(body, self.fields)
         make_parent(run.comm, self.path, file=True)
         make_parent(run.comm, self.folder, file=False)
         names = list(dict.fromkeys(["displacement", *self.fields]))
-        self._functions = FieldFunctions(run.system, body, names)
-        space = self._functions.functions[0].function_space
+        in_cells: list[str] = []
+        # In a cell of order 1 such a field is constant.
+        if body.space.ufl_element().degree == 1:
+            in_cells = [name for name in names if jumps(name)]
+        at_points = [name for name in names if name not in in_cells]
+        self._functions = [FieldFunctions(run.system, body, at_points)]
+        if in_cells:
+            constants = ("Discontinuous Lagrange", 0)
+            self._functions.append(FieldFunctions(run.system, body, in_cells, constants))
+        space = self._functions[0].functions[0].function_space
         topology = space.mesh.topology
-        owned_cells = topology.index_map(topology.dim).size_local
-        pieces = linear_pieces(cell_nodes(space)[:owned_cells], topology.dim)
-        # Of the nodes of all cells, ghosts included, only those of the pieces are written.
-        self._nodes, numbers = np.unique(pieces, return_inverse=True)
-        self._pieces: Integers = numbers.reshape(pieces.shape)
+        self._dimension = topology.dim
+        self._owned_cells = topology.index_map(topology.dim).size_local
+        cells = cell_nodes(space)[: self._owned_cells]
+        # Of the nodes of all cells, ghosts included, only those of the own cells are written.
+        self._nodes, numbers = np.unique(cells, return_inverse=True)
+        self._cells: Integers = numbers.reshape(cells.shape)
         self._X: Array = space.tabulate_dof_coordinates()[self._nodes]
+        self._blocks: list[Block] = cell_blocks(self._cells, self._dimension)
+        self._has_mesh = False
 
-    def record(self, run: Run, last: bool) -> None:
-        """Write the fields of the state if they are due.  Collective.
+    def _chosen_body(self, run: StateView) -> MeshBody:
+        """The body whose fields are recorded: the given one, else the only one on a mesh."""
+        bodies = [one for one in run.system.bodies if is_on_mesh(one)]
+        names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
+        if self.body is None:
+            check(
+                len(bodies) == 1,
+                f"VTU '{self.path}': say which body is meant; those on a mesh are: {names}.",
+            )
+            return bodies[0]
+        check(
+            self.body in bodies,
+            f"VTU '{self.path}': '{self.body.name}' is not a body of the scene on a mesh; those "
+            f"are: {names}.",
+        )
+        return self.body
 
-        Raises:
-            OutputFailure: a file cannot be written; earlier records are whole.
-        """
+    def record(self, run: StateView, last: bool) -> None:
+        """Write the fields of the state if they are due.  Collective."""
         if not self.schedule.due(run.step, run.time, last):
             return
-        self._functions.update()
+        for functions in self._functions:
+            functions.update()
+        rank = run.comm.rank
+
+        def make_folder() -> None:
+            if rank == 0:
+                shutil.rmtree(self.folder, ignore_errors=True)
+                self.folder.mkdir(parents=True)
+
         # A run from the start replaces all records of an earlier one.
-        if not self._times:
-            on_rank_zero(run.comm, self._make_folder)
+        if not self._records:
+            write_on_all(run.comm, self.folder, make_folder)
         grid = self._grid()
-        number = len(self._times)
-        path = self.folder / _file_name(number, run.comm.rank)
-        write_on_all(run.comm, path, lambda: write_vtu(path, grid))
-        self._times.append(run.time)
-        self._ranks.append(run.comm.size)
+        path = self.folder / _file_name(self._records, rank)
+
+        def write_files() -> None:
+            if not self._has_mesh:
+                mesh = Grid(self._X, self._cells, self._dimension)
+                write_vtu(self.folder / f"mesh_{path.name}", mesh, self._blocks)
+            write_vtu(path, grid, self._blocks)
+
+        write_on_all(run.comm, path, write_files)
+        self._has_mesh = True
+        for part in range(run.comm.size):
+            file = f"{self.folder.name}/{_file_name(self._records, part)}"
+            self._entries.append(Entry(run.time, part, file))
+        self._records += 1
         self.last_time = run.time
 
         def write_list() -> None:
-            if run.comm.rank == 0:
-                write_pvd(self.path, self._entries())
+            if rank == 0:
+                write_pvd(self.path, self._entries)
 
         # After the files that it lists: a run that is killed leaves a list of whole records.
         write_on_all(run.comm, self.path, write_list)
 
-    def _make_folder(self) -> None:
-        """Make an empty folder for the files of a new run."""
-        if self.folder.is_dir():
-            shutil.rmtree(self.folder)
-        self.folder.mkdir(parents=True)
-
     def _grid(self) -> Grid:
-        """The cells of this rank, cut into straight pieces, with the values of all fields.
-
-        Returns:
-            a grid whose p points are at their present positions (p, 3) [m], with arrays (p,) or (p,
-            3) by names such as "stress1 [Pa]".
-        """
+        """The cells of this rank at their present positions [m], with the values of all fields."""
         arrays = {}
-        for function in self._functions.functions:
-            components = function.function_space.dofmap.bs
-            values = function.x.array.reshape(-1, components)[self._nodes]
-            if components == 1:
-                values = values[:, 0]
-            arrays[with_unit(function.name)] = values
+        for function in self._functions[0].functions:
+            arrays[with_unit(function.name)] = _values(function, self._nodes)
+        in_cells = {}
+        for functions in self._functions[1:]:
+            for function in functions.functions:
+                nodes = cell_nodes(function.function_space)[: self._owned_cells, 0]
+                in_cells[with_unit(function.name)] = _values(function, nodes)
         positions = self._X + arrays[with_unit("displacement")]
-        return Grid(positions, self._pieces, arrays)
+        return Grid(positions, self._cells, self._dimension, arrays, in_cells)
 
-    def _entries(self) -> list[Entry]:
-        """What the PVD file lists."""
-        entries = []
-        for number, (time, ranks) in enumerate(zip(self._times, self._ranks, strict=True)):
-            for rank in range(ranks):
-                file = f"{self.folder.name}/{_file_name(number, rank)}"
-                entries.append(Entry(time, rank, file))
-        return entries
-
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Nothing to close: each record is written completely."""
 
     def cursor(self) -> dict[str, Any]:
         """Position for a checkpoint: number of records, and time of the last one [s]."""
-        return {"records": len(self._times), "time": self.last_time}
+        return {"records": self._records, "time": self.last_time}
 
-    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
-        """Continue after a restart: remove records after the cursor.  Collective.
-
-        Raises:
-            InputError: a file of a record before the cursor is gone, or the list was replaced.
-        """
+    def resume(self, run: StateView, cursor: dict[str, Any]) -> None:
+        """Continue after a restart: remove records after the cursor.  Collective."""
         self.open(run)
-        count = cursor["records"]
-        entries: list[Entry] = []
-
-        def cut() -> None:
-            """Remove the records after the cursor from the list and from the disk; on rank 0.
-
-            Raises:
-                InputError: the list is damaged or was replaced, or a file of a record that is kept
-                    is gone.
-            """
-            if count:
-                entries.extend(read_pvd(self.path))
-            number_of = {time: n for n, time in enumerate(sorted({e.time for e in entries}))}
-            for entry in list(entries):
-                file = self.path.parent / entry.file
-                if number_of[entry.time] >= count:
-                    entries.remove(entry)
-                    file.unlink(missing_ok=True)
-                else:
-                    check(
-                        file.is_file(),
-                        f"'{file}' is gone since the checkpoint was written; put it back, or start "
-                        "again.",
-                    )
-            left = sorted({entry.time for entry in entries})
-            check(
-                len(left) == count and (not left or left[-1] == cursor["time"]),
-                f"'{self.path}' was replaced since the checkpoint was written, when it had {count} "
-                "records; put back a copy of it, or start again.",
-            )
-
-        on_rank_zero(run.comm, cut)
-        entries = run.comm.bcast(entries)
-        self._times = sorted({entry.time for entry in entries})
-        self._ranks = [sum(entry.time == time for entry in entries) for time in self._times]
+        self._records = cursor["records"]
         self.last_time = cursor["time"]
+        self._entries = run.comm.bcast(on_rank_zero(run.comm, self._cut) or [])
 
-
-def files_of(path: Path) -> Path:
-    """Folder of the VTU files of a PVD file."""
-    return path.with_name(f"{path.stem}_files")
+    def _cut(self) -> list[Entry]:
+        """Remove records after the checkpoint from the list and the disk; on rank 0."""
+        if not self._records:
+            return []
+        entries = read_pvd(self.path)
+        times = sorted({entry.time for entry in entries})[: self._records]
+        check(
+            len(times) == self._records and times[-1] == self.last_time,
+            f"'{self.path}' was replaced since the checkpoint was written, when it had "
+            f"{self._records} records; put back a copy of it, or start again.",
+        )
+        kept = [entry for entry in entries if entry.time in times]
+        for entry in kept:
+            check_end(self.path.parent / entry.file)
+        for records in read_records(self.path):
+            for mesh in records.meshes:
+                check_end(mesh)
+        # First the list, so that it never names a file that is gone.
+        write_pvd(self.path, kept)
+        for file in self.folder.iterdir():
+            number = _NUMBERED.fullmatch(file.name)
+            if number is not None and int(number[1]) >= self._records:
+                file.unlink()
+        return kept
 
 
 def _file_name(record: int, rank: int) -> str:
@@ -226,3 +264,47 @@ def _file_name(record: int, rank: int) -> str:
     if rank == 0:
         return f"{record:05d}.vtu"
     return f"{record:05d}_{rank}.vtu"
+
+
+def _values(function: fem.Function, nodes: Integers) -> Array:
+    """Values (n,) or (n, 3) of a function at some of its nodes."""
+    components = function.function_space.dofmap.bs
+    values: Array = function.x.array.reshape(-1, components)[nodes]
+    if components == 1:
+        return values[:, 0]
+    return values
+
+
+@dataclass(frozen=True)
+class FieldRecords:
+    """Records of a body on one mesh: those of a run until it was restarted.
+
+    Attributes:
+        meshes: files of the stress-free mesh, one for each rank of the run.
+        times: of the records [s].
+        files: of each record, one for each mesh.
+    """
+
+    meshes: list[Path]
+    times: list[float]
+    files: list[list[Path]]
+
+
+def read_records(path: Path) -> list[FieldRecords]:
+    """The records that a PVD file of `VTU` lists, in the order of their times."""
+    files_of_time: dict[float, list[Path]] = {}
+    for entry in read_pvd(path):
+        files_of_time.setdefault(entry.time, []).append(path.parent / entry.file)
+    check(bool(files_of_time), f"'{path}' lists no files; let the run make a record.")
+    found: list[FieldRecords] = []
+    for time, files in sorted(files_of_time.items()):
+        meshes = [file.with_name(f"mesh_{file.name}") for file in files]
+        if meshes[0].is_file():
+            found.append(FieldRecords(meshes, [], []))
+        check(
+            bool(found) and len(found[-1].meshes) == len(files),
+            f"'{meshes[0]}' is missing; put back a copy of it, or write the run again.",
+        )
+        found[-1].times.append(time)
+        found[-1].files.append(files)
+    return found

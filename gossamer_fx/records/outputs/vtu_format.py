@@ -1,9 +1,11 @@
-"""The file formats VTU and PVD of VTK: unstructured grids with arrays, and their times.
+"""The file formats VTU, VTM and PVD of VTK: grids with arrays, named groups of them, and their
+times.
 
-A `.vtu` file is XML.  Its arrays are binary: a header of three integers, and a block that zlib has
-compressed, both in base 64.  A `.pvd` file lists `.vtu` files with their times; several files of
-one time are parts of one scene, e.g. the shares of several ranks.  ParaView, VisIt and pyvista read
-both without further libraries.
+A `.vtu` file is an XML head, and behind it the arrays as binary blocks.  A block has a header of
+four integers, and the numbers of the array, compressed by zlib.  A `.vtm` file lists the files of
+the parts of a scene by name, a `.pvd` file those of a run by time; several of one time are parts of
+one body, e.g. the shares of ranks.  ParaView, VisIt and pyvista read all of them without further
+libraries.
 
 Source: VTK File Formats, docs.vtk.org, sections "XML File Formats" and "PVD File Format".
 """
@@ -11,11 +13,12 @@ Source: VTK File Formats, docs.vtk.org, sections "XML File Formats" and "PVD Fil
 from __future__ import annotations
 
 import os
+import re
 import zlib
-from base64 import b64decode, b64encode
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
@@ -23,37 +26,66 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.mesh.linear_pieces import from_vtk, to_vtk
 from gossamer_fx.core.model.body import Array
 
 Integers = npt.NDArray[np.integer]
 
-# VTK's numbers of a point, a line and a triangle, by their numbers of nodes.
-_CELL_TYPES = {1: 1, 2: 3, 3: 5}
+# VTK's numbers of the kinds of cells, by the dimension of a cell and its number of nodes.
+_CELL_TYPES = {(0, 1): 1, (1, 2): 3, (2, 3): 5, (1, 3): 21, (2, 6): 22}
 
 # VTK's names of the types of numbers that are written.
 _TYPE_NAMES = {"<f8": "Float64", "<i4": "Int32", "|u1": "UInt8"}
 _TYPES = {name: kind for kind, name in _TYPE_NAMES.items()}
 
-# Of zlib: the fastest level, which is within a tenth of the best size for floating-point numbers.
+# Of zlib: the fastest level, and the one that only stores.
 _COMPRESSION = 1
+_STORED = 0
 
-_HEADER_BYTES = 4 * 8  # blocks, bytes of a block, bytes of the last one, compressed bytes
-_HEADER_LETTERS = 44  # of that header in base 64
+# Displacements hardly shrink, but cost 20 times the time of storing them; states and the numbers of
+# nodes shrink to a tenth.  The first bytes of an array tell which it is.
+_SAMPLE_BYTES = 1 << 16
+_WORTHWHILE = 0.75  # compressed size over size up to which an array is compressed
+
+# A header has the numbers of blocks, of bytes of a block and of the last one, and of its compressed
+# bytes; that of an array without numbers has the first one only.
+_HEADER_NUMBER = 8  # bytes of each
+_HEAD_END = b'<AppendedData encoding="raw">\n_'
+_FILE_END = b"\n</AppendedData>\n</VTKFile>\n"
+_MAX_HEAD_BYTES = 1 << 20  # a file without arrays behind its head is not read to its end
+
+# What the reading of a damaged file raises.
+_DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    OverflowError,
+    ElementTree.ParseError,
+    zlib.error,
+)
+
+# Characters that no XML file can hold.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """An unstructured grid.
+    """An unstructured grid, whose cells are of one kind.
 
     Attributes:
         points: (p, 3) [m].
-        cells: points (n, k) of the cells: k is 1 for points, 2 for lines, 3 for triangles.
+        cells: points (n, k) of the cells, in the order of dolfinx.
+        dimension: of the cells: 0 for points, 1 for lines and 2 for triangles.
         arrays: values (p,) or (p, 3) at the points, by name.
+        cell_arrays: values (n,) or (n, 3) in the cells, by name.
     """
 
     points: Array
     cells: Integers
-    arrays: Mapping[str, Array]
+    dimension: int
+    arrays: Mapping[str, Array] = field(default_factory=dict)
+    cell_arrays: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -65,121 +97,215 @@ class Entry:
     file: str
 
 
-def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid as VTU, an XML format of VTK.
+@dataclass(frozen=True)
+class Block:
+    """An array as it is in a file: the attributes of its XML element, and its bytes."""
+
+    attributes: str
+    content: bytes
+
+
+# ---- writing -------------------------------------------------------------------------------------
+
+
+def cell_blocks(cells: Integers, dimension: int) -> list[Block]:
+    """The cells of a grid as blocks of a VTU file, which may be used for many files.
 
     Args:
-        path: of the file, which is replaced.
-        grid: points, cells and arrays.
-
-    Raises:
-        OSError: the file cannot be written.
+        cells: points (n, k) of the cells, in the order of dolfinx.
     """
-    count = len(grid.cells)
-    nodes_of_cell = grid.cells.shape[1]
+    count, nodes_of_cell = cells.shape
     ends = nodes_of_cell * np.arange(1, count + 1)
-    types = np.full(count, _CELL_TYPES[nodes_of_cell], dtype=np.uint8)
+    types = np.full(count, _CELL_TYPES[dimension, nodes_of_cell], dtype=np.uint8)
+    return [
+        _block("connectivity", to_vtk(cells).ravel().astype("<i4")),
+        _block("offsets", ends.astype("<i4")),
+        _block("types", types),
+    ]
+
+
+def write_vtu(path: Path, grid: Grid, cells: Sequence[Block] = ()) -> None:
+    """Write a grid as VTU, an XML format of VTK."""
+    sections = {
+        "PointData": [_block(name, values) for name, values in grid.arrays.items()],
+        "CellData": [_block(name, values) for name, values in grid.cell_arrays.items()],
+        "Points": [_block("Points", grid.points)],
+        "Cells": list(cells) or cell_blocks(grid.cells, grid.dimension),
+    }
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
         'header_type="UInt64" compressor="vtkZLibDataCompressor">',
         "<UnstructuredGrid>",
-        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{count}">',
-        "<PointData>",
+        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.cells)}">',
     ]
-    lines += [_array(name, values) for name, values in grid.arrays.items()]
-    lines += ["</PointData>", "<Points>", _array("Points", grid.points), "</Points>", "<Cells>"]
-    lines.append(_array("connectivity", grid.cells.ravel().astype("<i4")))
-    lines.append(_array("offsets", ends.astype("<i4")))
-    lines.append(_array("types", types))
-    lines += ["</Cells>", "</Piece>", "</UnstructuredGrid>", "</VTKFile>", ""]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    blocks: list[Block] = []
+    offset = 0
+    for section, members in sections.items():
+        lines.append(f"<{section}>")
+        for block in members:
+            lines.append(f'<DataArray {block.attributes} format="appended" offset="{offset}"/>')
+            offset += len(block.content)
+        lines.append(f"</{section}>")
+        blocks += members
+    lines += ["</Piece>", "</UnstructuredGrid>", ""]
+    with path.open("wb") as file:
+        file.write("\n".join(lines).encode() + _HEAD_END)
+        for block in blocks:
+            file.write(block.content)
+        file.write(_FILE_END)
 
 
-def _array(name: str, values: npt.NDArray) -> str:
-    """An array as an XML element of a VTU file, compressed, in base 64.
-
-    Args:
-        name: of the array, e.g. "stress1 [Pa]".
-        values: (n,) or (n, k), floating-point numbers, 32-bit integers or bytes.
-
-    Raises:
-        KeyError: the numbers are of another type.
-    """
+def _block(name: str, values: npt.NDArray) -> Block:
+    """An array (n,) or (n, k) of floating-point numbers, 32-bit integers or bytes as a block."""
     if values.dtype.kind == "f":
         values = values.astype("<f8")
     content = np.ascontiguousarray(values).tobytes()
-    compressed = zlib.compress(content, _COMPRESSION)
-    # One block: its length is that of the whole array.
-    header = np.array([1, len(content), len(content), len(compressed)], dtype="<u8")
-    # An array without numbers has no block.
-    if not content:
-        header = np.zeros(1, dtype="<u8")
-        compressed = b""
-    text = b64encode(header.tobytes()).decode() + b64encode(compressed).decode()
     components = 1
     if values.ndim == 2:
         components = values.shape[1]
-    return (
-        f'<DataArray type="{_TYPE_NAMES[values.dtype.str]}" Name={quoteattr(name)} '
-        f'NumberOfComponents="{components}" format="binary">{text}</DataArray>'
+    attributes = (
+        f'type="{_TYPE_NAMES[values.dtype.str]}" Name={quoteattr(name)} '
+        f'NumberOfComponents="{components}"'
     )
+    # An array without numbers has no block of compressed bytes.
+    if not content:
+        return Block(attributes, np.zeros(1, dtype="<u8").tobytes())
+    sample = content[:_SAMPLE_BYTES]
+    level = _STORED
+    if len(zlib.compress(sample, _COMPRESSION)) < _WORTHWHILE * len(sample):
+        level = _COMPRESSION
+    compressed = zlib.compress(content, level)
+    # One block: its length is that of the whole array.
+    header = np.array([1, len(content), len(content), len(compressed)], dtype="<u8")
+    return Block(attributes, header.tobytes() + compressed)
+
+
+def write_vtm(path: Path, parts: Iterable[tuple[str, str]]) -> None:
+    """Write a VTM file, which lists the parts of a scene."""
+    elements = []
+    for number, (name, file) in enumerate(parts):
+        shown = _NOT_XML.sub("\ufffd", name)
+        elements.append(
+            f'<DataSet index="{number}" name={quoteattr(shown)} file={quoteattr(file)}/>'
+        )
+    _write_list(path, "vtkMultiBlockDataSet", elements)
+
+
+def write_pvd(path: Path, entries: Iterable[Entry]) -> None:
+    """Write a PVD file, which lists files with their times.
+
+    Args:
+        entries: time [s], part and file name of each file.
+    """
+    elements = []
+    for entry in entries:
+        elements.append(
+            f'<DataSet timestep="{float(entry.time)!r}" part="{entry.part}" '
+            f"file={quoteattr(entry.file)}/>"
+        )
+    _write_list(path, "Collection", elements)
+
+
+def _write_list(path: Path, kind: str, elements: Sequence[str]) -> None:
+    """Write a list of files; a reader finds the former or the new contents, never a part of
+    them."""
+    lines = [
+        '<?xml version="1.0"?>',
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian">',
+        f"<{kind}>",
+        *elements,
+        f"</{kind}>",
+        "</VTKFile>",
+    ]
+    new = path.with_name(f"{path.name}.new")
+    new.write_text("\n".join(lines), encoding="utf-8")
+    os.replace(new, path)
+
+
+# ---- reading -------------------------------------------------------------------------------------
 
 
 def read_vtu(path: Path) -> Grid:
-    """Read a grid that `write_vtu` wrote.
-
-    Args:
-        path: of the file, which may come from a stranger.
-
-    Returns:
-        points (p, 3) [m], cells (n, k), and arrays (p,) or (p, 3) by name.
-
-    Raises:
-        InputError: the file is missing, damaged, or of another kind.
-    """
+    """Read a grid that `write_vtu` wrote."""
     try:
-        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-        arrays: dict[str, npt.NDArray] = {}
-        for element in root.iter("DataArray"):
-            arrays[element.attrib["Name"]] = _values(element)
-        points = arrays.pop("Points")
-        types = arrays.pop("types")
-        del arrays["offsets"]
-        nodes_of_cell = 1
-        if len(types):
-            nodes_of_cell = {kind: k for k, kind in _CELL_TYPES.items()}[int(types[0])]
-        cells = arrays.pop("connectivity").reshape(-1, nodes_of_cell)
+        check_end(path)
+        with path.open("rb") as file:
+            root, start = _head(file)
+            arrays: dict[str, dict[str, npt.NDArray]] = {}
+            for section in ("PointData", "CellData", "Points", "Cells"):
+                arrays[section] = {}
+                for element in root.iterfind(f"UnstructuredGrid/Piece/{section}/DataArray"):
+                    arrays[section][element.attrib["Name"]] = _values(file, start, element)
+        points = arrays["Points"]["Points"].reshape(-1, 3)
+        cells, dimension = _cells(**arrays["Cells"])
         if len(cells) and not 0 <= cells.min() <= cells.max() < len(points):
             raise ValueError("a cell has a point that does not exist")
-        if any(len(values) != len(points) for values in arrays.values()):
+        if any(len(values) != len(points) for values in arrays["PointData"].values()):
             raise ValueError("an array has another number of points")
-    except (OSError, ValueError, KeyError, ElementTree.ParseError, zlib.error) as error:
-        raise InputError(
-            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run "
-            "again."
-        ) from error
-    return Grid(points, cells.astype(np.int64), arrays)
+        if any(len(values) != len(cells) for values in arrays["CellData"].values()):
+            raise ValueError("an array has another number of cells")
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
+    return Grid(points, cells, dimension, arrays["PointData"], arrays["CellData"])
 
 
-def _values(element: ElementTree.Element) -> npt.NDArray:
-    """The values (n,) or (n, k) of an array in a VTU file, of the type that is written in it.
+def _damaged(path: Path, error: Exception) -> InputError:
+    """The error about a file that cannot be read."""
+    return InputError(
+        f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run again."
+    )
 
-    Raises:
-        ValueError: its length is not that of its header, or it is not in base 64.
-        KeyError: it is of a type that this package does not write, or an attribute is missing.
-        zlib.error: the compressed block is damaged.
+
+def check_end(path: Path) -> None:
+    """Raise `InputError` if a VTU file is missing or has lost its end.
+
+    It is written from its beginning to its end, so that one that lacks a part lacks its end.
     """
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(size - len(_FILE_END), 0))
+            if file.read() != _FILE_END:
+                raise ValueError("its end is missing")
+    except (OSError, ValueError) as error:
+        raise _damaged(path, error) from error
+
+
+def _head(file: BinaryIO) -> tuple[ElementTree.Element, int]:
+    """The XML head of an open VTU file, and the position behind it, where the arrays begin."""
+    head = b""
+    while _HEAD_END not in head:
+        more = file.read(_SAMPLE_BYTES)
+        if not more or len(head) > _MAX_HEAD_BYTES:
+            raise ValueError("it has no arrays behind its head")
+        head += more
+    start = head.index(_HEAD_END) + len(_HEAD_END)
+    return _parsed(head[: start - len(_HEAD_END)] + b"</VTKFile>"), start
+
+
+def _parsed(text: bytes) -> ElementTree.Element:
+    """The root of an XML text without declarations, which could name other files or grow."""
+    if b"<!" in text:
+        raise ValueError("it has declarations")
+    return ElementTree.fromstring(text)
+
+
+def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDArray:
+    """The values (n,) or (n, k) of an array in an open VTU file."""
     kind = np.dtype(_TYPES[element.attrib["type"]])
     components = int(element.attrib["NumberOfComponents"])
-    text = element.text or ""
+    file_size = file.seek(0, os.SEEK_END)
+    file.seek(start + int(element.attrib["offset"]))
+    block_count = int.from_bytes(file.read(_HEADER_NUMBER), "little")
     content = b""
-    if len(text) >= _HEADER_LETTERS:
-        header = np.frombuffer(b64decode(text[:_HEADER_LETTERS])[:_HEADER_BYTES], dtype="<u8")
-        decompressor = zlib.decompressobj()
+    if block_count:
+        header = np.frombuffer(file.read(3 * _HEADER_NUMBER), dtype="<u8")
+        size, _, compressed_size = (int(number) for number in header)
+        compressed = file.read(min(compressed_size, file_size))
         # No more than the header says: a small file of a stranger could fill the memory.
-        content = decompressor.decompress(b64decode(text[_HEADER_LETTERS:]), int(header[1]) + 1)
-        if len(content) != header[1]:
+        content = zlib.decompressobj().decompress(compressed, size + 1)
+        if len(content) != size:
             raise ValueError("an array has another length than its header says")
     values = np.frombuffer(content, dtype=kind)
     if components > 1:
@@ -187,55 +313,29 @@ def _values(element: ElementTree.Element) -> npt.NDArray:
     return values
 
 
-def write_pvd(path: Path, entries: Sequence[Entry]) -> None:
-    """Write a PVD file, which lists VTU files with their times.
-
-    A reader finds the former or the new contents, never a part of them.
-
-    Args:
-        path: of the file, which is replaced.
-        entries: time [s], part and file name of each VTU file.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">',
-        "<Collection>",
-    ]
-    for entry in entries:
-        lines.append(
-            f'<DataSet timestep="{float(entry.time)!r}" part="{entry.part}" '
-            f"file={quoteattr(entry.file)}/>"
-        )
-    lines += ["</Collection>", "</VTKFile>", ""]
-    new = path.with_name(f"{path.name}.new")
-    new.write_text("\n".join(lines), encoding="utf-8")
-    os.replace(new, path)
+def _cells(connectivity: Integers, offsets: Integers, types: Integers) -> tuple[Integers, int]:
+    """Cells (n, k) in the order of dolfinx, and their dimension; of a grid without cells 0."""
+    if not len(types):
+        return np.zeros((0, 1), dtype=np.int64), 0
+    kinds = {number: kind for kind, number in _CELL_TYPES.items()}
+    dimension, nodes_of_cell = kinds[int(types[0])]
+    expected = nodes_of_cell * np.arange(1, len(types) + 1)
+    if (types != types[0]).any() or not np.array_equal(offsets, expected):
+        raise ValueError("its cells are of several kinds")
+    cells = connectivity.reshape(len(types), nodes_of_cell)
+    return from_vtk(cells), dimension
 
 
 def read_pvd(path: Path) -> list[Entry]:
-    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and VTU file.
-
-    Args:
-        path: of the file, which may come from a stranger.
-
-    Raises:
-        InputError: the file is missing or damaged, or names a file outside its folder.
-    """
+    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file."""
     entries = []
     try:
-        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-        for element in root.iter("DataSet"):
+        for element in _listed(path):
             time = float(element.attrib["timestep"])
             part = int(element.attrib["part"])
             entries.append(Entry(time, part, element.attrib["file"]))
-    except (OSError, ValueError, KeyError, ElementTree.ParseError) as error:
-        raise InputError(
-            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run "
-            "again."
-        ) from error
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
     for entry in entries:
         inside = Path(entry.file)
         check(
@@ -243,3 +343,16 @@ def read_pvd(path: Path) -> list[Entry]:
             f"'{path}' names '{entry.file}', which is outside its folder; write the run again.",
         )
     return entries
+
+
+def read_vtm(path: Path) -> list[tuple[str, str]]:
+    """Names and files of the parts that a VTM file lists, as `write_vtm` wrote them."""
+    try:
+        return [(element.attrib["name"], element.attrib["file"]) for element in _listed(path)]
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
+
+
+def _listed(path: Path) -> Iterator[ElementTree.Element]:
+    """The elements of a list of files."""
+    return _parsed(path.read_bytes()).iter("DataSet")

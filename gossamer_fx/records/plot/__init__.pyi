@@ -1,3 +1,4 @@
+from .camera import View as View
 from .flight_picture import FlightPicture as FlightPicture
 from .picture import Picture as Picture
 from .plot import animate as animate
@@ -9,5 +10,4 @@ from .plot import strip as strip
 from .report import InlineReport as InlineReport
 from .report import write_report as write_report
 from .run_reader import RunReader as RunReader
-from .viewpoint import View as View
 from .vtk_export import export as export

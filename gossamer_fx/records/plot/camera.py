@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.plot.rasterise import Canvas, Colours
 from gossamer_fx.records.plot.shapes import Integers, Shape, unit
-from gossamer_fx.records.plot.viewpoint import LARGEST_ZOOM, View
 
 _INK = (0.30, 0.33, 0.37)  # of lines and dots
 _SOLID_COLOUR = (0.66, 0.64, 0.60)
@@ -44,6 +46,64 @@ _OUTLINE = 6.0  # pixels of the image: jump in depth that is outlined
 _OUTLINE_STRENGTH = 0.55
 
 
+# Largest enlargement of one picture relative to the others: a small body must not fill the page.
+LARGEST_ZOOM = 20.0
+
+
+@check_arguments
+@dataclass(frozen=True)
+class View:
+    """Camera and transparency of pictures and animations; values that are None are chosen from the
+    shapes.
+
+    z is up.  With azimuth 0 the camera looks along y, with π/2 against x: it has moved
+    counterclockwise.
+
+    Args:
+        azimuth: [rad].
+        elevation: [rad] above the horizon, between -π/2 and π/2.
+        follow: whether the camera moves with the shapes; None: if they travel far.
+        zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
+            otherwise all have one scale.
+        opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are
+            visible.
+
+    Raises:
+        InputError: an angle or an opacity out of its range.
+
+    Example:
+        >>> view = gx.plot.View(azimuth=0.5, elevation=0.3, opacity=0.6)
+        >>> gx.plot.strip(recorded, "displacement", path=folder / "view.png", view=view)
+    """
+
+    azimuth: float | None = None
+    elevation: float | None = None
+    _: KW_ONLY
+    follow: bool | None = None
+    zoom: bool = False
+    opacity: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse angles and an opacity out of their range.
+
+        Raises:
+            InputError: azimuth is not finite, |elevation| > π/2 [rad], or opacity is not in (0, 1].
+        """
+        check(
+            self.azimuth is None or math.isfinite(self.azimuth),
+            f"View: azimuth is {self.azimuth!r} rad; give a number, or None.",
+        )
+        check(
+            self.elevation is None or abs(self.elevation) <= math.pi / 2,
+            f"View: elevation is {self.elevation!r} rad; give a number between -π/2 and π/2, or "
+            "None.",
+        )
+        check(
+            isinstance(self.opacity, int | float) and 0 < self.opacity <= 1,
+            f"View: opacity is {self.opacity!r}; give a number above 0 and at most 1.",
+        )
+
+
 @dataclass(frozen=True)
 class Camera:
     """An axonometric camera for some shapes, one picture each.
@@ -70,7 +130,7 @@ class Camera:
         return self.size[0] / self.size[1]
 
 
-def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
+def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:
     """A camera that sees all shapes, at one scale unless the view zooms.
 
     z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat
@@ -79,7 +139,6 @@ def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (
 
     Args:
         shapes: the scene at one or more times, each with points (p, 3) [m]; at least one.
-        view: choices of the user; what is None there is chosen from the shapes.
     """
     axes = _axes(_spread(shapes), view)
     lows = np.full((len(shapes), 3), np.inf)
@@ -171,16 +230,11 @@ def render(
     """Draw shapes (a scene at one or more times) as images with shading and hidden surfaces.
 
     Args:
-        camera: for these shapes.
         shapes: as many as the camera has centres, with points [m].
-        scale: pixels of the image per metre.
         colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
 
     Yields:
         An image (height, width, 3) in [0, 1] of each shape.
-
-    Raises:
-        ValueError: there are not as many shapes as the camera has centres.
     """
     n = _SUPERSAMPLES
     width = round(camera.size[0] * scale) * n
@@ -257,9 +311,6 @@ def _bars(ends: Array, kinds: Integers) -> _Triangles:
     Args:
         ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
         kinds: rows (m,) of the palette.
-
-    Returns:
-        4 m triangles with their brightness.
     """
     half_width = _HALF_LINE * _SUPERSAMPLES
     # the axis stands out by the radius, so that a line is seen on the film on which it lies
@@ -284,9 +335,6 @@ def _balls(centres: Array, kind: int) -> _Triangles:
 
     Args:
         centres: (k, 3) [pixels]: to the right, down and away from the eye.
-
-    Returns:
-        24 k triangles with their brightness.
     """
     radius = _DOT * _SUPERSAMPLES
     angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)

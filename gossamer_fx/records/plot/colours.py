@@ -12,10 +12,9 @@ import numpy as np
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.fields.units import LINE_FIELDS
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, UNITS, scaled
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers
-from gossamer_fx.records.plot.units import NAMES, UNITS, scaled
 
 # Blue, orange, light grey: told apart with any colour vision, and in print by their brightness.
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
@@ -81,11 +80,6 @@ def scale(field: str, samples: Sequence[Array]) -> Scale:
     matter.
 
     It runs from the 0.5 to the 99.5 percentile, and from zero where one sign is negligible.
-
-    Args:
-        field: name of the field, which gives the unit.
-        samples: arrays of values in the SI unit of the field; values that are not finite are left
-            out.  Without any the scale is from 0 to 0.
     """
     values = np.concatenate([np.zeros(0), *samples])
     values = values[np.isfinite(values)]
@@ -128,16 +122,7 @@ class Colouring:
 
 
 def colouring(run: RunReader, field: str) -> Colouring:
-    """The colours of a field, on one scale for the whole run.
-
-    Args:
-        run: reads the recorded run.
-        field: name of a recorded field, e.g. "stress1"; "state" and "group" have a colour for each
-            kind.
-
-    Raises:
-        InputError: an unknown field, or a file that cannot be read.
-    """
+    """The colours of a field, on one scale for the whole run."""
     run.check_field(field)
     if field == "group":
         key = dict(zip(run.groups, GROUP_COLOURS, strict=False))
@@ -173,12 +158,6 @@ def sampled(run: RunReader) -> list[int]:
 def default_field(run: RunReader) -> str:
     """The field that shows most: the amplitude of a mode, the state of films, or else the first
     one.
-
-    Args:
-        run: reads the recorded run.
-
-    Raises:
-        InputError: the run has no bodies on a mesh.
     """
     from gossamer_fx.core.checks.errors import check
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
@@ -16,11 +16,11 @@ import numpy as np
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.film_states import STATES
-from gossamer_fx.records.outputs.ledger import LOST
+from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
+from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 from gossamer_fx.records.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
-from gossamer_fx.records.plot.units import plain_text, scaled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,19 +52,19 @@ Panel = Callable[["Axes"], None]
 
 @dataclass(frozen=True)
 class Curves:
-    """Panels over one time axis.
+    """Panels over one axis: the time, or the load parameter of a path of equilibria.
 
     Attributes:
         panels: functions that draw themselves on axes.
-        start: of the time axis, in its unit.
-        end: of the time axis, in its unit.
-        unit: of the time axis, e.g. "ms".
+        start: of the axis, in its unit.
+        end: of the axis, in its unit.
+        label: of the axis, e.g. "t [ms]".
     """
 
     panels: list[Panel]
     start: float = 0.0
     end: float = 1.0
-    unit: str = "s"
+    label: str = "t [s]"
 
 
 def run_curves(run: RunReader, solver: bool = True) -> Curves:
@@ -74,22 +74,11 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     points: of a longer table rows at about equal distances are drawn, the first and the last
     included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
     is absent.
-
-    Args:
-        run: reads the tables of a recorded run.
-        solver: whether iterations and probes are shown, too.
-
-    Returns:
-        functions that draw the panels, and start, end and unit of the time axis.
-
-    Raises:
-        InputError: a table exists, but cannot be read, lacks a column or has cells that are not
-            numbers.
     """
     ledger = _thinned(run.table("ledger.csv"))
-    if not ledger or len(ledger["time"]) < 2:
+    if len(run.along(ledger)) < 2:
         return Curves([])
-    second, prefix = scaled(float(ledger["time"].max()))
+    factor, unit = scaled_axis(run.axis, run.along(ledger))
     gas = _thinned(run.table("gas.csv"))
     states = _thinned(run.table("states.csv"))
 
@@ -97,7 +86,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     energies |= {f"in {name}": energy for name, energy in _with_prefix(ledger, _STORED).items()}
     energies |= {name: ledger[name] for name in ("supplied", "dissipated")}
     colours = dict(zip(energies, cycle(LINES), strict=False))
-    t = ledger["time"] / second
+    t = run.along(ledger) / factor
     panels: list[Panel] = [partial(_lines, t, energies, colours, "Energy", "J")]
     losses = _with_prefix(ledger, LOST)
     if len(losses) > 1:
@@ -109,47 +98,41 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     if pressures:
         # a chamber has the colour of its energy
         shades = {name: colours.get(f"in {name}", INK) for name in pressures}
-        panels.append(partial(_lines, gas["time"] / second, pressures, shades, "Pressure", "Pa"))
+        panels.append(partial(_lines, run.along(gas) / factor, pressures, shades, "Pressure", "Pa"))
     tensions = _thinned(run.table("tensions.csv"))
     means = _mean_tensions(tensions)
     if means:
-        times = tensions["time"] / second
+        times = run.along(tensions) / factor
         panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
     shares = _area_shares(run, states)
     if shares:
-        panels.append(partial(_states, states["time"] / second, shares))
+        panels.append(partial(_states, run.along(states) / factor, shares))
     angular = _with_prefix(ledger, _ANGULAR)
     # A scene that starts at rest has none, or what its supports give it.
     if any(values[0] != 0 for values in angular.values()):
         shades = _line_colours(angular)
         title = "Angular momentum about the origin"
         panels.append(partial(_lines, t, angular, shades, title, "kg m²/s"))
-    errors = {"energy": ledger["energy_error"]}
-    if "mass_error" in ledger:
-        errors["gas mass"] = ledger["mass_error"]
-    panels.append(partial(_errors, t, errors))
+    # A path of equilibria has none.
+    names = {"energy_error": "energy", "mass_error": "gas mass"}
+    errors = {words: ledger[name] for name, words in names.items() if name in ledger}
+    if errors:
+        panels.append(partial(_errors, t, errors))
     if solver:
         panels.append(partial(_iterations, t, ledger["iterations"]))
         probes = _thinned(run.table("probes.csv"))
         panels += [
-            partial(_probes, probes["time"] / second, title, curves)
-            for title, curves in grouped(probes).items()
+            partial(_probes, run.along(probes) / factor, title, curves)
+            for title, curves in grouped(_without(probes, run.not_values)).items()
         ]
-    return Curves(panels, start=float(t[0]), end=float(t[-1]), unit=f"{prefix}s")
+    return Curves(panels, start=float(t[0]), end=float(t[-1]), label=run.axis.label(unit))
 
 
 def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
     """A panel for each probe that was measured, with the measured series over it.
 
     Args:
-        run: reads a recorded run with these probes.
         series: measured, at least one, with times [s] and values in the units of the probes.
-
-    Returns:
-        functions that draw the panels, and start, end and unit of the time axis.
-
-    Raises:
-        InputError: there is no series.
     """
     check(
         len(series) > 0,
@@ -157,16 +140,18 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
         "the run.",
     )
     probes = _thinned(run.table("probes.csv"))
-    end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))
-    start = min(float(probes["time"].min()), *(float(one.t.min()) for one in series))
-    second, prefix = scaled(max(abs(start), abs(end)))
+    computed_at = run.along(probes)
+    end = max(float(computed_at.max()), *(float(one.t.max()) for one in series))
+    start = min(float(computed_at.min()), *(float(one.t.min()) for one in series))
+    factor, unit = scaled_axis(run.axis, np.array([start, end]))
     by_probe: dict[str, list[MeasuredSeries]] = {}
     for one in series:
         by_probe.setdefault(one.probe, []).append(one)
     panels: list[Panel] = [
-        partial(_overlay, probes, name, entries, second) for name, entries in by_probe.items()
+        partial(_overlay, computed_at, probes[name], name, entries, factor)
+        for name, entries in by_probe.items()
     ]
-    return Curves(panels, start=start / second, end=end / second, unit=f"{prefix}s")
+    return Curves(panels, start=start / factor, end=end / factor, label=run.axis.label(unit))
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
@@ -176,15 +161,13 @@ def grouped(probes: Tables) -> dict[str, Tables]:
     unit, or of one word, is a panel by itself, whose curve has an empty name.
 
     Args:
-        probes: columns (n,) of a table of probes by name; "time" and "step" are left out.
+        probes: columns (n,) of a table of probes by name.
 
     Returns:
         the curves (n,) of each panel by the last words of their names, by the title of the panel.
     """
     panels: dict[str, Tables] = {}
     for name, values in probes.items():
-        if name in ("time", "step"):
-            continue
         parts = _PROBE.fullmatch(name)
         if parts is None:
             panels.setdefault(name, {})[""] = values
@@ -197,8 +180,14 @@ def _thinned(table: Tables) -> Tables:
     """A table with at most so many rows as are seen in a curve; the first and the last row stay."""
     if not table:
         return table
-    rows = np.unique(np.linspace(0, len(table["time"]) - 1, _MAX_POINTS).astype(int))
+    count = len(next(iter(table.values())))
+    rows = np.unique(np.linspace(0, count - 1, _MAX_POINTS).astype(int))
     return {name: values[rows] for name, values in table.items()}
+
+
+def _without(table: Tables, columns: Collection[str]) -> Tables:
+    """A table without some of its columns."""
+    return {name: values for name, values in table.items() if name not in columns}
 
 
 def _with_prefix(table: Tables, prefix: str) -> Tables:
@@ -358,27 +347,25 @@ def _probes(
 
 
 def _overlay(
-    probes: Tables, name: str, series: Sequence[MeasuredSeries], second: float, axes: Axes
+    times: Array,
+    values: Array,
+    name: str,
+    series: Sequence[MeasuredSeries],
+    factor: float,
+    axes: Axes,
 ) -> None:
-    """Draw a probe as a line and measured values as marks, with a legend.
-
-    KeyError if the table has no such column. The axes are changed in place.
-
-    Args:
-        probes: columns of the table of probes, with "time" [s].
-        series: measured, with times [s] and values in the unit of the probe.
-    """
+    """Draw the values (n,) of a probe as a line and measured values as marks, with a legend."""
     unit = _UNIT.search(name)
     words = "" if unit is None else f" {unit[1]}"
-    axes.plot(probes["time"] / second, probes[name], color=LINES[0], label="computed")
+    axes.plot(times / factor, values, color=LINES[0], label="computed")
     for one, colour in zip(series, cycle(LINES[1:]), strict=False):
-        difference = rms_difference(one, probes)
+        difference = rms_difference(one, times, values)
         label = one.label
         if np.isfinite(difference):
             label += f" (rms difference {difference:.3g}{words})"
         many = len(one.t) > _MANY_MARKS
         axes.plot(
-            one.t / second,
+            one.t / factor,
             one.y,
             linestyle="none",
             marker="." if many else "o",
@@ -397,13 +384,7 @@ def _overlay(
 
 
 def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
-    """Name curves at their right ends, moved apart where the names would overlap.
-
-    Args:
-        axes: of matplotlib, on which the curves are drawn.
-        ends: the last value (in the unit of the axis) and the colour of each curve, by name; curves
-            whose value is not finite are not named.
-    """
+    """Name curves at their right ends, moved apart where the names would overlap."""
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
     labels = sorted(
@@ -444,11 +425,6 @@ def wrapped(name: str, width: int, most_lines: int) -> str:
     """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
 
     The ends of names distinguish them, e.g. "damping of the film (mass)" and "(stiffness)".
-
-    Args:
-        name: to be written in a picture.
-        width: letters of a line.
-        most_lines: 1 or 2.
     """
     # `textwrap` would join all white space, also line ends, so that no text has more lines than it
     # says.

@@ -14,14 +14,14 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.orbit.environment import local_axes
 from gossamer_fx.mechanics.orbit.orbit import Orbit
+from gossamer_fx.records.fields.units import plain_text
 from gossamer_fx.records.outputs.output import Probe
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.plot.camera import Camera, aim, render
 from gossamer_fx.records.plot.colours import by_state
 from gossamer_fx.records.plot.picture import NEVER, DrawnRun
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
-from gossamer_fx.records.plot.units import plain_text
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,7 @@ class FlightPicture(DrawnRun):
                 f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
             )
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording of the run: position, velocity, sunlight and the probes."""
         probes: dict[str, Probe] = {}
         for what, names in enumerate((_POSITION, _VELOCITY, _TO_SUN)):
@@ -100,7 +100,7 @@ class FlightPicture(DrawnRun):
         probes[_LIT] = self._lit
         return Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
-    def _lit(self, run: Run) -> float:
+    def _lit(self, run: StateView) -> float:
         position, _ = self.orbit.flight(run.system).state()
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
@@ -175,16 +175,14 @@ class _FlightNumber:
         """Choose the component.
 
         Args:
-            orbit: of the scene.
             what: 0 for the position [m], 1 for the velocity [m/s], 2 for the position of the Sun
                 [m], all from the attracting centre.
-            axis: 0, 1 or 2 for x, y or z.
         """
         self._orbit = orbit
         self._what = what
         self._axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         position, velocity = self._orbit.flight(run.system).state()
         vectors = (position, velocity, self._orbit.sun(run.time))
         return float(vectors[self._what][self._axis])

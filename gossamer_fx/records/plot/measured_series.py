@@ -12,8 +12,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.plot.run_reader import RunReader, Tables
-from gossamer_fx.records.plot.units import unit_factor
+from gossamer_fx.records.plot.run_reader import RunReader
 
 # "tip x [mm]": a name and a unit; the unit may be absent.
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^]]*)\])?\s*")
@@ -43,16 +42,9 @@ class MeasuredSeries:
 def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     """Series of a CSV file whose columns are named like probes of a run.
 
-    The first row is the heading: "time [s]" and names of probes with units, e.g. "tip x [mm]".
+    The first row is the heading: "time [s]", or the load parameter of a path of equilibria, and
+    names of probes with units, e.g. "tip x [mm]".
     Columns are separated by commas or semicolons.  An empty cell is a value that was not measured.
-
-    Args:
-        path: of the file.
-        run: whose probes are meant.
-
-    Raises:
-        InputError: the file cannot be read, has no column of times or none of a probe, a unit of
-            another dimension, or a cell that is not a finite number.
     """
     path = Path(path)
     headings, cells = _rows(path)
@@ -60,21 +52,25 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     probe_units = {}
     for column in probes:
         name, unit = _parts(column)
-        if column not in ("time", "step"):
+        if column not in run.not_values:
             probe_units[name] = (column, unit)
     check(
         bool(probe_units),
         f"The run in '{run.folder}' recorded no probes; give its Recording some, to compare "
         f"'{path}' with.",
     )
+    axis = run.axis
     times: Array | None = None
     columns = []
     for k, heading in enumerate(headings):
         name, unit = _parts(heading)
         values = np.array([row[k] for row in cells])
-        if name in ("time", "t"):
-            check(times is None, f"'{path}' has two columns of times; leave one of them.")
-            times = values * unit_factor(unit or "s", "s", f"'{path}', column '{heading}'")
+        if name in (axis.name, axis.symbol):
+            check(times is None, f"'{path}' has two columns '{axis.name}'; leave one of them.")
+            if unit is not None or axis.unit:
+                where = f"'{path}', column '{heading}'"
+                values *= unit_factor(unit or axis.unit, axis.unit or "1", where)
+            times = values
             continue
         known = ", ".join(f"'{column}'" for column, _ in list(probe_units.values())[:_LISTED])
         check(
@@ -88,8 +84,14 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
             factor = unit_factor(unit or "1", probe_unit or "1", f"'{path}', column '{heading}'")
         columns.append((column, values * factor))
     if times is None:
-        raise InputError(f"'{path}' has no column 'time [s]'; add the times of its rows.")
-    check(bool(columns), f"'{path}' has no column besides the time; add one named like a probe.")
+        raise InputError(
+            f"'{path}' has no column '{axis.name} [{axis.unit or 1}]'; add the {axis.name} of each "
+            "row."
+        )
+    check(
+        bool(columns),
+        f"'{path}' has no column besides the {axis.name}; add one named like a probe.",
+    )
     found = []
     for column, values in columns:
         given = np.isfinite(values) & np.isfinite(times)
@@ -101,13 +103,13 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     return found
 
 
-def rms_difference(series: MeasuredSeries, probes: Tables) -> float:
-    """Root mean square of probe minus measurement, over the measured times within the run; NaN if
-    there is none."""
-    is_within = (series.t >= probes["time"][0]) & (series.t <= probes["time"][-1])
+def rms_difference(series: MeasuredSeries, times: Array, values: Array) -> float:
+    """Root mean square of the values (n,) of a probe minus the measurement, over the measured times
+    within those of the probe; NaN if there is none."""
+    is_within = (series.t >= times[0]) & (series.t <= times[-1])
     if not is_within.any():
         return math.nan
-    computed = np.interp(series.t[is_within], probes["time"], probes[series.probe])
+    computed = np.interp(series.t[is_within], times, values)
     return float(np.sqrt(np.mean((computed - series.y[is_within]) ** 2)))
 
 
@@ -120,15 +122,7 @@ def _parts(heading: str) -> tuple[str, str | None]:
 
 
 def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
-    """Headings and numbers of a CSV file; empty cells are NaN.
-
-    Returns:
-        k headings, and rows of k numbers as they are in the file.
-
-    Raises:
-        InputError: the file cannot be read, has no rows or too many, a row has another number of
-            cells than the heading, or a cell is not a finite number.
-    """
+    """Headings and numbers of a CSV file; empty cells are NaN."""
     try:
         # Spreadsheets write a byte order mark.
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -160,11 +154,7 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
 
 
 def _number(cell: str, path: Path, line: int) -> float:
-    """A finite number, or NaN for an empty cell.
-
-    Raises:
-        InputError: the text is not a finite number.
-    """
+    """A finite number, or NaN for an empty cell."""
     if not cell.strip():
         return math.nan
     try:
@@ -177,3 +167,76 @@ def _number(cell: str, path: Path, line: int) -> float:
         "the cell empty.",
     )
     return value
+
+
+# ---- conversion of measured values ---------------------------------------------------------------
+
+# Sizes of units without prefixes in those of SI.
+_CONVERTED = {
+    "min": ("s", 60.0),
+    "h": ("s", 3600.0),
+    "deg": ("rad", math.pi / 180),
+    "°": ("rad", math.pi / 180),
+    "rpm": ("rad/s", math.pi / 30),
+    "in": ("m", 0.0254),
+    "lbf": ("N", 4.4482216152605),
+    "psi": ("Pa", 6894.757293168361),
+    "bar": ("Pa", 1e5),
+    "mbar": ("Pa", 1e2),
+    "atm": ("Pa", 101325.0),
+    "g": ("kg", 1e-3),
+    "mg": ("kg", 1e-6),
+    "t": ("kg", 1e3),
+    "Hz": ("1/s", 1.0),
+    "%": ("1", 1e-2),
+}
+_PREFIX_SIZES = {
+    "n": 1e-9,
+    "µ": 1e-6,
+    "u": 1e-6,
+    "m": 1e-3,
+    "c": 1e-2,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+}
+_PREFIXABLE = ("m", "s", "N", "Pa", "J", "W", "rad", "K", "mol")
+_POWERS = {"²": 2, "³": 3}
+
+
+def unit_factor(unit: str, wanted: str, where: str) -> float:
+    """Factor by which values in a unit are multiplied to get values in another one."""
+    powers, size = _decomposed(unit)
+    wanted_powers, wanted_size = _decomposed(wanted)
+    check(
+        powers == wanted_powers,
+        f"{where}: the unit is '{unit}' and the probe's '{wanted}'; give values in a unit of the "
+        "same dimension.",
+    )
+    return size / wanted_size
+
+
+def _decomposed(unit: str) -> tuple[dict[str, int], float]:
+    """Powers of the units of SI in a product of units, and its size in them."""
+    powers: dict[str, int] = {}
+    size = 1.0
+    sign = 1
+    for word in re.split(r"([ /])", unit.strip().replace("^2", "²").replace("^3", "³")):
+        if word == "/":
+            sign = -1
+        if word in ("", " ", "/", "1"):
+            continue
+        power = sign * _POWERS.get(word[-1], 1)
+        name = word.rstrip("²³").replace("μ", "µ")
+        if name in _CONVERTED:
+            base, factor = _CONVERTED[name]
+        elif name not in _PREFIXABLE and name[0] in _PREFIX_SIZES and name[1:] in _PREFIXABLE:
+            base, factor = name[1:], _PREFIX_SIZES[name[0]]
+        else:
+            base, factor = name, 1.0
+        size *= factor**power
+        # Of a converted unit that is a quotient, as rad/s, the second one is in the denominator.
+        for direction, part in zip((1, -1), base.split("/"), strict=False):
+            if part != "1":
+                powers[part] = powers.get(part, 0) + direction * power
+    return {name: power for name, power in powers.items() if power}, size

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.core.checks.errors import OutputFailure
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.units import plain_text
 from gossamer_fx.records.plot.colours import Scale
 from gossamer_fx.records.plot.curve_panels import INK, Curves
-from gossamer_fx.records.plot.units import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,18 +105,10 @@ def write_page(
     """Write a page of images and curves as PNG.
 
     Args:
-        path: of the file.
-        title: on top; may be empty.
-        views: images of the scene with captions, if there are any.
-        curves: panels below, if there are any.
-        dpi: pixels per inch.
         width: of the page [inches]; letters have the same size in pages of any width.
 
     Returns:
         Where the first image is [pixels], and its scale [pixels/m]; None without images.
-
-    Raises:
-        OutputFailure: the file cannot be written.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -176,11 +168,7 @@ def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
     """Rows and columns in which images become largest; full rows and few are preferred.
 
     Args:
-        views: images of one size; None: there are no images.
         page_width: [inches].
-
-    Returns:
-        numbers of rows and of columns; zero and zero without images.
     """
     if views is None:
         return 0, 0
@@ -223,7 +211,7 @@ def _wrapped_captions(views: Views, columns: int, page_width: float) -> list[str
         page_width: [inches].
     """
     letters = max(int((page_width / columns - _GAP) / _LETTER), 1)
-    return [textwrap.fill(caption, letters) for caption in views.captions]
+    return [textwrap.fill(plain_text(caption), letters) for caption in views.captions]
 
 
 def _caption_height(views: Views, columns: int, page_width: float) -> float:
@@ -285,11 +273,7 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
 
 
 def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Draw names and colours at the left end of the line above the images, or a bar of a scale.
-
-    Args:
-        key: colours of matplotlib by name, or a scale of colours for numbers.
-    """
+    """Draw names and colours at the left end of the line above the images, or a bar of a scale."""
     from matplotlib.patches import Patch
 
     header.set_axis_off()
@@ -365,4 +349,4 @@ def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
     for axes, draw in zip(grid, curves.panels, strict=False):
         draw(axes)
         axes.minorticks_off()  # they would take half of the time of a page with logarithmic axes
-        axes.set(xlabel=f"t [{curves.unit}]", xlim=(curves.start, curves.end))
+        axes.set(xlabel=plain_text(curves.label), xlim=(curves.start, curves.end))

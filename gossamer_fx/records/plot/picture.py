@@ -17,18 +17,16 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.adios import adios2_for
-from gossamer_fx.records.outputs.output import make_parent
+from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.recording import Recording
-from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import by_state, colouring
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.records.plot.plot import field_views
 from gossamer_fx.records.plot.run_reader import RunReader
-from gossamer_fx.records.plot.viewpoint import View
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Shapes in one picture: more would be too small.
 MAX_SHAPES = 24
@@ -38,14 +36,7 @@ NEVER = 10**9
 
 
 class DrawnRun:
-    """Base of outputs that record a run and draw a picture from the record when the run ends.
-
-    Args:
-        path: of the picture, ending in `.png`.
-
-    Raises:
-        InputError: the path has another ending.
-    """
+    """Base of outputs that record a run and draw a picture from the record when the run ends."""
 
     times: Sequence[float] = ()
 
@@ -66,18 +57,12 @@ class DrawnRun:
     def writes(self) -> Sequence[Path]:
         return [self.path, self.folder]
 
-    def open(self, run: Run) -> None:
-        """Make the recording.  Collective.
-
-        Raises:
-            InputError: the folder cannot be written, or this Python cannot read a recording.
-        """
+    def open(self, run: StateView) -> None:
+        """Make the recording.  Collective."""
         make_parent(run.comm, self.path, file=True)
 
         def prepare() -> None:
             """Remove an old recording, and have the new one removed with this object."""
-            # Refuses, before anything is computed, a Python that could not read the recording.
-            adios2_for(self.folder)
             # A run that was killed may have left its recording.
             shutil.rmtree(self.folder, ignore_errors=True)
             weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
@@ -86,23 +71,19 @@ class DrawnRun:
         self._recording = self.recording(run)
         self._recording.open(run)
 
-    def record(self, run: Run, last: bool) -> None:
+    def record(self, run: StateView, last: bool) -> None:
         assert self._recording is not None
         self._recording.record(run, last)
 
-    def close(self, run: Run) -> None:
+    def close(self, run: StateView) -> None:
         """Close the recording, and draw the picture on rank 0.  Collective.
 
         Nothing is drawn if no state was recorded.
-
-        Raises:
-            OutputFailure: a file cannot be written.
-            InputError: the recording cannot be read.
         """
         recording = self._recording
         if recording is None or not recording.has_begun:
             return
-        if run.time < run.until:
+        if run.time < run.account.until:
             # The run was stopped; the picture ends with its last state.  If that cannot be written,
             # there is a failure already, and the picture shows the states before.
             with suppress(OutputFailure):
@@ -110,7 +91,7 @@ class DrawnRun:
         recording.close(run)
         on_rank_zero(run.comm, lambda: self.draw(RunReader(self.folder)))
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording that the picture needs."""
         raise NotImplementedError
 
@@ -164,7 +145,7 @@ class Picture(DrawnRun):
         self.times = Schedule(times=tuple(times)).times
         check(
             len(self.times) <= MAX_SHAPES,
-            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX "
+            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTU "
             "for more.",
         )
         check(
@@ -176,7 +157,7 @@ class Picture(DrawnRun):
             check_section(f"Picture '{path}'", section)
         self.section = section
 
-    def recording(self, run: Run) -> Recording:
+    def recording(self, run: StateView) -> Recording:
         """The recording that the picture needs: displacements, and the field that gives the
         colours.
 
@@ -202,11 +183,7 @@ class Picture(DrawnRun):
         write_page(self.path, self.title, self._views(run), curves)
 
     def _views(self, run: RunReader) -> Views | None:
-        """The shapes or sections to draw; None for a run without recorded states.
-
-        Raises:
-            InputError: the recording cannot be read.
-        """
+        """The shapes or sections to draw; None for a run without recorded states."""
         frames = self._frames(run)
         if not frames:
             return None
@@ -231,8 +208,8 @@ class Picture(DrawnRun):
         chosen = {k for k, time in enumerate(run.times) if schedule.meets(float(time))}
         if not self.times:
             chosen = {0, last}
-        statistics = run.about["statistics"]
-        was_stopped = statistics["time"] < statistics["until"]
+        axis = run.about["axis"]
+        was_stopped = axis["at"] < axis["until"]
         # A run that stopped before the first time that was asked for has a picture, too.
         if not chosen or was_stopped:
             chosen.add(last)

@@ -45,9 +45,7 @@ class PlaneCut:
     """Cuts the films of a recorded run by a plane.
 
     Args:
-        run: its films must have the field "group".
         point: of the plane [m].
-        normal: of the plane, towards the eye.
     """
 
     def __init__(self, run: RunReader, point: Vector, normal: Vector) -> None:
@@ -66,12 +64,6 @@ class PlaneCut:
 
         With one group of cells only, the lines are divided into layers in place of groups. All
         films must have the field "group", as the constructor asks: ValueError otherwise.
-
-        Args:
-            frame: number of the state in the times of the run.
-
-        Raises:
-            InputError: the files of the run cannot be read.
         """
         corners = self._run.film_corners(frame)
         groups = self._run.values("group", frame)
@@ -89,9 +81,6 @@ class PlaneCut:
 
     def views(self, frames: Sequence[int]) -> Views:
         """The sections of some recorded states, at one scale, each in the middle of its image.
-
-        Args:
-            frames: indices of the states, at least one.
 
         Returns:
             Images and captions; its size is that of the largest section, width and height [m], and
@@ -193,10 +182,6 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
 
     Args:
         ends: numbers of points (m, 2) of each line.
-
-    Yields:
-        the numbers of k connected lines, and of the k + 1 points from one end of the chain to the
-        other.
     """
     lines_at: list[list[int]] = [[] for _ in range(count)]
     for line in range(len(ends)):
@@ -226,9 +211,6 @@ def _turns(s: Array, back: float) -> list[int]:
     Args:
         s: coordinates (n,) along a chain of points [m].
         back: length [m] by which a coordinate must go back from its extreme to count as a turn.
-
-    Returns:
-        indices of the extremes in `s`, increasing.
     """
     turns: list[int] = []
     direction = 0  # 1 upwards, -1 downwards, 0 while it is not known
@@ -259,9 +241,6 @@ def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
     """Width and height [m] of a window that shows each cut at one scale, and the middles of the
     cuts.
 
-    Args:
-        cuts: sections at one or more times.
-
     Returns:
         width and height, which are not zero, and a middle (2,) [m] for each cut.
     """
@@ -284,10 +263,8 @@ def draw_cut(
     """The image (height, width, 3) in [0, 1] of a cut.
 
     Args:
-        cut: to be drawn.
         size: width and height of what is shown [m].
         middle: of what is shown (2,) [m].
-        scale: pixels per metre.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import LineCollection

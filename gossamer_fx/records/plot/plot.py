@@ -15,15 +15,14 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.plot.camera import Camera, aim, render
+from gossamer_fx.records.fields.units import NAMES, scaled_axis
+from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
 from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
 from gossamer_fx.records.plot.measured_series import read_measured
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
-from gossamer_fx.records.plot.units import NAMES, scaled
-from gossamer_fx.records.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
 
@@ -241,19 +240,9 @@ def field_views(
 ) -> Views:
     """Pictures of the scene in recorded states, coloured by a field.
 
-    Args:
-        run: reads a recorded run.
-        field: name of a recorded field.
-        colours: its colours, the same in all pictures.
-        frames: indices of the states in `run.times`.
-        view: camera and transparency.
-
     Returns:
         captions, size [m], key, and a function that draws the pictures at a number of pixels per
         metre.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
     camera = aim(shapes, view)
@@ -270,18 +259,15 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
     bar.
 
     Args:
-        run: reads a recorded run.
         frames: indices of the states in `run.times` [s].
-        zooms: enlargement of each picture, dimensionless; below 1.05 it is not written.
     """
-    factor, prefix = scaled(float(run.times[-1]))
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
         enlarged = ""
         if zoom > _SAME_SCALE:
             # Spaces at which a long caption is not broken into lines
             enlarged = f", {zoom:.2g}\u00a0times\u00a0larger"
-        words = run.caption(frame, f"t = {run.times[frame] / factor:.4g} {prefix}s")
+        words = run.caption(frame)
         found.append(f"{words}{enlarged}")
     return found
 
@@ -420,14 +406,8 @@ def _images(
     """Yield the frames of an animation: the page is laid out once, then pictures and times are put
     in.
 
-    Args:
-        camera: which sees all frames, or is moved with each shape.
-
     Yields:
         bytes (height, width, 3), with even numbers of rows and columns.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
@@ -453,7 +433,7 @@ def _images(
     letters = round(_TIME_SIZE * dpi)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
     caption = (place.left, place.top - _TIME_ABOVE * dpi)
-    factor, prefix = scaled(float(run.times[-1]))
+    factor, _ = scaled_axis(run.axis, run.times)
     # As many digits as tell two records from each other, the same in all frames.
     shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)
     digits = max(0, 1 - int(np.floor(np.log10(shortest))))
@@ -468,7 +448,7 @@ def _images(
         for image in render(camera, [shape], place.scale, colours.table):
             bytes_of_image = np.rint(255 * image).astype(np.uint8)
             whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
-        words = run.caption(int(frame), f"t = {shape.time / factor:.{digits}f} {prefix}s")
+        words = run.caption(int(frame), digits)
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 
@@ -479,9 +459,6 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     Args:
         images: bytes (height, width, 3), all of one size, at least one.
         pause: between two frames [s]; at least 0.02 s are written.
-
-    Raises:
-        OutputFailure: the file cannot be written.
     """
     from PIL import Image
 
@@ -558,9 +535,6 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 
     Args:
         images: bytes (height, width, 3), all of one size with even numbers, at least one.
-
-    Raises:
-        OutputFailure: ffmpeg failed; the text contains its last message.
     """
     first = next(images)
     height, width = first.shape[:2]
@@ -590,14 +564,7 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 
 
 def file_to_write(path: str | Path) -> Path:
-    """The path of a file to be written, with its folder made.
-
-    Args:
-        path: of the file, which need not exist.
-
-    Raises:
-        InputError: the folder cannot be made, or the path is a folder.
-    """
+    """The path of a file to be written, with its folder made."""
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -46,14 +46,7 @@ _MIN_TWICE_AREA = 1e-9
 
 
 class Canvas:
-    """An image into which triangles between two distances from the eye are drawn.
-
-    Args:
-        height: rows of pixels; row 0 is on top.
-        width: columns of pixels.
-        near: the smallest distance.
-        far: the largest distance.
-    """
+    """An image into which triangles between two distances from the eye are drawn."""
 
     def __init__(
         self,
@@ -62,11 +55,6 @@ class Canvas:
         near: float,
         far: float,
     ) -> None:
-        """Make an empty image of height × width pixels, for triangles from `near` to `far`.
-
-        `near` and `far` are distances from the eye, in the unit of the third coordinate of the
-        triangles that will be drawn; `far` is the larger one.
-        """
         self.height = height
         self.width = width
         self._near = near
@@ -182,11 +170,6 @@ class Canvas:
 
     def outlined(self, jump: float, strength: float) -> Array:
         """The image, darkened at silhouettes, where the distance jumps.
-
-        Args:
-            jump: difference of distances from the eye, in their unit, from which on a jump is
-                outlined.  It is the second difference, which is zero on any plane, however oblique.
-            strength: share of the light that an outline absorbs.
 
         Returns:
             Colours (height, width, 3) in [0, 1].

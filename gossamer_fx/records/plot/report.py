@@ -24,13 +24,14 @@ from gossamer_fx.core.checks.errors import OutputFailure, check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
+from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import view_data
-from gossamer_fx.records.plot.viewpoint import View
+from gossamer_fx.solve.view import Axis
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
@@ -138,11 +139,7 @@ class InlineReport:
 
 
 def _check_recorded(run: RunReader) -> None:
-    """Refuse a run that has made no step.
-
-    Raises:
-        InputError: the run has no ledger, the table of energies with a row for each step.
-    """
+    """Refuse a run that has made no step."""
     check(
         bool(run.table("ledger.csv")),
         f"The run in '{run.folder}' has no ledger yet; let it make a step.",
@@ -150,11 +147,7 @@ def _check_recorded(run: RunReader) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    """Yield the lines of the HTML page of a report.
-
-    Raises:
-        InputError: the files of the run cannot be read.
-    """
+    """Yield the lines of the HTML page of a report."""
     script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0
@@ -168,22 +161,24 @@ def _page(run: RunReader) -> Iterable[str]:
         field = default_field(run)
         yield _VIEW
         if len(run.times) > 1:
-            yield "<h2>Over the time</h2>"
+            yield f"<h2>Over the {escape(run.axis.name)}</h2>"
         yield _image(partial(_draw_strip, run, field), f"{field} at six times")
-    if len(ledger["time"]) > 1:
+    if len(run.along(ledger)) > 1:
         yield _image(
             partial(_draw_curves, run),
             "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
-    yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(ledger))
+    yield "<h2>Ledger</h2>" + _table(
+        ("", "start", "end", "largest magnitude"), _ledger(run, ledger)
+    )
     prestress = run.about.get("prestress", {})
     if prestress:
         yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
     tensions = run.table("tensions.csv")
     if tensions:
         yield "<h2>Tensions at the end</h2>" + _table(_TENSIONS_HEAD, _tensions(tensions))
-    numbers = [*_pairs(run.about["stepper"]), *_pairs(run.about["statistics"])]
+    numbers = [*_pairs(run.about["method"]), *_pairs(run.about["statistics"])]
     yield "<h2>Solver</h2>" + _table((), numbers)
     yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
     if shows_scene:
@@ -215,17 +210,19 @@ def _status(about: Mapping[str, Any]) -> str:
         words = ", ".join(f"{name} {value}" for name, value in pairs)
         return f'<p class="status">{escape(words)}</p>'
     kind = "status" if status in ("finished", "running") else "status bad"
-    closes = "at rest"
-    # Recordings of earlier versions do not say it.
-    if not numbers.get("at rest", False):
-        closes = f"energy closes to {abs(numbers['energy error']):.1e}"
+    along = about["axis"]
+    axis = Axis(along["name"], along["unit"])
+    words = (
+        f"{status} at {axis.words(along['at'])} of {along['until']:.6g} {axis.unit}, "
+        f"{numbers['steps']} steps"
+    )
+    if numbers.get("at rest", False):
+        words += ", at rest"
+    elif "energy error" in numbers:
+        words += f", energy closes to {abs(numbers['energy error']):.1e}"
         if "energy defect" in numbers and "largest energy" in numbers:
             largest = energy_words(numbers["largest energy"])
-            closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
-    words = (
-        f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} "
-        f"steps, {closes}"
-    )
+            words += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
     return f'<p class="{kind}">{escape(words)}</p>'
 
 
@@ -259,10 +256,10 @@ def _image(draw: Callable[[Path, float], None], words: str) -> str:
     )
 
 
-def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+def _ledger(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
     """Start, end and largest magnitude of each column."""
     for name, values in ledger.items():
-        if name not in ("time", "step", "iterations", "substeps"):
+        if name not in (*run.not_values, "iterations", "substeps"):
             largest = values[int(np.abs(values).argmax())]
             numbers = (values[0], values[-1], largest)
             yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)

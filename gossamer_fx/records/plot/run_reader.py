@@ -8,7 +8,7 @@ course of the run.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -18,28 +18,24 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.drawing import table
-from gossamer_fx.core.mesh.linear_pieces import from_vtk, linear_pieces, middles
+from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS, without_unit
-from gossamer_fx.records.outputs.adios import adios2_for
-from gossamer_fx.records.outputs.field_files import noted_steps
-from gossamer_fx.records.outputs.file_names import file_name, segments
-from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.fields.units import LINE_FIELDS, scaled_axis, with_unit
+from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.solid_frames import REST, placed
-from gossamer_fx.records.outputs.vtu_format import Grid, read_pvd, read_vtu
+from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
+from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
 from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
+from gossamer_fx.solve.view import Axis
 
 Tables = dict[str, Array]
 
 # Columns that a table has in any case.
-_REQUIRED = {
-    "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
-}
+_REQUIRED = {"ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated")}
 # Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of
 # the size.
 _FINE = 12000
-_VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
 _LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
 _VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
@@ -57,10 +53,11 @@ class RunReader:
         about: the contents of run.json.
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
+        axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
         groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the
             field "group" was not recorded.
-        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes,
-            of all steps.
+        times: values on the axis at which pictures can be drawn: those of the fields or, without
+            bodies on meshes, of all steps.
 
     Raises:
         InputError: it is not the folder of a run, or its files cannot be read.
@@ -78,20 +75,23 @@ class RunReader:
         a missing or damaged run.json or field file is an error."""
         self.folder = Path(folder)
         self.about = read_run_file(self.folder)
+        axis = self.about["axis"]
+        self.axis = Axis(axis["name"], axis["unit"])
         self.fields: dict[str, list[str]] = self.about["fields"]
         self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
         self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
-        self._connector_names = _names_of_lines(self.table("lines.csv"))
+        firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
+        self._connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
         self._tensions = self.table("tensions.csv")
         self.times: Array = self._points[0]
         if self.bodies:
             # a run that was killed may have written fewer steps of one body
             self.times = min((body.times for body in self.bodies.values()), key=len)
         self.groups: list[str] = self.about.get("groups", [])
-        self._captions: list[str] = self.about.get("captions", [])
+        self._captions: list[str] = self.about["captions"]
 
     def __repr__(self) -> str:
         """Title, how the run ended, and what there is to draw."""
@@ -121,14 +121,23 @@ class RunReader:
     @property
     def kind(self) -> str:
         """What was recorded: "run", "equilibrium" or "mode"."""
-        return str(self.about.get("kind", "run"))
+        return str(self.about["kind"])
 
-    def caption(self, frame: int, of_time: str) -> str:
-        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones
-        of its time."""
+    def caption(self, frame: int, decimals: int | None = None) -> str:
+        """Words below a recorded state: those of an equilibrium or a mode, or else its time.
+
+        Args:
+            frame: number of the state, see `frame`.
+            decimals: of the time; default: four digits.
+        """
         if len(self._captions) == len(self.times):
             return self._captions[frame]
-        return of_time
+        factor, unit = scaled_axis(self.axis, self.times)
+        value = self.times[frame] / factor
+        number = f"{value:.4g}"
+        if decimals is not None:
+            number = f"{value:.{decimals}f}"
+        return f"{self.axis.symbol} = {number} {unit}".rstrip()
 
     # ---- numbers ---------------------------------------------------------------------------------
 
@@ -162,12 +171,23 @@ class RunReader:
             raise InputError(
                 f"'{path}' holds something else than numbers ({error}); write the run again."
             ) from error
-        missing = [column for column in ("time", *_REQUIRED.get(name, ())) if column not in head]
+        required = (self.axis.column, *_REQUIRED.get(name, ()))
+        missing = [column for column in required if column not in head]
         check(
             not missing or not head,
             f"'{path}' has no column '{''.join(missing[:1])}'; write the run again.",
         )
         return dict(zip(head, values.T, strict=True))
+
+    @property
+    def not_values(self) -> tuple[str, str]:
+        """Columns of each table that are not results: that of the axis, and the number of the
+        step."""
+        return self.axis.column, "step"
+
+    def along(self, table: Tables) -> Array:
+        """Values on the axis (n,) of the rows of a table; an empty array without a table."""
+        return table.get(self.axis.column, np.zeros(0))
 
     def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
         """Times of a table, and its other columns as vectors.
@@ -175,18 +195,15 @@ class RunReader:
         Returns:
             times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
             arrays.
-
-        Raises:
-            InputError: the file cannot be read, or its columns are not groups of `size`.
         """
         table = self.table(name)
-        columns = [column for key, column in table.items() if key not in ("time", "step")]
+        columns = [column for key, column in table.items() if key not in self.not_values]
         check(
             len(columns) % size == 0,
             f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; "
             "write the run again.",
         )
-        times = table.get("time", np.zeros(0))
+        times = self.along(table)
         if not columns:
             return times, np.zeros((len(times), 0, size))
         return times, np.stack(columns, axis=1).reshape(len(times), -1, size)
@@ -211,8 +228,8 @@ class RunReader:
         slack = _TIME_SLACK * (last - first)
         check(
             first - slack <= time <= last + slack,
-            f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s "
-            "is not in it.",
+            f"The run in '{self.folder}' goes from {self.axis.words(first)} to "
+            f"{self.axis.words(last)}; {self.axis.words(time)} is not in it.",
         )
         return int(abs(self.times - time).argmin())
 
@@ -274,7 +291,7 @@ class RunReader:
         for name in bodies:
             if field in self.fields[name]:
                 segment, step = self.bodies[name].at(frame)
-                found.append(segment.read(field, step)[segment.pieces])
+                found.append(segment.at_corners(field, step))
         if field == "tension":
             for name in self._lines_with_means():
                 mean = self._mean_tension(name, float(self.times[frame]))
@@ -294,7 +311,7 @@ class RunReader:
         values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
         if not len(values):
             return float("nan")
-        return float(values[int(np.abs(self._tensions["time"] - time).argmin())])
+        return float(values[int(np.abs(self.along(self._tensions) - time).argmin())])
 
     def _line_kinds(
         self, names: list[str], field: str, time: float, kinds: Callable[[Array], Integers]
@@ -307,11 +324,15 @@ class RunReader:
         """
         found = np.full(len(names), INK, dtype=np.int64)
         if field == "tension":
-            of_name = {name: self._mean_tension(name, time) for name in set(names)}
-            values = np.array([of_name[name] for name in names])
+            values = self._mean_tensions(names, time)
             is_known = np.isfinite(values)
             found[is_known] = kinds(values[is_known])
         return found
+
+    def _mean_tensions(self, names: list[str], time: float) -> Array:
+        """Mean tensions (n,) [N] of lines, which may be named several times."""
+        of_name = {name: self._mean_tension(name, time) for name in set(names)}
+        return np.array([of_name[name] for name in names])
 
     def film_corners(self, frame: int) -> list[Array]:
         """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
@@ -350,7 +371,7 @@ class RunReader:
             if not body.is_film:
                 lines.append(points)
                 if field in LINE_FIELDS and field in self.fields[name]:
-                    at_ends = segment.read(field, step)[segment.pieces]
+                    at_ends = segment.at_corners(field, step)
                     line_kinds.append(kinds(at_ends.mean(axis=1)))
                 else:
                     time = float(self.times[frame])
@@ -359,7 +380,7 @@ class RunReader:
             corners.append(points)
             normals.append(smooth_normals(points, segment.vertices))
             if field in self.fields[name]:
-                values.append(segment.read(field, step)[segment.pieces])
+                values.append(segment.at_corners(field, step))
             else:
                 values.append(np.full(points.shape[:2], np.nan))
         fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values)))
@@ -395,6 +416,10 @@ class RunReader:
         """Ends (n, 2, 3) of ropes, springs and bars of tapes at a time [m]."""
         return _at_time(self._connectors, time).reshape(-1, 2, 3)
 
+    def connector_tensions(self, time: float) -> Array:
+        """Mean tensions (n,) [N] of the items to which these lines belong; NaN if unknown."""
+        return self._mean_tensions(self._connector_names, time)
+
     def dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh at a time [m]."""
         return _at_time(self._points, time)
@@ -405,12 +430,6 @@ class RunReader:
         return [
             placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
         ]
-
-
-def _names_of_lines(table: Tables) -> list[str]:
-    """Names (n,) of the connectors to which the lines of lines.csv belong."""
-    firsts = [column for column in table if column not in ("time", "step")][::_LINE_PARTS]
-    return [column.partition(" ")[2].removesuffix(" ax") for column in firsts]
 
 
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
@@ -453,7 +472,6 @@ class RecordedSolid:
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
-        """Read the arrays of an entry of "solids" in run.json."""
         self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
         self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
         self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)
@@ -461,88 +479,104 @@ class RecordedSolid:
 
 
 class RecordedBody:
-    """One body on a mesh, in the files that a run and its restarts wrote one after the other.
-
-    Args:
-        folder: of the field files.
-        name: of the body.
-
-    Raises:
-        InputError: the file does not exist or cannot be read.
-    """
+    """One body on a mesh, in the files that a run and its restarts wrote one after the other."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        path = folder / f"{file_name(name)}.bp"
-        self.segments: list[FieldFile] = [AdiosFile(one) for one in segments(path)]
-        listed = path.with_suffix(".pvd")
-        if not self.segments and listed.is_file():
-            self.segments = [VtuFiles(listed)]
-        check(bool(self.segments), f"'{path}' is missing; write the run again.")
+        records = read_records(folder / f"{file_name(name)}.pvd")
+        self.segments = [RecordedMesh(one) for one in records]
         self._frames = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))
         ]
         self.times: Array = np.concatenate([segment.times for segment in self.segments])
         self.is_film: bool = self.segments[0].is_film
 
-    def at(self, frame: int) -> tuple[FieldFile, int]:
-        """The file that holds a recorded state, and its step there."""
+    def at(self, frame: int) -> tuple[RecordedMesh, int]:
+        """The mesh of a recorded state, and the number of the state among those of the mesh."""
         return self._frames[frame]
 
 
-class FieldFile:
-    """A mesh as the ranks of a run divided it, and fields on its points at some times.
+class RecordedMesh:
+    """A mesh as the ranks of a run divided it, and fields on it at some times.
 
     Attributes:
         times: of the steps [s].
-        X: points (p, 3) of the stress-free mesh [m]; points that cells or ranks share come several
-            times.
+        X: points (p, 3) of the stress-free mesh [m]; points that ranks share come several times,
+            and those that cells share may.
         pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
         vertices: numbers of the same shape, equal where pieces share a point.
         is_film: whether the pieces are triangles.
     """
 
-    times: Array
-    X: Array
-    pieces: Integers
-    vertices: Integers
-    is_film: bool
+    def __init__(self, records: FieldRecords) -> None:
+        self._records = records
+        self.times: Array = np.array(records.times)
+        mesh = _joined([read_vtu(path) for path in records.meshes])
+        check(
+            mesh.dimension > 0,
+            f"'{records.meshes[0]}' is damaged: it has no lines or triangles; write the run again.",
+        )
+        self.X = mesh.points
+        self.is_film = mesh.dimension == 2
+        self.pieces = linear_pieces(mesh.cells, mesh.dimension)
+        self._cells = len(mesh.cells)
+        # The last step that was read: a picture asks for several of its fields.
+        self._step = -1
+        self._grid = mesh
+        self._find_vertices()
 
-    def read(self, field: str, step: int) -> Array:
-        """Values (p,) of a field at the points at a step; of vectors their lengths."""
-        values = self.components(field, step)
-        return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+    def grid(self, step: int) -> Grid:
+        """The shares of all ranks at a step as one grid, with names as in the files."""
+        if step != self._step:
+            files = self._records.files[step]
+            grid = _joined([read_vtu(path) for path in files])
+            check(
+                len(grid.points) == len(self.X) and len(grid.cells) == self._cells,
+                f"'{files[0]}' is damaged: it has {len(grid.points)} points, but its mesh has "
+                f"{len(self.X)}; write the run again.",
+            )
+            self._grid = grid
+            self._step = step
+        return self._grid
 
     def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step."""
-        raise NotImplementedError
+        """Values of a field at a step: (p,) or (p, 3) at points, or (n,), (n, 3) in cells."""
+        grid = self.grid(step)
+        name = with_unit(field)
+        check(
+            name in grid.arrays or name in grid.cell_arrays,
+            f"'{self._records.files[step][0]}' is damaged: its field {field!r} cannot be read; "
+            "write the run again.",
+        )
+        return grid.arrays.get(name, grid.cell_arrays.get(name, self.X))
+
+    def at_corners(self, field: str, step: int) -> Array:
+        """Values of a field at the corners of the pieces at a step, of the shape of `pieces`; of
+        vectors their lengths."""
+        values = self.components(field, step)
+        if values.ndim == 2:
+            values = np.linalg.norm(values, axis=1)
+        if with_unit(field) in self.grid(step).arrays:
+            return values[self.pieces]
+        # The pieces of a cell follow each other.
+        of_pieces = values.repeat(len(self.pieces) // self._cells)
+        return of_pieces[:, None].repeat(self.pieces.shape[1], axis=1)
 
     def positions(self, step: int) -> Array:
         """Positions (p, 3) of the points at a step [m]."""
-        moved: Array = self.X + self.components("displacement", step)
-        return moved
+        return self.grid(step).points
 
     def joined_positions(self, step: int) -> Array:
         """Positions of the vertices at a step [m], by their numbers."""
         joined: Array = self.positions(step)[self._point_of_vertex]
         return joined
 
-    def _join(self, pieces: Integers) -> None:
-        """Set pieces and vertices; pieces that two ranks wrote are kept once.
+    def _find_vertices(self) -> None:
+        """Set `vertices`, and the number of a point for each of them.
 
-        A vertex stands for all points that lie on each other in the mesh and in three states.
-
-        It sets `pieces`, `vertices` and `_point_of_vertex`, the number of a point for each vertex.
-        X (p, 3) [m] are the points in the mesh.
-
-        Args:
-            pieces: points of triangles (n, 3) or lines (n, 2), as they are in the file.
-
-        Raises:
-            InputError: the displacements of one of the three states cannot be read.
+        Points that lie on each other in the mesh and at the start, in the middle and at the end of
+        the run are one vertex.  Layers of a folded film may lie on each other for some time, but
+        not in the mesh.
         """
-        # Points that lie on each other in the mesh and at the start, in the middle and at the end
-        # of the run are one vertex.  Layers of a folded film may lie on each other for some time,
-        # but not in the mesh.
         last = len(self.times) - 1
         positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
         pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
@@ -550,166 +584,26 @@ class FieldFile:
         _, self._point_of_vertex, vertex_of_point = np.unique(
             keys, axis=0, return_index=True, return_inverse=True
         )
-        vertices = vertex_of_point.ravel()[pieces]
-        first_of_each = np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1]
-        kept = np.sort(first_of_each)
-        self.pieces = pieces[kept]
-        self.vertices = vertices[kept]
+        self.vertices: Integers = vertex_of_point.ravel()[self.pieces]
 
 
-class VtuFiles(FieldFile):
-    """The files of a PVD file that `outputs.VTU` wrote.
+def _joined(parts: list[Grid]) -> Grid:
+    """The shares of several ranks as one grid; those without cells are left out."""
+    full = [part for part in parts if len(part.cells)] or parts[:1]
+    firsts = np.cumsum([0, *(len(part.points) for part in full)])
+    cells = [part.cells + first for part, first in zip(full, firsts, strict=False)]
 
-    Args:
-        path: of the PVD file.
+    def joined(arrays: list[Mapping[str, Array]]) -> dict[str, Array]:
+        return {
+            name: np.concatenate([of_part[name] for of_part in arrays])
+            for name in arrays[0]
+            if all(name in of_part for of_part in arrays)
+        }
 
-    Raises:
-        InputError: a file is missing or damaged, or the numbers of points differ between times.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        entries = read_pvd(path)
-        times = sorted({entry.time for entry in entries})
-        check(bool(times), f"'{path}' lists no files; let the run make a record.")
-        self.times = np.array(times)
-        self._files = [
-            [path.parent / entry.file for entry in entries if entry.time == time] for time in times
-        ]
-        # The last step that was read: a picture asks for several of its fields.
-        self._step = -1
-        self._arrays: dict[str, Array] = {}
-        self._reference = self._grids(0)
-        cells = []
-        count = 0
-        for grid in self._reference:
-            cells.append(grid.cells + count)
-            count += len(grid.points)
-        self.is_film = max(grid.cells.shape[1] for grid in self._reference) == 3
-        # An empty part, of a rank without cells, has no cell whose number of nodes could be read.
-        pieces = [part for part in cells if len(part)]
-        self.X = self.positions(0) - self.components("displacement", 0)
-        self._join(np.concatenate(pieces))
-
-    def positions(self, step: int) -> Array:
-        """Positions (p, 3) of the points at a step [m]."""
-        return self._array("points", step)
-
-    def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step."""
-        return self._array(field, step)
-
-    def _array(self, name: str, step: int) -> Array:
-        """An array of a step, with the values of all ranks: (p,) or (p, 3) for p points.
-
-        Args:
-            name: of a field, in its SI unit; "points" are the positions [m].
-
-        Raises:
-            InputError: a file lacks the array, or has another number of points than the first step.
-        """
-        if step != self._step:
-            grids = self._grids(step)
-            arrays = {"points": np.concatenate([grid.points for grid in grids])}
-            for key in grids[0].arrays:
-                values = [grid.arrays[key] for grid in grids if key in grid.arrays]
-                arrays[without_unit(key)] = np.concatenate(values)
-            self._arrays = arrays
-            self._step = step
-        found = self._arrays.get(name)
-        count = sum(len(grid.points) for grid in self._reference)
-        if found is None or len(found) != count:
-            raise InputError(
-                f"'{self._path}' is damaged: its field {name!r} at step {step} cannot be read; "
-                "write the run again."
-            )
-        return found
-
-    def _grids(self, step: int) -> list[Grid]:
-        """The parts of a step, one for each rank of the run."""
-        return [read_vtu(file) for file in self._files[step]]
-
-
-class AdiosFile(FieldFile):
-    """One ADIOS2 file that `outputs.VTX` wrote.
-
-    Args:
-        path: of the file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        adios2 = adios2_for(path)
-        noted = noted_steps(path)
-        try:
-            self._file = adios2.FileReader(str(path))
-            steps = self._file.num_steps()
-            if not steps:
-                raise ValueError("there are no steps")
-            self.times = np.ravel(self._file.read("step", step_selection=[0, steps]))
-            # ADIOS2 keeps the part of each rank as a block
-            self._blocks = len(self._file.all_blocks_info("geometry")[0])
-            self.is_film = int(np.ravel(self._file.read("types"))[0]) in _VTK_TRIANGLES
-            self.X, cells = self._read_mesh()
-        except Exception as error:  # ADIOS2 raises what its C++ side throws
-            raise InputError(
-                f"'{path}' cannot be read; it is damaged, or no fields were written."
-            ) from error
-        check(
-            steps >= noted,
-            f"'{path}' has {steps} steps, but {noted} were written; put back a copy of it.",
-        )
-        self._join(linear_pieces(from_vtk(cells), 2 if self.is_film else 1))
-
-    def components(self, field: str, step: int) -> Array:
-        """Values of a field at the p points at a step, from the blocks of all ranks.
-
-        Args:
-            field: name of a recorded field, in its SI unit.
-            step: index of the time.
-
-        Returns:
-            (p,) for a scalar, (p, 3) for a vector.
-
-        Raises:
-            InputError: the field is not in the file, or the file is damaged.
-        """
-        try:
-            blocks = [
-                np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
-                for block in range(self._blocks)
-            ]
-            values: Array = np.concatenate(blocks)
-            return values if len(values) == len(self.X) else values.reshape(len(self.X), -1)
-        except Exception as error:
-            raise InputError(
-                f"'{self._path}' is damaged: its field {field!r} at step {step} cannot be read; "
-                "write the run again."
-            ) from error
-
-    def _read_mesh(self) -> tuple[Array, Integers]:
-        """Points (p, 3) [m] and cells of the mesh, joined from the blocks of all ranks.
-
-        Returns:
-            points, and cells (m, k) as numbers of their k nodes in the order of VTK.
-
-        Raises:
-            Exception: ADIOS2 or NumPy cannot read the file; the caller turns it into an
-                `InputError`.
-        """
-        points = []
-        cells = []
-        count = 0
-        for block in range(self._blocks):
-            x = np.asarray(self._file.read("geometry", block_id=block)).reshape(-1, 3)
-            # each row is the number of nodes of a cell, and the nodes
-            rows = np.asarray(self._file.read("connectivity", block_id=block)).ravel()
-            points.append(x)
-            if rows.size:
-                own = rows.reshape(-1, int(rows[0]) + 1)[:, 1:]
-                cells.append(own.astype(np.int64) + count)
-            count += len(x)
-        return np.concatenate(points), np.concatenate(cells)
+    return Grid(
+        np.concatenate([part.points for part in full]),
+        np.concatenate(cells),
+        full[0].dimension,
+        joined([part.arrays for part in full]),
+        joined([part.cell_arrays for part in full]),
+    )

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
 from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
-from gossamer_fx.records.plot.run_reader import FieldFile, RunReader
+from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
-from gossamer_fx.records.plot.units import NAMES, scaled
 
 _MAX_BYTES = 6_000_000  # of positions and colours together, about
 _MAX_FRAMES = 80
@@ -40,7 +39,7 @@ class _Surface:
         origin: numbers (n,) of the pieces of the file that are kept.
     """
 
-    file: FieldFile
+    file: RecordedMesh
     points: Integers
     pieces: Integers
     origin: Integers
@@ -71,12 +70,6 @@ def view_data(run: RunReader) -> dict[str, Any]:
     Positions are 16-bit fractions of the box [m] around the whole run; colours are rows of a table
     for each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out
     where there would be more than 80, or more than about six megabytes.
-
-    Args:
-        run: reads a recorded run with at least one state and one body on a mesh.
-
-    Raises:
-        InputError: the files of the run cannot be read.
     """
     fields = _fields(run)
     files_of_frame = [
@@ -90,7 +83,6 @@ def view_data(run: RunReader) -> dict[str, Any]:
     }
     frames = _chosen_frames(run, files_of_frame, surfaces, colour_bytes)
     box = _box_around(run, frames)
-    second, prefix = scaled(float(run.times[-1]))
     parts: list[dict[str, Any]] = []
     first = 0
     # The mesh stays the same while a run writes to the same files; a restart on other ranks has
@@ -104,9 +96,7 @@ def view_data(run: RunReader) -> dict[str, Any]:
     return {
         "low": box.low.tolist(),
         "span": box.span.tolist(),
-        "labels": [
-            run.caption(frame, f"t = {run.times[frame] / second:.4g} {prefix}s") for frame in frames
-        ],
+        "labels": [run.caption(frame) for frame in frames],
         "fields": [_legend(name, colours) for name, colours in fields],
         "parts": parts,
     }
@@ -126,8 +116,8 @@ def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
 
 def _chosen_frames(
     run: RunReader,
-    files_of_frame: list[tuple[FieldFile, ...]],
-    surfaces: dict[FieldFile, _Surface],
+    files_of_frame: list[tuple[RecordedMesh, ...]],
+    surfaces: dict[RecordedMesh, _Surface],
     colour_bytes: int,
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many
@@ -177,9 +167,6 @@ def _part(
     Returns:
         numbers of frames and vertices, and arrays in base 64: triangles and lines as numbers of
         vertices, positions (16 bits), and for each field the rows of its table of colours (8 bits).
-
-    Raises:
-        InputError: a file of fields of the run is missing or damaged.
     """
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
@@ -238,12 +225,10 @@ def _piece_values(
     """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it."""
     if not has_field:
         return np.full((len(surface.origin), 3), np.nan)
-    corners = surface.file.pieces[surface.origin]
-    values: Array = surface.file.read(field, step)[corners]
-    return values
+    return surface.file.at_corners(field, step)[surface.origin]
 
 
-def _thinned(file: FieldFile, most: int) -> _Surface:
+def _thinned(file: RecordedMesh, most: int) -> _Surface:
     """A surface with few vertices: those that stay near to each other in the run become one.
 
     Nearness is that of the first, the middle and the last state, so that layers that touch for some
@@ -281,10 +266,6 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
 
     Args:
         colours: its table (kinds, 3), and its key: a scale or names of kinds.
-
-    Returns:
-        the name, the table in bytes, whether it varies within triangles, and either the ends and
-        the unit of the scale or the names of kinds with their rows.
     """
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),

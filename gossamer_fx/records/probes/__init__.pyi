@@ -1,8 +1,8 @@
 from .contact import ContactForce as ContactForce
 from .contact import ContactGap as ContactGap
+from .contact import Crossings as Crossings
 from .contact import Penetrations as Penetrations
 from .crease_angle import FoldAngle as FoldAngle
-from .crossings import Crossings as Crossings
 from .flight import Attitude as Attitude
 from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState
@@ -19,8 +19,8 @@ from .points import Position as Position
 from .points import RingArea as RingArea
 from .points import Velocity as Velocity
 from .rotation import AngularMomentum as AngularMomentum
+from .rotation import Imbalance as Imbalance
+from .rotation import MeanSpin as MeanSpin
 from .rotation import Nutation as Nutation
-from .spin import MeanSpin as MeanSpin
-from .spin import PolarPosition as PolarPosition
-from .waves import Imbalance as Imbalance
-from .waves import Waves as Waves
+from .rotation import PolarPosition as PolarPosition
+from .rotation import Waves as Waves

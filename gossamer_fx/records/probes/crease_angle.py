@@ -11,7 +11,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.connectors.crease import Crease
 from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # What is reported of the angles along a crease
 KINDS = ("mean", "least", "largest", "rest")
@@ -40,7 +40,7 @@ class FoldAngle:
         self.crease = crease
         self.which = which
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run."""
         return self.of(run.system)
 

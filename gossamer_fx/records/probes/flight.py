@@ -16,7 +16,7 @@ from gossamer_fx.mechanics.orbit.elements import elements_of
 from gossamer_fx.mechanics.orbit.environment import local_axes
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.records.probes.points import AXES
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Osculating elements: attributes of `orbit.elements.Elements`
 ELEMENTS = ("a", "e", "i", "node", "perigee", "anomaly")
@@ -57,7 +57,7 @@ class OrbitState:
         self.orbit = orbit
         self.quantity = quantity
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The quantity in the present state of a run: angles in rad, lengths in m.  Collective.
 
         Args:
@@ -102,7 +102,7 @@ class SunAngle:
         self.orbit = orbit
         self.of = of
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run, 0 to π."""
         position, _ = self.orbit.flight(run.system).state()
         to_sun = self.orbit.sun(run.time) - position
@@ -142,7 +142,7 @@ class Attitude:
         self.of = of
         self.axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The angle [rad] in the state of a run, 0 to π."""
         position, velocity = self.orbit.flight(run.system).state()
         axes = local_axes(position, velocity)
@@ -187,7 +187,7 @@ class LoadResultant:
         self.action = action
         self.axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component of the force [N] or torque [N m] in the last step of a run.  Collective.
 
         Args:
@@ -206,16 +206,8 @@ class LoadResultant:
         return float(about_centre[component])
 
 
-def resultant(run: Run, load: str) -> Array:
-    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective.
-
-    Args:
-        run: of a scene with the load; before the first step both are zero.
-        load: name of the load.
-
-    Raises:
-        InputError: the scene has no load of this name, which is asked after the first step only.
-    """
+def resultant(run: StateView, load: str) -> Array:
+    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
     total = np.zeros((2, 3))
     found = 0
     for kind in run.system.compiled:
@@ -230,17 +222,13 @@ def resultant(run: Run, load: str) -> Array:
     return over_ranks
 
 
-def direction_of(run: Run, of: Membrane | Port) -> Array:
+def direction_of(run: StateView, of: Membrane | Port) -> Array:
     """The mean normal of a film, or the vector of a port, (3,); not of unit length.  Collective.
 
     The mean normal is the sum of the triangles' area vectors, here times two [m²].
 
     Args:
-        run: in whose state it is evaluated.
         of: the film, or a vector attached to a body, such as a director [-].
-
-    Raises:
-        InputError: the body is not in the scene of the run.
     """
     if isinstance(of, Port):
         return run.system.state.vector(of)

@@ -8,11 +8,11 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.between import DrawnAsLines
-from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.cable import Curve
+from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import BodyShape
-from gossamer_fx.records.fields.line_forces import LineForces, line_forces
+from gossamer_fx.records.fields.lines import LineForces, line_forces
 from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
@@ -21,11 +21,7 @@ KINDS = ("mean", "least", "largest")
 
 
 class _ForSystem[T]:
-    """What a probe compiles for the system of its last call: it is called at each step of one run.
-
-    Args:
-        compiled: compiles it for a system.
-    """
+    """What a probe compiles for the system of its last call."""
 
     def __init__(self, compiled: Callable[[System], T]) -> None:
         self._compile = compiled
@@ -41,13 +37,7 @@ class _AlongLine:
     """A quantity along a line: its mean, its least or its largest value.
 
     Args:
-        line: a cable, beam or connector.
-        which: one of `KINDS`.
-        of_body: the quantity of a cable or beam.
         of_connector: the quantity (n,) of the lines of a connector.
-
-    Raises:
-        InputError: `which` is unknown.
     """
 
     def __init__(
@@ -67,14 +57,7 @@ class _AlongLine:
             self._values = _ForSystem(lambda system: GaussValues(system, line, of_body))
 
     def __call__(self, run: HasSystem) -> float:
-        """The value in the state of a run or an equilibrium.  Collective, the same on every rank.
-
-        Args:
-            run: a `Simulation` or an `Equilibrium`.
-
-        Raises:
-            InputError: the line is not in the scene.
-        """
+        """The value in a state.  Collective, the same on every rank."""
         if isinstance(self.line, Curve):
             return self._along_body(run.system)
         lines = line_forces(run.system, self.line)

@@ -16,7 +16,7 @@ from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.fields.reactions import Joint, joint_force
 from gossamer_fx.solve.system.system import System
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # The gas package is imported for its types only: most scenes with probes have no gas.
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Position:
 
     unit = "m"
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The coordinate [m] in the state of a run."""
         return float(run.system.state.vector(self.port)[AXES[self.axis]])
 
@@ -93,7 +93,7 @@ class Displacement(Position):
         0.0
     """
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component [m] in the state of a run."""
         start = run.system.initial.vector(self.port)
         return super().__call__(run) - float(start[AXES[self.axis]])
@@ -117,7 +117,7 @@ class Velocity(Position):
 
     unit = "m/s"
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component [m/s] in the state of a run."""
         return float(run.system.state.rate(self.port)[AXES[self.axis]])
 
@@ -154,7 +154,7 @@ class GasState:
         self.chamber = chamber
         self.quantity = quantity
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The quantity in the state of a run: pressure [Pa], temperature [K], volume [m³] or mass
         [kg].
 
@@ -193,7 +193,7 @@ class AreaFraction:
         self.state = state
         self._fractions = AreaFractions([body])
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The share in the state of a run, 0 to 1."""
         return float(self._fractions(run.system)[STATES[self.state]])
 
@@ -226,7 +226,7 @@ class AngularVelocity:
             "AngularVelocity: the ground does not turn; give the frame of a body.",
         )
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component [rad/s] in the state of a run."""
         directors = run.system.state.vectors(self._directors)
         rates = run.system.state.rates(self._directors)
@@ -258,7 +258,7 @@ class JointForce:
         self.joint = joint
         self.axis = axis
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The component [N] in the last step of a run."""
         force, _ = joint_force(run.system, self.joint)
         return float(force[AXES[self.axis]])
@@ -282,7 +282,7 @@ class RingArea:
         self.ring = ring
         self._loops: dict[int, Any] = {}
 
-    def __call__(self, run: Run) -> float:
+    def __call__(self, run: StateView) -> float:
         """The area [m²] of the ring in the state of a run.  Collective.
 
         Args:
@@ -308,11 +308,7 @@ class RingArea:
 
 
 def check_axis(axis: str) -> None:
-    """Check the name of a component of a vector.
-
-    Raises:
-        InputError: it is not "x", "y" or "z".
-    """
+    """Check the name of a component of a vector."""
     check(
         axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
     )

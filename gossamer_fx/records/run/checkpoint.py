@@ -46,8 +46,10 @@ from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, writ
 from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.records.run.node_keys import all_names, cell_names
 from gossamer_fx.records.run.same_scene import compare, compare_energies
+from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
 # Number of the format; it changes with the contents of the files.
@@ -72,15 +74,19 @@ CELL_VALUES = "cells"
 Cursors = list[tuple[str, dict[str, Any]]]
 
 
-class SavedRun(Run, Protocol):
+class SavedRun(StateView, Protocol):
     """A run, with its outputs.
 
     Attributes:
+        stepper: the time stepping rule that was given.
+        history: what earlier steps left for the next, e.g. for extrapolation.
         outputs: those of the run, whose positions in their files are saved with it.
         recorded: whether the outputs have recorded the present state.
         cursors: positions of the outputs before the present state, for the case that they have not.
     """
 
+    stepper: Stepper
+    history: History
     outputs: list[Output]
     recorded: bool
     cursors: Cursors
@@ -152,12 +158,7 @@ class Checkpoints:
         self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Make the folder; before anything is computed.  Collective.
-
-        Raises:
-            InputError: the folder cannot be made or written, or contains checkpoints that would be
-                lost.
-        """
+        """Make the folder; before anything is computed.  Collective."""
         make_parent(run.comm, self.folder / "step")
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
@@ -171,15 +172,7 @@ class Checkpoints:
             self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
-        """Check that no checkpoints would be lost from which the run does not continue; on rank 0.
-
-        Args:
-            restart: checkpoint, or folder of checkpoints, from which the run continues; None if it
-                starts from the beginning.
-
-        Raises:
-            InputError: the folder contains checkpoints of another run beyond its start.
-        """
+        """Refuse to lose checkpoints from which the run does not continue; on rank 0."""
         newest = latest_checkpoint(self.folder)
         # The checkpoint of a start has no results that could be lost.
         if newest is None or _step(newest) == 0 or self.overwrite:
@@ -205,9 +198,6 @@ class Checkpoints:
     def record(self, run: SavedRun, last: bool) -> None:
         """Write a checkpoint if it is due; called after the outputs have recorded the step.
         Collective.
-
-        Raises:
-            OutputFailure: the checkpoint could not be written; older ones are unchanged.
         """
         if self._written == run.step:
             return
@@ -238,9 +228,6 @@ class Checkpoints:
 
         Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
         are too old or of later steps are removed.
-
-        Raises:
-            OutputFailure: on all ranks; the incomplete folder is removed.
         """
         comm = run.comm
         path = self.folder / _name(run.step)
@@ -265,9 +252,6 @@ class Checkpoints:
         def complete_folder() -> None:
             """Write run.json with the checksums of all ranks, and rename the folder to its final
             name.
-
-            Raises:
-                OSError: on rank 0, if the disk is full or the folder is gone.
             """
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
@@ -332,9 +316,6 @@ class Checkpoints:
 
         Args:
             run: with its time [s], energies [J], history variables, counters, and outputs.
-
-        Returns:
-            numbers, words, lists and dictionaries of them.
         """
         system = run.system
         cursors = run.cursors
@@ -393,22 +374,7 @@ def read(
     scene: dict[str, Any],
     changes: Sequence[str],
 ) -> tuple[Cursors, str]:
-    """Restore the state of a checkpoint.  Collective.
-
-    Args:
-        run: at its start.
-        restart: a checkpoint, or a folder, of which the newest one is taken.
-        scene: description of the run's scene, see `run.same_scene.scene_of`.
-        changes: names of items and events whose arguments are meant to be others.
-
-    Returns:
-        Positions of the outputs in their files, and in words what of the scene could not be
-        compared.
-
-    Raises:
-        InputError: the checkpoint does not exist, it is damaged, of another version, or of another
-            scene.
-    """
+    """Restore the state of a checkpoint.  Collective."""
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
     not_compared = compare(path, state["scene"], scene, changes)
@@ -434,11 +400,7 @@ def read(
 
 
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective.
-
-    Raises:
-        InputError: a file is damaged; on all ranks, although one only has read it.
-    """
+    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective."""
     arrays: dict[str, Any] = {}
     reason = ""
     try:
@@ -453,16 +415,7 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
 
 
 def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
-    """Set coordinates, velocities and other vectors from what all ranks have loaded.  Collective.
-
-    Args:
-        arrays: names of nodes and values of vectors (SI units) that this rank has read, for any
-            nodes.
-
-    Raises:
-        InputError: the checkpoint has no values for a node of this scene, or two nodes of it have
-            the same name.
-    """
+    """Set coordinates, velocities and other vectors from what all ranks have loaded."""
     numbering = run.system.numbering
     names_here = all_names(run.system)
     for name, vector in run.history.vectors.items():
@@ -486,9 +439,6 @@ def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
     Args:
         arrays: names of cells and their values that this rank has read, e.g. temperatures [K], for
             any cells.
-
-    Raises:
-        InputError: the checkpoint has no values for a cell of this scene.
     """
     for name, (body, values) in run.history.cells.items():
         nothing = np.zeros(0, dtype=np.uint64)
@@ -504,14 +454,7 @@ def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
-    """The folder of a checkpoint, and the contents of its run.json; on one rank.
-
-    Args:
-        path: a checkpoint, or a folder of checkpoints, of which the newest is taken.
-
-    Raises:
-        InputError: the checkpoint does not exist, it is damaged, or of another version.
-    """
+    """The folder of a checkpoint, and the contents of its run.json; on one rank."""
     folder: Path | None = path
     if not (path / "run.json").is_file():
         folder = latest_checkpoint(path)
@@ -558,10 +501,6 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     Returns:
         Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`;
         empty arrays on a rank without a file.
-
-    Raises:
-        ValueError: a file was changed.
-        OSError: a file is missing.
     """
     blocks = run.system.numbering.blocks
     shares = []
@@ -638,11 +577,7 @@ def _checksum_of(state: dict[str, Any]) -> str:
 
 
 def _checksum(path: Path) -> list[int]:
-    """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256."""
     crc = 0
     size = 0
     with path.open("rb") as file:

@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
@@ -27,13 +27,21 @@ from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.records.outputs.arguments import of_item
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Stepping
+from gossamer_fx.solve.steppers.stepping import Stepper, Stepping
+from gossamer_fx.solve.view import StateView
 
-if TYPE_CHECKING:
-    from gossamer_fx.solve.view import Run
 
-Action = Callable[["Run"], object]
+class SteppedRun(StateView, Protocol):
+    """What events read of a run: a view with a time stepper and a log."""
 
+    stepper: Stepper
+
+    def log(self, words: str) -> None:
+        """Pass a line to the listeners of the log."""
+        ...
+
+
+Action = Callable[[SteppedRun], object]
 
 # Times that differ by less than this fraction of a step are the same.
 SAME_TIME = 1e-9
@@ -167,18 +175,9 @@ class _StepWithEvents:
 
 
 class EventMonitor:
-    """The events of a run: makes its steps, and lets events act.
+    """The events of a run: makes its steps, and lets events act."""
 
-    Args:
-        run: at its start.
-        events: `At` and `When`.
-        history: state of the run, for steps that are undone.
-
-    Raises:
-        InputError: something else is among the events, or a probe fails.
-    """
-
-    def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
+    def __init__(self, run: SteppedRun, events: Sequence[Event], history: History) -> None:
         """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective."""
         self._run = run
         self._history = history
@@ -208,16 +207,7 @@ class EventMonitor:
         """Advance the run by a length of time, or to the first event, and let it act.  Collective.
 
         Args:
-            stepping: makes steps, which may be divided.
             h: length of the step [s].
-
-        Returns:
-            Whether the run ends there.
-
-        Raises:
-            StepFailure: the step failed.
-            InputError: a probe failed, and the run is at the start of the step; or an action
-                failed.
         """
         run = self._run
         step = _StepWithEvents(run.time)
@@ -278,10 +268,6 @@ class EventMonitor:
         Returns:
             The events that happen at the end that was found; its error is the smallest of their
             tolerances [s].
-
-        Raises:
-            StepFailure: a repeated step failed.
-            InputError: a probe failed.
         """
         run = self._run
         # No event has happened after the length `shorter`, and some have after `longer`.
@@ -338,10 +324,6 @@ class EventMonitor:
         Args:
             step: time [s] and values of the probes at the start of the step.
             length: of the step [s].
-
-        Raises:
-            StepFailure: the step failed.
-            InputError: a probe failed.
         """
         run = self._run
         self._history.rollback()
@@ -353,11 +335,7 @@ class EventMonitor:
         return self._passed(step.waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        """Log an event and call its action.  Collective.
-
-        Raises:
-            InputError: the action failed.
-        """
+        """Log an event and call its action.  Collective."""
         run = self._run
         run.log(words)
         then = event.then
@@ -386,9 +364,6 @@ class EventMonitor:
 
         Events are found by their keys, as they may come in another order; a new event has not
         happened, and its probe is evaluated.  Collective.
-
-        Raises:
-            InputError: the probe of a new event fails.
         """
         # Of events with equal keys, each is found once.
         remaining = list(enumerate(self._events))

@@ -19,9 +19,6 @@ class FirstRank(logging.Filter):
     """Filter that lets the records of rank 0 pass, and from all ranks those with `every_rank`.
 
     A record has `every_rank` if it is made with `extra={"every_rank": True}`.
-
-    Args:
-        rank: of this process.
     """
 
     def __init__(self, rank: int) -> None:

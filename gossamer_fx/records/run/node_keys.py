@@ -31,12 +31,6 @@ def node_names(body: Body) -> Names:
 
     A name is the same on any number of ranks: it is a hash of the vertices of the vertex, edge or
     cell on which the node is.
-
-    Args:
-        body: a body, e.g. a film on a mesh, or one without a mesh.
-
-    Raises:
-        InputError: the space has several nodes on one edge or cell.
     """
     start, end = body.block.index_map.local_range
     if not has_nodal_unknowns(body):
@@ -101,14 +95,8 @@ def mesh_name(body: MeshBody) -> int:
 def all_names(system: System) -> list[Names]:
     """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint.
 
-    Args:
-        system: the compiled scene, with the numbering of its blocks.
-
     Returns:
         an array (n,) of integers of 64 bits for each block, the same on any number of ranks.
-
-    Raises:
-        InputError: a body has several nodes on one edge or cell.
     """
     names = [node_names(body) for body in system.bodies]
     tied_ports: list[list[tuple[Attached, ...]]] = []
@@ -129,11 +117,7 @@ def _names_of_multipliers(
     names: list[Names],
     constraints: list[tuple[Attached, ...]],
 ) -> Names:
-    """Names of Lagrange multipliers (m,), each after the first node that its constraint ties.
-
-    Returns:
-        integers of 64 bits, the same on any number of ranks.
-    """
+    """Names of Lagrange multipliers (m,), each after the first node that its constraint ties."""
     rows = []
     counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node
     for ports in constraints:

@@ -2,24 +2,15 @@
 
 Problem.  A restart with another mesh, law or load would give wrong results without an error.
 
-Compared are
-
-1. the kinds and names of the scene's items, and the meshes,
-2. the numbers of unknowns, the kind of stepper, and its vectors,
-3. the arguments of every item, see `outputs.arguments`, and the events,
-4. after the state was restored, the energies.
-
-Initial conditions such as `StartFrom` are not compared: the state of the checkpoint replaces them.
-
-Limits.  Values that functions of the user read from elsewhere may be unknown; they are reported
-instead.
+Compared are names and kinds of the items, meshes, numbers of unknowns, the stepper, the arguments
+of items and events (see `outputs.arguments`), and, in the restored state, the energies.  Initial
+conditions are not compared: the state of the checkpoint replaces them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +27,10 @@ from gossamer_fx.records.outputs.arguments import (
     unknown,
 )
 from gossamer_fx.records.run.node_keys import mesh_name
+from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.stepping import Stepper
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import Run
+from gossamer_fx.solve.view import StateView
 
 # Relative difference of arguments that counts as round-off: a script that is run again computes the
 # same numbers, on another machine up to the last digits.
@@ -57,87 +50,38 @@ NEGLIGIBLE_ENERGY = 1e-9
 # Characters of a value in a message: an array would fill the screen.
 MAX_SHOWN = 80
 
-# Keys of the description of a function, see `outputs.arguments`.
-FUNCTION_PARTS = ("function", "constants", "names", "defaults", "outside", "with")
-
 Description = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A difference of two descriptions.
-
-    Attributes:
-        words: keys that lead to it.
-        there: value in the checkpoint; None if it is only here.
-        here: value in this scene; None if it is only there.
+def scene_of(
+    run: StateView, stepper: Stepper, history: History, events: list[Description]
+) -> Description:
+    """Describe a scene for the comparison, as data for JSON that is the same on any number of
+    ranks.  Collective.
     """
-
-    words: tuple[str, ...]
-    there: Known
-    here: Known
-
-
-def scene_of(run: Run, events: list[Description]) -> Description:
-    """Describe a scene for the comparison; the same on any number of ranks.  Collective.
-
-    Args:
-        run: at its start.
-        events: descriptions of the events, see `EventMonitor.describe`.
-
-    Returns:
-        Numbers, words, and lists and dictionaries of them, for JSON.
-    """
-    meshes: dict[str, int] = {}
-    extents: dict[str, list[float]] = {}
+    meshes: dict[str, Any] = {}
     for body in run.system.bodies:
         if is_on_mesh(body):
             geometry = body.space.mesh.geometry
-            own_count = geometry.index_map().size_local
-            x = geometry.x[:own_count]
+            x = geometry.x[: geometry.index_map().size_local]
             # The name covers the cells; the moments of the points notice a mesh of another size.
             moments = np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])
-            meshes[body.name] = mesh_name(body)
-            extents[body.name] = run.comm.allreduce(moments).tolist()
+            meshes[body.name] = [mesh_name(body), run.comm.allreduce(moments).tolist()]
     items = run.scene.items
-    # Sorted, as the order of items does not matter.
-    parts = sorted(f"{type(item).__name__} '{item.name}'" for item in items)
-    unknowns = []
-    for block in run.system.numbering.blocks:
-        unknowns.append(block.index_map.size_global * block.size)
+    blocks = run.system.numbering.blocks
     return {
-        "parts": parts,
-        "unknowns": unknowns,
+        # Sorted, as the order of items does not matter.
+        "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in items),
         "meshes": meshes,
-        "extents": extents,
+        "unknowns": [block.index_map.size_global * block.size for block in blocks],
+        "stepping": [type(stepper).__name__, sorted(history.vectors)],
         "arguments": arguments_of(items),
         "events": events,
-        "stepper": type(run.stepper).__name__,
-        "vectors": sorted(run.history.vectors),
     }
 
 
-def compare(
-    path: Path,
-    there: Description,
-    here: Description,
-    changes: Sequence[str],
-) -> str:
-    """Compare the description of this scene with that of a checkpoint.
-
-    Args:
-        path: of the checkpoint.
-        there: description of the scene that wrote the checkpoint, see `scene_of`.
-        here: description of this scene.
-        changes: names of items and events whose arguments are meant to be others.
-
-    Returns:
-        In words, what could not be compared; empty if all was.
-
-    Raises:
-        InputError: the first difference, with both values; or `changes` names something that the
-            scene does not have.
-    """
+def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> str:
+    """Compare the description of this scene with that of a checkpoint."""
     refusal = f"The checkpoint '{path}' is of another scene: "
     # The order of the checks is that of their causes: another item also changes the unknowns.
     unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
@@ -146,19 +90,23 @@ def compare(
         f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote "
         "it.",
     )
-    _compare_meshes(refusal, there, here)
+    for body, mesh in here["meshes"].items():
+        check(
+            next(differences(there["meshes"].get(body), mesh), None) is None,
+            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was "
+            "written.",
+        )
     check(
         there["unknowns"] == here["unknowns"],
         f"{refusal}it has {sum(there['unknowns'])} unknowns, this one {sum(here['unknowns'])}; use "
         "its order.",
     )
     check(
-        there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"],
-        f"{refusal}it was stepped by {there['stepper']}, with another control; take the same "
+        there["stepping"] == here["stepping"],
+        f"{refusal}it was stepped by {there['stepping'][0]}, with another control; take the same "
         "stepper.",
     )
-    event_names = [event["name"] for event in here["events"]]
-    known = [*here["arguments"], *event_names]
+    known = [*here["arguments"], *(event["name"] for event in here["events"])]
     # A misspelt name would let a difference pass as an error of the scene.
     for name in changes:
         check(
@@ -172,41 +120,10 @@ def compare(
     return _not_compared(here, changes)
 
 
-def _compare_meshes(refusal: str, there: Description, here: Description) -> None:
-    """Check that all meshes have the same cells, and points at the same positions.
-
-    Args:
-        here: description of this scene, with hashes of the cells and moments of the points [m, m²].
-
-    Raises:
-        InputError: names the body; the text begins with `refusal`.
-    """
-    for body, name in here["meshes"].items():
-        ours = here["extents"][body]
-        theirs = there["extents"][body]
-        tolerance = SAME_ARGUMENT * max(map(abs, ours))
-        same_place = np.allclose(theirs, ours, rtol=SAME_ARGUMENT, atol=tolerance)
-        check(
-            there["meshes"].get(body) == name and same_place,
-            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was "
-            "written.",
-        )
-
-
 def _compare_events(
-    refusal: str,
-    there: Iterable[Description],
-    here: Iterable[Description],
-    changes: Sequence[str],
+    refusal: str, there: Iterable[Description], here: Iterable[Description], changes: Sequence[str]
 ) -> None:
-    """Check that the events are the same, which may come in another order.
-
-    Args:
-        changes: names of events that are meant to be others, or additional, or missing.
-
-    Raises:
-        InputError: names the event; the text begins with `refusal`.
-    """
+    """Check that the events are the same, which may come in another order."""
     remaining = list(there)
     for event in here:
         # Several events may have the same key: each is compared with another one.
@@ -228,94 +145,49 @@ def _compare_events(
         )
 
 
-def _refuse_difference(
-    refusal: str,
-    owner: str,
-    there: Known,
-    here: Known,
-) -> None:
-    """Raise `InputError` for the first difference between the arguments of an item or event.
-
-    Raises:
-        InputError: names the argument and both values; nothing is raised if there is no difference.
-    """
-    found = next(differences(there, here), None)
-    if found is None:
-        return
-    values = f"{_shown(found.there)} there and {_shown(found.here)} here"
-    what = f"{' '.join(found.words)} of {owner} is {values}"
-    # Within a function, the words are parts of its code: the user knows the function by the
-    # argument.
-    function_parts = [k for k, word in enumerate(found.words) if word in FUNCTION_PARTS]
-    if function_parts and function_parts[0] > 0:
-        first = function_parts[0]
-        name = " ".join(found.words[:first])
-        part = " ".join(found.words[first:])
-        what = f"the function {name} of {owner} is another one ({part}: {values})"
-    check(False, f"{refusal}{what}; restart with the same, or name it in changes.")
+def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> None:
+    """Raise `InputError` for the first difference between the arguments of an item or event, with
+    both values."""
+    for words, one, other in differences(there, here):
+        check(
+            False,
+            f"{refusal}{' '.join(words)} of {owner} is {_shown(one)} there and {_shown(other)} "
+            "here; restart with the same, or name it in changes.",
+        )
 
 
-def differences(there: Known, here: Known, words: tuple[str, ...] = ()) -> Iterator[Difference]:
+def differences(
+    there: Known, here: Known, words: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Known, Known]]:
     """Yield all differences of two descriptions, except values that are unknown in both.
 
     Numbers count as equal if they differ by less than 1e-9 of their size.
-
-    Args:
-        there: description in the checkpoint: numbers, words, lists and dictionaries of them.
-        here: description of this scene.
-        words: keys that lead to both.
     """
     if isinstance(there, dict) and isinstance(here, dict):
-        yield from _differences_of_dicts(there, here, words)
+        if UNKNOWN in there and UNKNOWN in here:
+            return
+        # A position that was computed has a known error, which its description states.
+        if MEASURED in there and MEASURED in here:
+            if not np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE]):
+                yield words, there[MEASURED], here[MEASURED]
+            return
+        # The class comes first: of objects of two classes, all arguments differ.
+        for key in sorted(there.keys() | here.keys(), key=lambda key: (key != "class", key)):
+            yield from differences(there.get(key), here.get(key), (*words, key))
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        yield from _differences_of_lists(there, here, words)
+        if all(map(_is_number, [*there, *here])):
+            if not _same_numbers(there, here):
+                yield words, there, here
+            return
+        for k, (one, other) in enumerate(zip(there, here, strict=True)):
+            # Only of several objects does the message need the number, from one.
+            is_numbered = isinstance(one, dict) and len(there) > 1
+            yield from differences(one, other, (*words, str(k + 1)) if is_numbered else words)
     elif _is_number(there) and _is_number(here):
         if not _same_numbers([there], [here]):
-            yield Difference(words, there, here)
+            yield words, there, here
     elif there != here:
-        yield Difference(words, there, here)
-
-
-def _differences_of_lists(
-    there: Sequence[Known],
-    here: Sequence[Known],
-    words: tuple[str, ...],
-) -> Iterator[Difference]:
-    """Yield all differences of two lists; a list of numbers is compared as a vector."""
-    if all(map(_is_number, [*there, *here])):
-        if not _same_numbers(there, here):
-            yield Difference(words, list(there), list(here))
-        return
-    for k, (one, other) in enumerate(zip(there, here, strict=True)):
-        inside = words
-        # Only of several objects does the message need the number, from one.
-        if isinstance(one, dict) and len(there) > 1:
-            inside = (*words, str(k + 1))
-        yield from differences(one, other, inside)
-
-
-def _differences_of_dicts(
-    there: Description,
-    here: Description,
-    words: tuple[str, ...],
-) -> Iterator[Difference]:
-    """Yield all differences of two dictionaries: of arguments, a measured position, or an
-    unknown."""
-    if UNKNOWN in there and UNKNOWN in here:
-        return
-    # A position that was computed has a known error, which its description states.
-    if MEASURED in there and MEASURED in here:
-        near = np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE])
-        if not near:
-            yield Difference(words, there[MEASURED], here[MEASURED])
-        return
-    # The class comes first: of objects of two classes, all arguments differ.
-    for key in sorted(there.keys() | here.keys(), key=lambda key: (key != "class", key)):
-        inside = (*words, key)
-        if key in there and key in here:
-            yield from differences(there[key], here[key], inside)
-        else:
-            yield Difference(inside, there.get(key), here.get(key))
+        yield words, there, here
 
 
 def _is_number(value: Known) -> bool:
@@ -346,11 +218,8 @@ def _shown(value: Known) -> str:
 
 
 def _not_compared(here: Description, changes: Sequence[str]) -> str:
-    """In words: what could not be compared with a checkpoint, and what is meant to change.
-
-    Returns:
-        a list in one line; empty if all was compared.
-    """
+    """A list in one line of what could not be compared with a checkpoint, and what is meant to
+    change; empty if all was compared."""
     found: list[str] = []
     for name, arguments in here["arguments"].items():
         if name not in changes:
@@ -364,17 +233,9 @@ def _not_compared(here: Description, changes: Sequence[str]) -> str:
 
 
 def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:
-    """Check that this scene has the energies of the checkpoint in the same state.
+    """Check that this scene has the energies [J] of the checkpoint in the same state.
 
     This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
-
-    Args:
-        path: of the checkpoint.
-        here: energies of this scene in the state of the checkpoint [J].
-        there: energies in the checkpoint [J].
-
-    Raises:
-        InputError: names the first energy that differs, with both values.
     """
     ours = {"kinetic": here.kinetic, **here.stored}
     theirs = {"kinetic": there["kinetic"], **there["stored"]}

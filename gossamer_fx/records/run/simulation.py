@@ -40,6 +40,7 @@ from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import TIME, Account, Balance
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import ChamberState
@@ -73,6 +74,7 @@ class Simulation:
             checkpoint's.
 
     Attributes:
+        axis: of records: the time.
         system: the compiled scene, with its state.
         step: number of steps that were made.
         iterations: Newton iterations of all steps.
@@ -98,6 +100,8 @@ class Simulation:
         >>> round(height, 4)  # 1 - g t²/2
         0.2152
     """
+
+    axis = TIME
 
     def __init__(
         self,
@@ -186,11 +190,7 @@ class Simulation:
         self.history.rollback()
 
     def _lock_files(self) -> FileLocks | None:
-        """Lock all files and folders that this run writes; None if there are none.  Collective.
-
-        Raises:
-            InputError: another run writes one of them, or two outputs have the same file.
-        """
+        """Lock all files and folders that this run writes; None if there are none.  Collective."""
         paths: list[Path] = []
         for output in self.outputs:
             if isinstance(output, Writing):
@@ -225,24 +225,14 @@ class Simulation:
         events: list[dict[str, Any]] = []
         if self._monitor:
             events = self._monitor.describe()
-        return scene_of(self, events)
+        return scene_of(self, self.stepper, self.history, events)
 
     def _restart(
         self,
         restart: str | Path,
         changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Restore the state of a checkpoint.  Collective.
-
-        Args:
-            restart: file of the checkpoint, or a folder, of which the newest one is taken.
-
-        Returns:
-            Kinds of the outputs, and their positions in their files.
-
-        Raises:
-            InputError: the checkpoint does not exist, or is one of another scene.
-        """
+        """Restore the state of a checkpoint.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
         cursors, not_compared = read(self, restart, self._description, changes)
@@ -304,6 +294,29 @@ class Simulation:
             return 0.0
         missing = now.mass - self.first.mass - now.mass_supplied
         return missing / max(now.mass, self.first.mass)
+
+    @property
+    def account(self) -> Account:
+        """Counters, wall times [s] and closing errors of the run so far.  Collective."""
+        return Account(
+            kind="run",
+            method={"kind": type(self.stepper).__name__, "dt": self.stepper.dt},
+            until=self.until,
+            iterations=self.iterations,
+            last_iterations=self.last_iterations,
+            rejected=self.substeps,
+            seconds=self.seconds,
+            compile_seconds=self.compile_seconds,
+            output_seconds=self.output_seconds,
+            solver=self.solver.newton.summary(),
+            balance=Balance(
+                at_rest=self.at_rest,
+                energy_error=self.energy_error,
+                energy_defect=self.energy_defect,
+                largest_energy=self.largest_energy,
+                mass_error=self.mass_error,
+            ),
+        )
 
     @property
     def chambers(self) -> dict[str, ChamberState]:
@@ -381,14 +394,6 @@ class Simulation:
 
         Args:
             until: end time [s].
-
-        Returns:
-            the number of the signal that ended the run, or 0.
-
-        Raises:
-            StepFailure: a step failed.
-            InputError: a probe or another function of the user failed.
-            OutputFailure: a file could not be written.
         """
         ended = False
         if self._monitor is not None and not self._started:
@@ -411,14 +416,6 @@ class Simulation:
 
         Args:
             milestones: times [s] in increasing order; the last one is the end of the run.
-
-        Returns:
-            the number of the signal that ended the run, or 0; 0 too if an event ended it.
-
-        Raises:
-            StepFailure: a step failed; the last good state has been recorded.
-            InputError: a probe or another function of the user failed.
-            OutputFailure: a file could not be written.
         """
         for milestone in milestones:
             while True:
@@ -443,12 +440,7 @@ class Simulation:
         return 0
 
     def _record(self, last: bool) -> None:
-        """Let the outputs record the state, and write a checkpoint if it is due.  Collective.
-
-        Raises:
-            OutputFailure: a file could not be written.
-            InputError: a probe failed.
-        """
+        """Let the outputs record the state, and write a checkpoint if it is due.  Collective."""
         started = time.perf_counter()
         # If an output fails, a checkpoint must contain the positions in their files at which the
         # outputs were before this record.
@@ -487,13 +479,6 @@ class Simulation:
         Args:
             h: length of the step [s]; a step control may make it shorter.
             milestone: time [s] that is set exactly if the step ends there but for round-off.
-
-        Returns:
-            whether an event ends the run there.
-
-        Raises:
-            StepFailure: the step failed, also in sub-steps; those that were made count.
-            InputError: a probe or an action of an event failed.
         """
         started = time.perf_counter()
         time_before = self.time
@@ -528,11 +513,7 @@ class Simulation:
         return ended
 
     def _leave(self, number: int) -> None:
-        """Log where the run ended, and end the program.
-
-        Raises:
-            Interrupted: always.
-        """
+        """Log where the run ended, and end the program."""
         interrupted = Interrupted(number)
         remedy = ""
         if self.checkpoints is not None:
@@ -603,14 +584,7 @@ class Simulation:
 
 
 def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
-    """Copy a sequence of objects of a kind into a list.
-
-    Args:
-        kind: class, or protocol, of each object.
-
-    Raises:
-        InputError: it is a single object, or contains something else.
-    """
+    """Copy a sequence of objects of a kind into a list."""
     check(
         isinstance(given, Sequence)
         and not isinstance(given, str)

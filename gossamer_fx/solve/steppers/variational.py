@@ -40,7 +40,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.mechanics.materials.c_law import CLaw
+from gossamer_fx.mechanics.materials.film import CLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import PathEnergy, StressRule, gradient
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.steppers.midpoint import MidpointSolver
@@ -103,7 +103,7 @@ class VariationalMidpoint:
         return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
-        # Both have forces of their own rule, which conserves energy: the steps would have no
+        # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(
             not system.active_sets,

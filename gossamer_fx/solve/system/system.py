@@ -133,7 +133,11 @@ class System:
         self.increment = Increment(numbering, self.supports)
         # The terms of a kind are those that name it as their compiler, which the type of `kinds`
         # cannot say.
-        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
+        self.compiled = [
+            compiled
+            for kind, alike in kinds.items()
+            for compiled in kind.compile(cast("list[Never]", alike), self)
+        ]
         self._find_facets()
         self.losses = {name: 0.0 for kind in self.compiled for name in kind.losses}
 

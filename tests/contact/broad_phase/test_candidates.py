@@ -10,9 +10,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.broad_phase.candidates import find_candidates
-from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import TrajectoryBounds
+from gossamer_fx.mechanics.contact.broad_phase.candidates import TrajectoryBounds, find_candidates
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
 from tests.contact.random_pairs import all_pairs, separate_triangles, table_of_primitives
@@ -31,7 +31,14 @@ def mesh_of(surface) -> SimpleNamespace:
     """Return what a search asks a collision mesh for, without bodies."""
     count = 3 * TRIANGLES
     none = np.zeros(0)
-    no_walls = (none.astype(np.uint8), np.zeros((0, 4), np.int32), none.astype(np.int64), none)
+    no_walls = CandidatePairs(
+        kind=none.astype(np.uint8),
+        points=np.zeros((0, 4), np.int32),
+        shape=none,
+        identifier=none.astype(np.int64),
+        area=none,
+        radius=none,
+    )
     return SimpleNamespace(
         surface=surface,
         radius=np.full(count, RADIUS),
@@ -39,6 +46,7 @@ def mesh_of(surface) -> SimpleNamespace:
         own_vertices=np.arange(count, dtype=np.int32),
         own_edges=np.arange(count, dtype=np.int32),
         wall_pairs=lambda: no_walls,
+        kinds_of=lambda kind, primitives: (kind, np.zeros(len(kind))),
         areas=lambda kind, points, primitives: np.ones(len(kind)),
         identifiers=lambda kind, primitives: identifier_of(kind.astype(int), *primitives.T),
     )
@@ -110,7 +118,7 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     contact = gx.Contact(*films, distance=1e-3)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
-    contact_set = run.system.active_sets[0].contact_sets[contact]
+    contact_set = run.system.active_sets[0]
     assert contact_set.search.count <= 4
     # 3 films of 98 nodes have some 1e5 pairs; those within reach are a few.
     assert len(contact_set.candidates) <= 100

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.broad_phase.overlaps import (
+from gossamer_fx.mechanics.contact.broad_phase.box_tree import (
     Nearness,
     OverlappingPairs,
     find_overlaps,
 )
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
 
 
@@ -96,8 +96,12 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     # Boxes so large that all overlap: pairs are dropped by their distance alone.
     kept = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges, near=near)
     every = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges)
-    sides = radius[every.points[:, 0]] + radius[every.second_point]
-    gap = np.sqrt(closest_points(every, x0)[0]) - sides
+    # The largest radius of each side counts.
+    is_edges = every.kind == EdgeEdge.number
+    of_points = radius[every.points]
+    first = np.where(is_edges, of_points[:, :2].max(axis=1), of_points[:, 0])
+    second = np.where(is_edges, of_points[:, 2:].max(axis=1), of_points[:, 1:].max(axis=1))
+    gap = np.sqrt(closest_points(every, x0)[0]) - (first + second)
     # Each of the two sides may come nearer by its margin.
     reach = distance + approach_bounds(every, x0, x1) + 2 * margin
     expected = every.rows(gap < reach)
@@ -108,7 +112,7 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     for t in np.linspace(0, 1, 20):
         at = np.ascontiguousarray(x0 + t * (x1 - x0))
         least = np.minimum(least, np.sqrt(closest_points(dropped, at)[0]))
-    radii = radius[dropped.points[:, 0]] + radius[dropped.second_point]
+    radii = (first + second)[gap >= reach]
     # 1e-12: round-off of the square roots.
     assert (least - radii - 2 * margin >= distance - 1e-12).all()
 
@@ -147,12 +151,10 @@ def test_candidates_are_those_of_ipctk() -> None:
     mesh = ipctk.CollisionMesh(x, surface.edges, surface.triangles)
     theirs = ipctk.Candidates()
     theirs.build(mesh, x, inflation_radius=0.005)
-    expected = {
-        (int(PairKind.POINT_TRIANGLE), c.vertex_id, c.face_id) for c in theirs.fv_candidates
-    }
+    expected = {(PointTriangle.number, c.vertex_id, c.face_id) for c in theirs.fv_candidates}
     for candidate in theirs.ee_candidates:
         first, second = sorted((candidate.edge0_id, candidate.edge1_id))
-        expected.add((int(PairKind.EDGE_EDGE), first, second))
+        expected.add((EdgeEdge.number, first, second))
     ours = set(keys_of(overlaps(surface, x, 0.01)))
     # Many pairs, so that equality is not accidental.
     assert len(ours) > 10_000

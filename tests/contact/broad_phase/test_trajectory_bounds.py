@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
+from gossamer_fx.mechanics.contact.broad_phase.candidates import RigidDrift, TrajectoryBounds
 
 TURN = RigidDrift(
     time=0.5,

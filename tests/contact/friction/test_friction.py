@@ -23,7 +23,7 @@ from tests.contact.scenes import (
     simulate,
 )
 
-OTHERS = ("plane", "ball", "cylinder", "box", "in ball", "in box")
+OTHERS = ("plane", "ball", "cylinder", "box", "cone", "in ball", "in box", "in cone")
 FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
 
 

@@ -12,14 +12,17 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     FrictionStep,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, SlidingGeometry
+from gossamer_fx.mechanics.contact.friction.sliding_geometry import (
+    EDGE_WEIGHTS,
+    BetweenBodies,
+    SlidingGeometry,
+)
 from gossamer_fx.mechanics.contact.friction.start_derivative import (
     add_product_with_start_derivative,
 )
-from gossamer_fx.mechanics.contact.friction.tangent_directions import EDGE_WEIGHTS, gap_weights
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import PairKind
 from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle, gap_weights_of
 from tests.contact.random_pairs import near_pairs
 
 # Pairs of each kind; of them some ten rub.
@@ -32,9 +35,9 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     """Return pairs that rub, each between its four points, and both ends of a step."""
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
     pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
-    weights = gap_weights(pairs.kind, parameters_at_start(pairs))
+    weights = gap_weights_of(pairs.kind, parameters_at_start(pairs))
     gap = np.einsum("nk,nkc->nc", weights, x0.reshape(COUNT, 4, 3))
-    is_triangle = kind == PairKind.POINT_TRIANGLE
+    is_triangle = kind == PointTriangle.number
     block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
     rub = FrictionPairs(
         # Weights of the points of one side of the pair: one point, or two of an edge.
@@ -56,7 +59,7 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     return rub, x0, x1
 
 
-@pytest.mark.parametrize("kind", [PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE])
+@pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
 def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: int) -> None:
     rub, x0, x1 = rubbing_pairs(kind)
 
@@ -129,7 +132,7 @@ def forces_from(kind: int, pairs, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
 def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
     """Pairs with starts, whose directions are those of the program."""
     geometry = BetweenBodies(pairs.kind)
-    is_triangle = kind == PairKind.POINT_TRIANGLE
+    is_triangle = kind == PointTriangle.number
     return FrictionPairs(
         pairs=pairs,
         law=ContactLaw.BARRIER,
@@ -143,7 +146,7 @@ def sliding_pairs(kind: int, pairs, x0: np.ndarray) -> FrictionPairs:
     )
 
 
-@pytest.mark.parametrize("kind", [PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE])
+@pytest.mark.parametrize("kind", [PointTriangle.number, EdgeEdge.number])
 def test_the_product_with_the_derivative_by_the_start_agrees_with_differences(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
     pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))

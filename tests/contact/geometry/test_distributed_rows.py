@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
-from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
+from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows
 
 
 @pytest.mark.mpi

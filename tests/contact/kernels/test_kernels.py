@@ -13,10 +13,11 @@ import pytest
 
 import gossamer_fx
 from gossamer_fx.core.forms.c_source import declarations_of
+from gossamer_fx.mechanics.contact.cone import EdgeCone, PointInCone
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase import intersections
-from gossamer_fx.mechanics.contact.pair_table import PairKind
 from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState
+from gossamer_fx.mechanics.contact.stencils import STENCILS
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 C_FILES = sorted(path for path in PACKAGE.rglob("*.[ch]"))
@@ -25,11 +26,23 @@ C_FILES = sorted(path for path in PACKAGE.rglob("*.[ch]"))
 LONGEST_FUNCTION = 60
 
 
-@pytest.mark.parametrize("enumeration", [PairKind, ContactLaw, PairState])
+@pytest.mark.parametrize("enumeration", [ContactLaw, PairState])
 def test_numbers_of_python_are_those_of_the_header(enumeration: type[IntEnum]) -> None:
     c = library()
     for member in enumeration:
         assert getattr(c.lib, member.name) == member.value
+
+
+def test_each_stencil_has_the_row_of_its_name() -> None:
+    """The table in C and the classes of Python name the same kinds, in the same order."""
+    c = library()
+    # Those of cones are known once their module is loaded.
+    assert {EdgeCone.number, PointInCone.number} <= STENCILS.keys()
+    names = [
+        c.ffi.string(c.lib.kind_name(number)).decode().replace("_", "")
+        for number in range(c.lib.kind_count())
+    ]
+    assert names == [type(STENCILS[number]).__name__.upper() for number in sorted(STENCILS)]
 
 
 def test_answers_of_intersections_are_those_of_the_header() -> None:

@@ -7,10 +7,11 @@ import pytest
 
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.mechanics.contact.pair_table import PairKind, PairTable
+from gossamer_fx.mechanics.contact.pair_table import PairTable
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 from tests.contact.random_pairs import make_degenerate, table_of
 
-KINDS = (PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE)
+KINDS = (PointTriangle.number, EdgeEdge.number)
 
 
 def stopped(
@@ -62,7 +63,7 @@ def test_a_radius_is_kept_clear_of() -> None:
     x0 = np.array([[0.3, 0.3, 1.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]])
     # The point falls from 1 to 0.4 above the triangle.
     x1 = x0 - [[0, 0, 0.6], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
-    pairs = table_of(PairKind.POINT_TRIANGLE, 1)
+    pairs = table_of(PointTriangle.number, 1)
     # 0.4 is more than the radius of 0.2 and a tenth of the gap.
     measured = len(stopped(pairs, x0, x1, np.array([0.2])))
     assert measured == 0
@@ -92,14 +93,14 @@ def test_distances_and_collisions_are_those_of_ipctk(degenerate: bool) -> None:
         ours, _ = closest_points(pairs, start)
         is_free = np.ones(n, bool)
         is_free[list(stopped(pairs, start, end, np.zeros(n)))] = False
-        if kind == PairKind.POINT_TRIANGLE:
+        if kind == PointTriangle.number:
             distance = ipctk.point_triangle_distance
             collides = check.point_triangle_ccd
         else:
             distance = ipctk.edge_edge_distance
             collides = check.edge_edge_ccd
         theirs = np.array([distance(*x) for x in x0])
-        if kind == PairKind.EDGE_EDGE and degenerate:
+        if kind == EdgeEdge.number and degenerate:
             # Of an edge without a length ipctk 1.6 takes the whole line of the other edge.
             points = slice(n // 3, 2 * n // 3)
             theirs[points] = [ipctk.point_edge_distance(x[2], x[0], x[1]) for x in x0[points]]

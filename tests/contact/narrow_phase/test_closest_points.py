@@ -11,11 +11,12 @@ from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind
-from tests.contact.random_pairs import near_pairs, table_of
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
+from tests.contact.random_pairs import KINDS, near_pairs, table_of
 
-EDGES = PairKind.EDGE_EDGE
-TRIANGLE = PairKind.POINT_TRIANGLE
+EDGES = EdgeEdge.number
+TRIANGLE = PointTriangle.number
 
 
 # Kind, four points, and the squared distance that one sees in a sketch.
@@ -45,13 +46,13 @@ def test_degenerate_pairs(
     assert found[0] == pytest.approx(squared_distance, rel=1e-14)
 
 
-@pytest.mark.parametrize("kind", list(PairKind))
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 300, seed=9)
     # Five times the step, so that some pairs pass through each other.
     x1 = x0 + 5 * (x1 - x0)
     bound = approach_bounds(pairs, x0, x1)
-    if kind > PairKind.EDGE_EDGE:
+    if kind > EdgeEdge.number:
         assert np.isinf(bound).all()
         return
     start = np.sqrt(closest_points(pairs, x0)[0])
@@ -63,13 +64,12 @@ def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
 
 def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pairs that stay far they are computed when they are asked for, and then known."""
-    pairs, x, _ = near_pairs(PairKind.POINT_TRIANGLE, 40)
+    pairs, x, _ = near_pairs(PointTriangle.number, 40)
     zeros = np.zeros(40)
     candidates = CandidatePairs(
         pairs.kind,
         pairs.points,
         np.arange(40),
-        zeros,
         zeros,
         zeros,
     )

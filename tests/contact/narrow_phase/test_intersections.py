@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     find_intersections,
     intersects_exactly,

@@ -1,14 +1,22 @@
 """A binary tree of boxes, in which all boxes that overlap with a given one are found in logarithmic
-time."""
+time: pairs of a point and a triangle, or of two edges, that can come near.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from gossamer_fx.core.forms.c_source import CStruct
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import FilteredPrimitives
+from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.facets import (
+    CollisionPrimitives,
+    FilteredPrimitives,
+)
 from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.pair_table import PairTable
+from gossamer_fx.mechanics.contact.stencils import EdgeEdge, PointTriangle
 
 # Overlaps for which there is room at first, for each box that is asked for; a surface has about six
 # neighbours a point, and a search with too little room is made once more with enough of it.
@@ -35,14 +43,8 @@ class BoxTree:
 
     def __init__(self, primitives: FilteredPrimitives) -> None:
         """Sort the boxes along a Morton curve, and build the tree over them from its leaves.
-
-        Args:
-            primitives: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
-                coordinates [m].
-
-        Raises:
-            ValueError: an array is not contiguous, or not of the type that C takes.
-        """
+        `primitives`: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
+        coordinates [m]."""
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         count = len(primitives.boxes)
@@ -74,25 +76,10 @@ class BoxTree:
         near: CStruct | None = None,
     ) -> Int32Array:
         """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
-        whose boxes overlap.
-
-        Primitives with a label in common, which are connected, and those that are both fixed form
-        no pair.
-
-        Args:
-            others: primitives that are asked for.
-            which: numbers (q,) of those that are asked for by this rank.
-            in_tree: whether they are the primitives of the tree; pairs (i, j) then have i < j.
-            expected: number of pairs that are likely; zero: not known.
-            near: structure `nearness` of the kernels, by which pairs are left out that cannot come
-                near; None: none is.
-
-        Returns:
-            numbers (k, 2) of the primitive in `others` and of that in the tree.
-
-        Raises:
-            ValueError: an array is not contiguous, or not of the type that C takes.
-        """
+        whose boxes overlap. Primitives with a label in common, which are connected, and those that
+        are both fixed form no pair. `in_tree`: whether they are the primitives of the tree; pairs
+        (i, j) then have i < j. Returns numbers (k, 2) of the primitive in `others` and of that in
+        the tree."""
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         query = _query(others, which, in_tree)
@@ -120,12 +107,7 @@ class BoxTree:
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
     """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
-    asked for.
-
-    Args:
-        primitives: n primitives with boxes (n, 6) [m].
-        which: numbers (q,) of those that are asked for.
-    """
+    asked for. `primitives`: n primitives with boxes (n, 6) [m]."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(primitives.boxes)
@@ -142,11 +124,8 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
 
 def _filter(primitives: FilteredPrimitives) -> CStruct:
     """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
-
-    Args:
-        primitives: n primitives, with labels (n, w), of which connected ones share one, and with a
-            mark (n,) of those that contact does not move.
-    """
+    `primitives`: n primitives, with labels (n, w), of which connected ones share one, and with a
+    mark (n,) of those that contact does not move."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count, label_count = primitives.labels.shape
@@ -162,14 +141,8 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
 
 def morton_order(boxes: Array) -> Int32Array:
     """Return the order of boxes along a Morton curve, on which neighbours in space follow each
-    other.
-
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
-
-    Returns:
-        numbers of the boxes (n,) in this order; boxes with the same code stay in theirs.
-    """
+    other. Returns numbers of the boxes (n,) in this order; boxes with the same code stay in
+    theirs."""
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
     middle = (boxes[:, :3] + boxes[:, 3:]) / 2
@@ -180,3 +153,120 @@ def morton_order(boxes: Array) -> Int32Array:
         code = (code | (code << np.uint64(shift))) & np.uint64(mask)
     interleaved = code @ np.array([1, 2, 4], dtype=np.uint64)
     return np.argsort(interleaved, kind="stable").astype(np.int32)
+
+
+@dataclass
+class OverlappingPairs(PairTable):
+    """n pairs whose boxes overlap.
+
+    Attributes:
+        primitives: numbers (n, 2) of the two primitives of each pair: vertex and triangle, or two
+            edges.
+    """
+
+    primitives: Int64Array
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """Which pairs of overlapping boxes can come near: their gap, less what they can come closer, is
+    below a distance.
+
+    In packed layers that is one pair in three to six, so that it is asked while boxes are compared.
+
+    Attributes:
+        x0: points (m, 3) [m] at the start.
+        x1: points (m, 3) [m] at the end of a straight motion.
+        margin: distances (m,) [m] from it within which points may be.
+        radius: of the body at each point (m,) [m].
+        distance: [m].
+    """
+
+    x0: Array
+    x1: Array
+    margin: Array
+    radius: Array
+    distance: float
+
+    def of(self, kind: int, asked: Int32Array, in_tree: Int32Array) -> CStruct:
+        """Return the C structure for pairs of one kind. `asked`: points (p, 1) or (p, 2) of the
+        primitives that are asked for; `in_tree`: points (q, 3) or (q, 2) of those in the tree."""
+        # The compiled C library of contact, which checks the arrays that it gets
+        c = library()
+        points = len(self.x0)
+        check_indices("The points of primitives", asked, points)
+        check_indices("The points of primitives", in_tree, points)
+        return c.struct(
+            "nearness",
+            {
+                "kind": kind,
+                "query_points": c.array("asked", asked, "int32", asked.shape),
+                "tree_points": c.array("in_tree", in_tree, "int32", in_tree.shape),
+                "x0": c.array("x0", self.x0, "float64", (points, 3)),
+                "x1": c.array("x1", self.x1, "float64", (points, 3)),
+                "margin": c.array("margin", self.margin, "float64", (points,)),
+                "radius": c.array("radius", self.radius, "float64", (points,)),
+                "distance": self.distance,
+            },
+        )
+
+
+def _nearness(
+    near: Nearness | None, kind: int, asked: Int32Array, in_tree: Int32Array
+) -> CStruct | None:
+    """What C takes of a nearness for pairs of a kind; None where all overlaps are kept."""
+    if near is None:
+        return None
+    return near.of(kind, asked, in_tree)
+
+
+def find_overlaps(
+    surface: CollisionPrimitives,
+    lower: Array,
+    upper: Array,
+    vertices: Int32Array,
+    edges: Int32Array,
+    expected: tuple[int, int] = (0, 0),
+    near: Nearness | None = None,
+) -> OverlappingPairs:
+    """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
+    touch.
+
+    Pairs that are connected, by a shared point, a tie or a joint, are left out.  `vertices` and
+    `edges` are the numbers of those that this rank asks for, `expected` how many pairs of both
+    kinds are likely (zero: not known), and `near` tells which to keep.
+    """
+    vertex_points = np.ascontiguousarray(surface.vertices[:, None])
+    with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)
+    # Cables and beams have edges only.
+    if len(surface.triangles):
+        # The tree is built over the triangles, which are asked by fewer points.
+        tree = BoxTree(surface.filtered(surface.triangles, lower, upper))
+        with_triangles = tree.overlaps(
+            surface.filtered(vertex_points, lower, upper),
+            vertices,
+            expected=expected[0],
+            near=_nearness(near, PointTriangle.number, vertex_points, surface.triangles),
+        )
+    all_edges = surface.filtered(surface.edges, lower, upper)
+    with_edges = BoxTree(all_edges).overlaps(
+        all_edges,
+        edges,
+        in_tree=True,
+        expected=expected[1],
+        near=_nearness(near, EdgeEdge.number, surface.edges, surface.edges),
+    )
+
+    triangle_pairs = np.hstack(
+        [vertex_points[with_triangles[:, 0]], surface.triangles[with_triangles[:, 1]]]
+    )
+    edge_pairs = np.hstack([surface.edges[with_edges[:, 0]], surface.edges[with_edges[:, 1]]])
+    points = np.vstack([triangle_pairs.reshape(-1, 4), edge_pairs.reshape(-1, 4)])
+    counts = [len(with_triangles), len(with_edges)]
+    kinds = np.array([PointTriangle.number, EdgeEdge.number], dtype=np.uint8)
+    kind: ByteArray = np.repeat(kinds, counts)
+    return OverlappingPairs(
+        kind=kind,
+        points=np.ascontiguousarray(points, dtype=np.int32),
+        primitives=np.vstack([with_triangles, with_edges]).astype(np.int64),
+    )

@@ -1,19 +1,124 @@
-"""Candidate pairs: all that can come within the activation distance in the next steps."""
+"""Candidate pairs: all that can come within the activation distance in the next steps.
+
+Trajectories are bounded, so that one search serves for several steps.  A search returns all pairs
+that can meet while every point stays within a margin of its expected position.  Points are expected
+to take part in a rigid drift of all points together, and to move at a constant velocity relative to
+it.  A rigid drift changes no distance, so a sail that spins has no more candidate pairs than one at
+rest.
+
+    x(t) = D(t) (x + (t - t0) u ± margin)        drift D, relative velocity u
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.rotations import rotations
 from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.broad_phase.box_tree import Nearness, find_overlaps
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
-from gossamer_fx.mechanics.contact.broad_phase.overlaps import Nearness, find_overlaps
-from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge, is_wall
+
+# Singular values of the inertia tensor below this part of the largest one count as zero: points on
+# a line have no spin about it.
+INERTIA_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class RigidDrift:
+    """A rigid motion that begins at a time.
+
+    Attributes:
+        time: [s].
+        centre: point (3,) about which it turns [m].
+        velocity: of the centre (3,) [m/s].
+        spin: angular velocity (3,) [rad/s].
+    """
+
+    time: float
+    centre: Array
+    velocity: Array
+    spin: Array
+
+    @classmethod
+    def of(cls, x: Array, v: Array, time: float, comm: MPI.Intracomm = MPI.COMM_SELF) -> RigidDrift:
+        """Return the rigid motion that is nearest to velocities v of points x; collective."""
+        sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
+        sums = comm.allreduce(sums)
+        centre = sums[:3] / sums[6]
+        velocity = sums[3:6] / sums[6]
+        # Vectors from the centre to the points (n, 3) [m]
+        r = x - centre
+        # Least squares: the angular momentum of points of unit mass is that of the rigid motion.
+        own_inertia = np.sum(r**2) * np.eye(3) - r.T @ r
+        inertia = comm.allreduce(own_inertia)
+        angular_momentum = comm.allreduce(np.cross(r, v).sum(axis=0))
+        spin = np.linalg.lstsq(inertia, angular_momentum, rcond=INERTIA_TOLERANCE)[0]
+        return cls(time, centre, velocity, spin)
+
+    def velocities(self, x: Array) -> Array:
+        """Return the velocities (n, 3) [m/s] of points x (n, 3) at the beginning."""
+        return self.velocity + np.cross(self.spin, x - self.centre)
+
+    def undone(self, x: Array, time: float) -> Array:
+        """Return where points that are at x at a time would be without the drift. Returns points
+        (n, 3) [m], turned and shifted back to the time at which the drift began."""
+        duration = time - self.time
+        spin_rate = float(np.linalg.norm(self.spin))
+        # Vectors from the moved centre to the points (n, 3) [m]
+        r = x - (self.centre + duration * self.velocity)
+        if spin_rate * duration:
+            # Rows times a matrix: the inverse rotation.
+            r = r @ rotations(self.spin / spin_rate, spin_rate * duration)
+        return np.asarray(r + self.centre)
+
+
+@dataclass(frozen=True)
+class TrajectoryBounds:
+    """Where points are expected from the beginning of the drift on.
+
+    Attributes:
+        drift: of all points together.
+        x: points (m, 3) at its beginning [m].
+        velocities: relative to the drift (m, 3) [m/s].
+        margin: distances (m,) [m] by which points may miss their expected positions; infinite: any.
+        duration: time [s] for which the relative velocities count; after it points are expected to
+            stop.
+    """
+
+    drift: RigidDrift
+    x: Array
+    velocities: Array
+    margin: Array
+    duration: float
+
+    def hold(self, x: Array, time: float) -> bool:
+        """Return whether this rank's points are within their margins at a time."""
+        elapsed = min(time - self.drift.time, self.duration)
+        expected = self.x + elapsed * self.velocities
+        missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)
+        return bool((missed <= self.margin).all())
+
+    def boxes(self) -> tuple[Array, Array]:
+        """Return the least and the greatest coordinates (m, 3) [m] of each point without the
+        drift."""
+        margin = self.margin[:, None]
+        lower = np.minimum(self.x, self.end) - margin
+        upper = np.maximum(self.x, self.end) + margin
+        return lower, upper
+
+    @cached_property
+    def end(self) -> Array:
+        """Points (m, 3) [m] where they are expected at last, without the drift."""
+        return np.ascontiguousarray(self.x + self.duration * self.velocities)
+
 
 # Part of its expected way by which a point may miss its expected position.  A wider margin makes
 # more candidates, a smaller one more searches.
@@ -47,10 +152,6 @@ class StepPoints:
 class CandidateSearch:
     """Keeps a list of candidates that is complete as long as points stay within their bounds.
 
-    Args:
-        mesh: what may touch.
-        activation_distance: largest gap [m] at which pairs have energy.
-
     Attributes:
         pairs: the n candidates of this rank.
         bounds: of the trajectories for which they are complete.
@@ -73,20 +174,11 @@ class CandidateSearch:
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance while each point
-        stays within half of that distance from where it is; collective.
-
-        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
-        several ranks the mesh takes in the facets of other ranks that may come near.
-
-        Args:
-            read: returns the points (m, 3) [m] of the contact as they are when it is called: a
-                search may change which points this rank knows, and their number m.
-            time: of these points [s].
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
-        """
+        stays within half of that distance from where it is; collective. Sets `pairs`, the
+        candidates of this rank, and `bounds`, within which they are complete; on several ranks the
+        mesh takes in the facets of other ranks that may come near. `read`: returns the points (m,
+        3) [m] of the contact as they are when it is called: a search may change which points this
+        rank knows, and their number m."""
 
         def at_rest() -> TrajectoryBounds:
             x = read()
@@ -97,28 +189,16 @@ class CandidateSearch:
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the present
-        step and some after it; collective.
-
-        The search is made for 4 steps at first (`FIRST_HORIZON`).  This number doubles, up to 32
-        (`MAX_HORIZON`), after a search that served for all its steps; after one that served for
-        fewer, but at least for one, it is the number of these.
-
-        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete: a
-        rigid drift of all points together, a constant velocity of each point relative to it, and a
-        margin.  On several ranks the mesh takes in the facets of other ranks that may come near.
-
-        Args:
-            read: returns the m points of the contact that this rank knows, as they are when it is
-                called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the
-                expected points `end` [m] at its end, (m, 3) each.  It is called again after a
-                search on several ranks has changed which points this rank knows, and m.
-            time: at which the step begins [s].
-            step: its length [s].
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
-        """
+        step and some after it; collective. The search is made for 4 steps at first
+        (`FIRST_HORIZON`).  This number doubles, up to 32 (`MAX_HORIZON`), after a search that
+        served for all its steps; after one that served for fewer, but at least for one, it is the
+        number of these. Sets `pairs`, the candidates of this rank, and `bounds`, within which they
+        are complete: a rigid drift of all points together, a constant velocity of each point
+        relative to it, and a margin.  On several ranks the mesh takes in the facets of other ranks
+        that may come near. `read`: returns the m points of the contact that this rank knows, as
+        they are when it is called: points `x` [m] and velocities `v` [m/s] at the start of the
+        step, and the expected points `end` [m] at its end, (m, 3) each.  It is called again after a
+        search on several ranks has changed which points this rank knows, and m."""
 
         def in_motion() -> TrajectoryBounds:
             points = read()
@@ -149,27 +229,10 @@ class CandidateSearch:
         else:
             self._horizon = max(self._age, 1)
 
-    def _bounds(
-        self,
-        x: Array,
-        v: Array,
-        time: float,
-        duration: float,
-    ) -> TrajectoryBounds:
+    def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
         """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
-        motion.
-
-        Collective: the drift is that of all ranks' points.
-
-        Args:
-            x, v: points [m] and their velocities [m/s], (m, 3).
-            time: at which they are there [s].
-            duration: for which the velocities count [s].
-
-        Returns:
-            bounds whose margin is half of the activation distance and a part of each point's way;
-            infinite for points of walls, whose pairs are always candidates.
-        """
+        motion. Collective: the drift is that of all ranks' points. `duration`: for which the
+        velocities count [s]."""
         mesh = self._mesh
         vertices = mesh.surface.vertices
         own = vertices[mesh.own_vertices]
@@ -184,14 +247,7 @@ class CandidateSearch:
 
     def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
         """Find the candidates, contact pairs that can come near while points stay within bounds;
-        collective.
-
-        On several ranks, facets of other ranks that may come near are fetched first.
-
-        Raises:
-            ValueError: a pair has a point that does not exist, or an array is not of the type that
-                C takes; both would be errors of this package.
-        """
+        collective. On several ranks, facets of other ranks that may come near are fetched first."""
         mesh = self._mesh
         bounds = bounds_of_mesh()
         if mesh.comm.size > 1:
@@ -208,19 +264,10 @@ class CandidateSearch:
 def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
 ) -> tuple[Array, Array]:
-    """Return a box round the trajectory of each point, within which pairs are searched.
-
-    Boxes are larger by half of the activation distance and the radius of the point, so that those
-    of two points overlap if their gap can fall below the activation distance.
-
-    Args:
-        mesh: with the radii of the m points.
-        bounds: of their trajectories.
-        activation_distance: gap [m] below which pairs have energy.
-
-    Returns:
-        least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
-    """
+    """Return a box round the trajectory of each point, within which pairs are searched. Boxes are
+    larger by half of the activation distance and the radius of the point, so that those of two
+    points overlap if their gap can fall below the activation distance. Returns least and greatest
+    coordinates (m, 3) [m] of each point, without the rigid drift of all."""
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
     return lower - reach, upper + reach
@@ -241,20 +288,6 @@ def find_candidates(
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
        pairs are the same after a restart.
     4. Each point of a body and each wall are a pair.
-
-    Args:
-        mesh: the points, edges and triangles that may touch.
-        bounds: of the trajectories of the points in the next steps.
-        activation_distance: gap [m] below which pairs have energy.
-        expected: numbers of triangle pairs and edge pairs that will be found; zero: not known.
-
-    Returns:
-        the pairs, and how many triangle pairs and edge pairs there are, which the next search may
-        take as `expected`.
-
-    Raises:
-        ValueError: a pair has a point that does not exist, or an array is not of the type that C
-            takes; both would be errors of this package.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     near = Nearness(
@@ -267,38 +300,25 @@ def find_candidates(
     found = find_overlaps(
         mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected, near
     )
-    edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
+    edge_pair_count = int((found.kind == EdgeEdge.number).sum())
     counts = (len(found) - edge_pair_count, edge_pair_count)
     first, second = found.primitives.T
     pairs = found.rows(np.lexsort((first, second, found.kind)))
-    radius = mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point]
-    wall_kind, wall_points, wall_identifier, wall_radius = mesh.wall_pairs()
-    area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
-    identifier = mesh.identifiers(pairs.kind, pairs.primitives)
-    wall_point = wall_points[:, 0]
+    kind, shape = mesh.kinds_of(pairs.kind, pairs.primitives)
     candidates = CandidatePairs(
-        kind=np.concatenate([pairs.kind, wall_kind]),
-        points=np.vstack([pairs.points, wall_points]),
-        identifier=np.concatenate([identifier, wall_identifier]),
-        area=np.concatenate([area, mesh.area[wall_point]]),
-        radius=np.concatenate([radius, mesh.radius[wall_point]]),
-        wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
+        kind=kind,
+        points=pairs.points,
+        shape=shape,
+        identifier=mesh.identifiers(SIDES[kind], pairs.primitives),
+        area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
+        radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
     )
-    return candidates, counts
+    return candidates.followed_by(mesh.wall_pairs()), counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
     """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
-    collective.
-
-    Args:
-        pairs: the n candidates of this rank, contact pairs that may come near.
-        gap: of the candidates (n,) [m]; infinite ones are left out.
-        mesh: with m points.
-
-    Returns:
-        gaps (m,), infinite for points without a pair.
-    """
+    collective."""
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)
     points = pairs.points[rows]

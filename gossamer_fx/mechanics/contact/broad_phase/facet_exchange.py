@@ -15,7 +15,7 @@ from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import BoxTree, morton_order
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import FilteredPrimitives
+from gossamer_fx.mechanics.contact.geometry.facets import FilteredPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import SurfaceTables
 
 # Boxes by which a rank describes where it searches.  In a folded sail the one box round all
@@ -24,37 +24,19 @@ GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return a few boxes that hold all of many boxes, each those of a group of neighbours.
-
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
-
-    Returns:
-        boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes.
-    """
+    """Return a few boxes that hold all of many boxes, each those of a group of neighbours. Returns
+    boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes."""
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
-    starts = np.unique(
-        np.linspace(
-            0,
-            len(boxes),
-            GROUP_COUNT,
-            endpoint=False,
-        ).astype(int)
-    )
+    starts = np.unique(np.linspace(0, len(boxes), GROUP_COUNT, endpoint=False).astype(int))
     lower = np.minimum.reduceat(ordered[:, :3], starts)
     upper = np.maximum.reduceat(ordered[:, 3:], starts)
     return np.hstack([lower, upper])
 
 
 class SearchRegions:
-    """Where other ranks search.
-
-    Args:
-        comm: the ranks.
-        boxes: (n, 6) [m] of the primitives for which this rank searches.
-    """
+    """Where other ranks search."""
 
     def __init__(self, comm: MPI.Intracomm, boxes: Array) -> None:
         """Exchange the boxes of groups, so that each rank knows where the others search;
@@ -68,13 +50,7 @@ class SearchRegions:
 
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
         """Return where to send primitives (edges or triangles): to the ranks that search near them.
-
-        Args:
-            boxes: of this rank's primitives, least, then greatest coordinates (n, 6) [m].
-
-        Returns:
-            which primitive (k,) and to which rank (k,); one may go to several.
-        """
+        Returns which primitive (k,) and to which rank (k,); one may go to several."""
         none: Int64Array = np.zeros(0, dtype=np.int64)
         if not len(boxes) or not len(self._boxes):
             return none, none
@@ -88,37 +64,17 @@ class SearchRegions:
 
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
     """Return primitives (boxes) that are connected to nothing and not fixed: each has a label for
-    itself.
-
-    Args:
-        boxes: least, then greatest coordinates (n, 6) [m].
-    """
+    itself."""
     count = len(boxes)
-    labels: Int32Array = np.arange(
-        first_label,
-        first_label + count,
-        dtype=np.int32,
-    )
+    labels: Int32Array = np.arange(first_label, first_label + count, dtype=np.int32)
     is_fixed: ByteArray = np.zeros(count, dtype=np.uint8)
-    return FilteredPrimitives(
-        np.ascontiguousarray(boxes),
-        labels[:, None],
-        is_fixed,
-    )
+    return FilteredPrimitives(np.ascontiguousarray(boxes), labels[:, None], is_fixed)
 
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     """Let this rank know the edges and triangles of other ranks that may come near its own;
-    collective.
-
-    After it the points of the mesh are other ones, with other numbers: its own, and those of what
-    it has received.
-
-    Args:
-        mesh: bodies and obstacles of a contact; it is changed.
-        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
-            shall be found.
-    """
+    collective. After it the points of the mesh are other ones, with other numbers: its own, and
+    those of what it has received."""
     comm = mesh.comm
     # The only rank has all facets.
     if comm.size == 1:
@@ -126,38 +82,13 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     surface = mesh.surface
     known = mesh.known
     vertices = surface.vertices[mesh.own_vertices]
-    edge_boxes = _boxes(
-        surface.edges[mesh.own_edges],
-        lower,
-        upper,
-    )
-    searched = np.vstack(
-        [
-            _boxes(
-                vertices[:, None],
-                lower,
-                upper,
-            ),
-            edge_boxes,
-        ]
-    )
+    edge_boxes = _boxes(surface.edges[mesh.own_edges], lower, upper)
+    searched = np.vstack([_boxes(vertices[:, None], lower, upper), edge_boxes])
     regions = SearchRegions(comm, searched)
-    edge, edge_rank = regions.destinations(
-        _boxes(
-            surface.edges[mesh.sent_edges],
-            lower,
-            upper,
-        )
-    )
+    edge, edge_rank = regions.destinations(_boxes(surface.edges[mesh.sent_edges], lower, upper))
     edge = mesh.sent_edges[edge]
     triangles = surface.triangles[mesh.sent_triangles]
-    triangle, triangle_rank = regions.destinations(
-        _boxes(
-            triangles,
-            lower,
-            upper,
-        )
-    )
+    triangle, triangle_rank = regions.destinations(_boxes(triangles, lower, upper))
     triangle = mesh.sent_triangles[triangle]
 
     # The points of what is sent, each once for each rank.

@@ -14,8 +14,9 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
 )
 from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, WithObstacles
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
-from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
+from gossamer_fx.mechanics.contact.stencils import SIDES, Sides
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 
@@ -23,12 +24,9 @@ class Friction:
     """Friction of one contact.
 
     Args:
-        mesh: what touches; obstacles with friction have a frame.
         coefficient: μ of bodies with each other.
         of_obstacles: μ of each obstacle (k,) with bodies; None: that of bodies.
         slip_velocity: v_s [m/s] below which what sticks may creep.
-        law: of the normal forces.
-        system: with the step.
     """
 
     def __init__(
@@ -52,14 +50,9 @@ class Friction:
 
     def _block_row_of_points(self) -> Int64Array:
         """Return the block row, a vector of three unknowns, that moves each point; -1 where none
-        does.
-
-        A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each of its
-        vectors is one block row.
-
-        Returns:
-            (m,) numbers of block rows; those of walls and solids of obstacles are -1, too.
-        """
+        does. A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each
+        of its vectors is one block row. Returns (m,) numbers of block rows; those of walls and
+        solids of obstacles are -1, too."""
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)
         block_row[: self._points.body_count] = np.arange(self._points.body_count)
@@ -74,11 +67,9 @@ class Friction:
 
     def begin_step(self, pairs: ActivePairs, x0: Array) -> list[Int64Array]:
         """Choose the contact pairs of a step that have friction, and the two directions in which
-        each slides.
-
-        Block rows are vectors of three unknowns. The friction of this step's pairs is stored, all
-        those of this rank whose coefficient is above zero; their blocks of the tangent have to be
-        set by `set_block_index` before tangents are asked for."""
+        each slides. Block rows are vectors of three unknowns. The friction of this step's pairs is
+        stored, all those of this rank whose coefficient is above zero; their blocks of the tangent
+        have to be set by `set_block_index` before tangents are asked for."""
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
         self._is_moved = (self._block_row >= 0).astype(float)
@@ -119,14 +110,7 @@ class Friction:
     def add_product_with_start_derivative(
         self, x0: Array, x1: Array, μ: Array, found: Array
     ) -> None:
-        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
-            found: array (m, 3) to which this rank's products are added.
-        """
+        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import (
             add_product_with_start_derivative,
         )
@@ -137,14 +121,7 @@ class Friction:
 
     def work_by_coefficient(self, x0: Array, x1: Array, μ: Array) -> float:
         """Return μ·∂f/∂c [J] by the coefficient c of bodies with each other, this rank's share.
-
-        Pairs with obstacles that have their own coefficient do not count.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
-        """
+        Pairs with obstacles that have their own coefficient do not count."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
@@ -156,16 +133,7 @@ class Friction:
 
     def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
         """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
-        of each.
-
-        Args:
-            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
-                knows.
-            μ: adjoint displacements (m, 3) of these points.
-
-        Returns:
-            identifiers and works of this rank's pairs with friction, those between bodies first.
-        """
+        of each."""
         from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
@@ -215,16 +183,10 @@ class Friction:
 
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs between bodies, which slide along two edges of the
-        pair.
-
-        The result has one row for each pair, all of this rank; `_law` is the energy law of the
-        contact.
-
-        Args:
-            x0: points (m, 3) [m] at the start of the step.
-        """
+        pair. The result has one row for each pair, all of this rank; `_law` is the energy law of
+        the contact."""
         points = pairs.points
-        is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
+        is_edges = (SIDES[pairs.kind] == Sides.EDGE_EDGE)[:, None]
         geometry = BetweenBodies(pairs.kind)
         return FrictionPairs(
             pairs=pairs,
@@ -240,17 +202,12 @@ class Friction:
 
     def _with_obstacles(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs with an obstacle, which slide along two of its axes.
-
         The vector r of a pair, whose products with the two directions measure its sliding, leads
         from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
-        frame: so a ball on a rigid body rolls.
-
-        Args:
-            x0: points (m, 3) [m] at the start of the step.
-        """
+        frame: so a ball on a rigid body rolls."""
         is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
-        geometry = WithObstacles(pairs.kind, is_of_body)
+        geometry = WithObstacles(pairs.geometry(slice(None)), is_of_body)
         return FrictionPairs(
             pairs=pairs,
             law=self._law,
@@ -271,16 +228,8 @@ class Friction:
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
         """Return how the four points of contact pairs with obstacles follow the unknowns that
-        friction couples.
-
-        Args:
-            points: numbers (n, 8) of the four points of each pair and the four of its obstacle's
-                frame.
-
-        Returns:
-            weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the vectors
-            of its rigid body, and is zero where nothing moves it.
-        """
+        friction couples. Returns weights (n, 4, 8) [-]: a point of a body follows itself, one of an
+        obstacle the vectors of its rigid body, and is zero where nothing moves it."""
         own = points[:, :4]
         is_of_body = own < self._points.body_count
         weights = np.zeros((*own.shape, 4 + FRAME_SIZE))

@@ -144,26 +144,19 @@ class FrictionPairs:
 
     def loss(self, step: FrictionStep) -> float:
         """Return the energy S·w [J] that the friction stresses S [N] dissipate over the sliding w
-        [m].
-
-        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
-        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
-        a speed [m/s]. Only pairs of this rank count.
-
-        Args:
-            step: start and end of the step, and its creep h v_s [m].
-        """
+        [m]. S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the
+        sliding w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step
+        [s], v_s a speed [m/s]. Only pairs of this rank count."""
         w = self.sliding(step).w
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(w, step.creep)
         return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
 
     def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
-        """Add the friction forces [N] of a step to those on points.
-
-        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
-        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
-        a speed [m/s]. Only pairs of this rank count."""
+        """Add the friction forces [N] of a step to those on points. S = μ N g(|w|) w (n, 2) [N]
+        with the coefficient μ [-], the normal force N [N], the sliding w (n, 2) [m] in two
+        directions and the factor g [1/m]; h is the length of the step [s], v_s a speed [m/s]. Only
+        pairs of this rank count."""
         sliding = self.sliding(step)
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(sliding.w, step.creep)
@@ -178,19 +171,11 @@ class FrictionPairs:
         return r, t
 
     def sliding(self, step: FrictionStep) -> Sliding:
-        """Return how the pairs slide in a step: the change w of the measures m = r·t [m].
-
-        r leads between the two sides of a pair, t are two directions along the surface, both fixed
-        in the material.  The change of a product is computed from its factors in the middle,
-        without cancellation.
-
-        Args:
-            step: with the points at the start and at the end.
-
-        Returns:
-            w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
-            the end.
-        """
+        """Return how the pairs slide in a step: the change w of the measures m = r·t [m]. r leads
+        between the two sides of a pair, t are two directions along the surface, both fixed in the
+        material.  The change of a product is computed from its factors in the middle, without
+        cancellation. Returns w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-],
+        mid-step and at the end."""
         r_start, t_start = self.vectors_at(step.x0)
         r_end, t_end = self.vectors_at(step.x1)
         r_mid = (r_start + r_end) / 2
@@ -200,12 +185,7 @@ class FrictionPairs:
         return Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
 
     def rows(self, which: Any) -> FrictionPairs:
-        """Return some of the pairs, given by indices or by a mask (n,), without their blocks.
-
-        Args:
-            which: indices, or a mask (n,), of the pairs to be kept; the block index is not taken
-                along.
-        """
+        """Return some of the pairs, given by indices or by a mask (n,), without their blocks."""
         return FrictionPairs(
             pairs=self.pairs.rows(which),
             law=self.law,
@@ -225,16 +205,12 @@ class FrictionPairs:
         return normal_force, forces
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
-        """Return the normal forces by which pairs press on each other, and their derivatives.
-
-        N is the force along the unit normal at the start of the step, with which the body on one
-        side presses. Normal forces are those of the energy rule of the contact, without friction.
-
-        Returns:
-            N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
-            respect to the k points of each pair at the end, or an empty array without `tangents`;
-            and the forces (n, 4, 3) [N] of the contact potential.
-        """
+        """Return the normal forces by which pairs press on each other, and their derivatives. N is
+        the force along the unit normal at the start of the step, with which the body on one side
+        presses. Normal forces are those of the energy rule of the contact, without friction.
+        Returns N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
+        respect to the k points of each pair at the end, or an empty array without `tangents`; and
+        the forces (n, 4, 3) [N] of the contact potential."""
         response = evaluate(
             self.pairs,
             step.x0,
@@ -262,14 +238,7 @@ class FrictionPairs:
 
     def _forces(self, stress: Array, sliding: Sliding) -> Array:
         """Return the friction forces on the k points of each pair: a stress times the gradient of
-        sliding.
-
-        Args:
-            stress: S (n, 2) [N] in the two directions of sliding.
-
-        Returns:
-            (n, k, 3) [N].
-        """
+        sliding. `stress`: S (n, 2) [N] in the two directions of sliding. Returns (n, k, 3) [N]."""
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
@@ -279,15 +248,13 @@ class FrictionPairs:
     # ---- tangents ----
 
     def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
-        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
-
-        The forces are those that `add_forces` adds, with the same sign: Dmᵀ S, S·w ≥ 0 being
+        """Add the derivative [N/m] of the friction forces with respect to the end of the step. The
+        forces are those that `add_forces` adds, with the same sign: Dmᵀ S, S·w ≥ 0 being
         dissipated.  The stress S (n, 2) [N] acts along two directions t [-]; w (n, 2) [m] is the
         sliding, the change of the measures m = r·t [m] in the step, where r [m] is the vector
-        between the sides.
-
-        w is also compared with that of the previous call, to find pairs whose sliding turned round:
-        call it once for each Newton iterate.  Forces need not have been added before."""
+        between the sides. w is also compared with that of the previous call, to find pairs whose
+        sliding turned round: call it once for each Newton iterate.  Forces need not have been added
+        before."""
         sliding = self.sliding(step)
         self._update_steadiness(sliding.w)
         normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
@@ -317,14 +284,9 @@ class FrictionPairs:
         blocks: Array,
     ) -> None:
         """Add the derivative [N/m] of the friction forces with respect to the end of the step.
-
-        Args:
-            step: start and end of the step, and its creep h v_s [m].
-            normal_force: N (n,) [N].
-            of_normal_force: its derivative (n, k, 3) [N/m] with respect to the k points of each
-                pair at the end of the step.
-            is_moved: 1 for points (m,) with unknowns, 0 for those without.
-        """
+        `normal_force`: N (n,) [N]; `of_normal_force`: its derivative (n, k, 3) [N/m] with respect
+        to the k points of each pair at the end of the step; `is_moved`: 1 for points (m,) with
+        unknowns, 0 for those without."""
         grip = grip_of(sliding.w, step.creep)
         pressing = self.coefficient * normal_force
         K = self._material_part(sliding, grip, pressing, step.creep)
@@ -347,29 +309,13 @@ class FrictionPairs:
         K *= (moved[:, :, None] * moved[:, None])[..., None, None]
         np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
 
-    def _material_part(
-        self,
-        sliding: Sliding,
-        grip: Grip,
-        pressing: Array,
-        creep: float,
-    ) -> Array:
+    def _material_part(self, sliding: Sliding, grip: Grip, pressing: Array, creep: float) -> Array:
         """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
-
-        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
-
-        μ is the coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its
-        sliding; r (n, 3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions
-        of sliding. h [s] is the step, v_s [m/s] a speed.
-
-        Args:
-            grip: the factor g [1/m] and its derivative by |w|.
-            pressing: μ N (n,) [N].
-            creep: h v_s [m], sliding up to which friction grows.
-
-        Returns:
-            (n, k, k, 3, 3) [N/m] between the k points of each pair.
-        """
+        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding. μ is the
+        coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its sliding; r (n,
+        3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions of sliding. h [s]
+        is the step, v_s [m/s] a speed. `pressing`: μ N (n,) [N]. Returns (n, k, k, 3, 3) [N/m]
+        between the k points of each pair."""
         w = sliding.w
         # Beyond the creep, friction is constant and its slope negative: a full Newton step
         # overshoots where the sliding has turned round.  There g alone leads near the solution,
@@ -408,20 +354,11 @@ def parameters_at_start(pairs: ActivePairs) -> Array:
 
 
 def grip_of(w: Array, creep: float) -> Grip:
-    """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|.
-
-    g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
-
-    μ is the coefficient of friction [-], N the normal force of a pair [N], h the length of the step
-    [s] and v_s the speed of sliding [m/s] up to which friction grows.
-
-    Args:
-        w: sliding (n, 2) [m].
-        creep: h v_s [m], positive: the sliding up to which friction grows.
-
-    Returns:
-        |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite also for w = 0.
-    """
+    """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|. g |w| =
+    φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1. μ is the coefficient of friction [-], N the
+    normal force of a pair [N], h the length of the step [s] and v_s the speed of sliding [m/s] up
+    to which friction grows. Returns |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite
+    also for w = 0."""
     ratio = np.linalg.norm(w, axis=1) / creep
     beyond = np.maximum(ratio, 1)
     factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep

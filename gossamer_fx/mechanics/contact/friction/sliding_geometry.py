@@ -2,7 +2,7 @@
 
 All of it is computed from the points at the start of a step.  The functions accept complex points,
 so that a complex step differentiates them: lengths are square roots of sums of squares, and nothing
-takes an absolute value.
+takes an absolute value.  Directions are combinations of vectors that are fixed in the material.
 """
 
 from __future__ import annotations
@@ -13,17 +13,67 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
-from gossamer_fx.mechanics.contact.friction.tangent_directions import (
-    EDGE_WEIGHTS,
-    TIE,
-    TINY,
-    gap_weights,
-    lengths_of,
-    orthonormal_combinations,
-    unit_vectors,
-)
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
-from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.pair_table import PairTable
+from gossamer_fx.mechanics.contact.stencils import (
+    SIDES,
+    TINY,
+    Sides,
+    gap_weights_of,
+    lengths_of,
+    stencils_of,
+)
+
+# Sine of the angle to the normal, or to the other direction, below which an edge gives no direction
+# to slide along.
+SMALLEST_SINE = 1e-3
+
+# Relative difference up to which two candidates for a direction count as equally good.
+TIE = 1e-6
+
+# Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each
+# side.
+EDGE_WEIGHTS = np.array(
+    [[[0, 1, -1, 0], [0, 1, 0, -1]], [[-1, 1, 0, 0], [0, 0, 1, -1]]], dtype=float
+)
+
+
+def unit_vectors(vectors: Array) -> Array:
+    """Return vectors (n, 3) of length one; those without a length stay zero."""
+    unit: Array = vectors / np.maximum(lengths_of(vectors), TINY)[:, None]
+    return unit
+
+
+def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
+    """Return combinations of two vectors that are orthonormal. The vector that has kept more of its
+    length comes first; of the other one what is along the first is taken away. `lengths`: of the
+    edges (n, 2) [m].  A part that is shorter than a thousandth of its edge gives no direction, and
+    its combination is zero. Returns coefficients (n, 2, 2) [1/m]: row i has those of both vectors
+    in direction i."""
+    count = len(vectors)
+    combinations = np.zeros((count, 2, 2), dtype=vectors.dtype)
+    if not count:
+        return combinations
+    rows = np.arange(count)
+    length = lengths_of(vectors)
+    kept = length / np.maximum(lengths, TINY)
+    # Round-off must not choose between edges that are equally good, as both sides of a triangle
+    # below its point are: a complex step has to find the directions that it differentiates.
+    first = np.where(kept[:, 1].real > (1 + TIE) * kept[:, 0].real, 1, 0)
+    second = 1 - first
+    first_length = length[rows, first]
+    has_first = first_length > SMALLEST_SINE * lengths[rows, first]
+    scale = np.where(has_first, 1 / np.maximum(first_length, TINY), 0)
+    combinations[rows, 0, first] = scale
+    direction = vectors[rows, first] * scale[:, None]
+    along = (vectors[rows, second] * direction).sum(axis=1)
+    across = vectors[rows, second] - along[:, None] * direction
+    across_length = lengths_of(across)
+    has_second = has_first & (across_length > SMALLEST_SINE * lengths[rows, second])
+    across_scale = np.where(has_second, 1 / np.maximum(across_length, TINY), 0)
+    combinations[rows, 1, second] = across_scale
+    combinations[rows, 1, first] = -across_scale * along * scale
+    return combinations
 
 
 @dataclass(frozen=True)
@@ -53,7 +103,7 @@ class BetweenBodies:
     """Geometry of n pairs between bodies, which slide along two edges of the pair.
 
     Attributes:
-        kind: of each pair (n,), a `PairKind`.
+        kind: of each pair (n,), the number of its stencil.
     """
 
     kind: ByteArray
@@ -67,14 +117,9 @@ class BetweenBodies:
         return BetweenBodies(np.repeat(self.kind, times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry.
-
-        Args:
-            x: points (n, 4, 3) [m] of the pairs at the start of the step.
-            parameters: (u, v) (n, 2) of the closest points there.
-        """
-        r = gap_weights(self.kind, parameters)
-        edge_weights = EDGE_WEIGHTS[np.minimum(self.kind, PairKind.EDGE_EDGE)]
+        """Return the geometry."""
+        r = gap_weights_of(self.kind, parameters)
+        edge_weights = EDGE_WEIGHTS[SIDES[self.kind]]
         gap = np.einsum("nk,nkc->nc", r, x)
         edges = np.einsum("nik,nkc->nic", edge_weights, x)
         normal = unit_vectors(gap)
@@ -99,40 +144,33 @@ class WithObstacles:
     obstacle's frame: so a ball on a rigid body rolls.
 
     Attributes:
-        kind: of each pair (n,), a `PairKind`.
+        pairs: the pairs.
         is_of_body: which of the four points of each pair are of its body (n, 4).
     """
 
-    kind: ByteArray
+    pairs: PairTable
     is_of_body: MaskArray
 
     def rows(self, which: Any) -> WithObstacles:
         """Some of the pairs, given by indices or by a mask (n,)."""
-        return WithObstacles(self.kind[which], self.is_of_body[which])
+        return WithObstacles(self.pairs.geometry(which), self.is_of_body[which])
 
     def repeated(self, times: int) -> WithObstacles:
         """The same pairs, each `times` times in a row."""
-        kind = np.repeat(self.kind, times)
-        return WithObstacles(kind, np.repeat(self.is_of_body, times, axis=0))
+        return self.rows(np.repeat(np.arange(len(self.pairs)), times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry.
-
-        Args:
-            x: points (n, 8, 3) [m] at the start of the step: the four of each pair, then the origin
-                and the three axes of the obstacle's frame.
-            parameters: (u, v) (n, 2) of the closest points there.
-        """
+        """Return the geometry."""
         pair_points = x[:, :4]
         origin = x[:, 4]
         axes = x[:, 5:]
-        weights = gap_weights(self.kind, parameters)
+        weights = gap_weights_of(self.pairs.kind, parameters)
         # All weights of the body have one sign, which makes them a mean of its points.
         sign = np.where((weights.real * self.is_of_body).sum(axis=1) < 0, -1, 1)
         towards = weights * sign[:, None]
         of_body = towards * self.is_of_body
         touched = np.einsum("nk,nkc->nc", of_body, pair_points)
-        normal = unit_vectors(self._towards_body(towards, pair_points))
+        normal = unit_vectors(self._towards_body(towards, pair_points, parameters))
 
         # Two directions across the normal, in the axes of the obstacle: the first is also across
         # the axis that is farthest from the normal.
@@ -148,21 +186,14 @@ class WithObstacles:
         from_frame = np.hstack([-np.ones((len(x), 1)), -position])
         return SlidingGeometry(normal, np.hstack([of_body, from_frame]), directions)
 
-    def _towards_body(self, weights: Array, x: Array) -> Array:
-        """Return a vector (n, 3) from each pair's obstacle towards its body.
-
-        Args:
-            weights: (n, 4) of the vector between the closest points, for pairs that are not of
-                walls.
-            x: the four points of each pair (n, 4, 3) [m].
-        """
-        to_origin = x[:, 1] - x[:, 0]
-        from_axis = np.einsum("nkc,nc->nk", x[:, 2:], to_origin)
-        by_kind = {
-            PairKind.POINT_PLANE: x[:, 2],
-            PairKind.POINT_IN_SPHERE: to_origin,
-            PairKind.POINT_IN_CYLINDER: np.einsum("nk,nkc->nc", from_axis, x[:, 2:]),
-        }
-        conditions = [(self.kind == kind)[:, None] for kind in by_kind]
-        between_points = np.einsum("nk,nkc->nc", weights, x)
-        return np.select(conditions, list(by_kind.values()), between_points)
+    def _towards_body(self, weights: Array, x: Array, parameters: Array) -> Array:
+        """Return a vector (n, 3) from each pair's obstacle towards its body. The weights (n, 4) are
+        those of the vector between closest points x (n, 4, 3) [m], for pairs that are not of
+        walls."""
+        found: Array = np.einsum("nk,nkc->nc", weights, x)
+        shapes = self.pairs.shapes
+        for stencil, rows in stencils_of(self.pairs.kind):
+            if stencil.sides == Sides.POINT_WALL:
+                _, gradient = stencil.derivatives(x[rows], parameters[rows], shapes[rows])
+                found[rows] = gradient[:, 0]
+        return found

@@ -15,7 +15,7 @@ Algorithm.
 
     1. ∂W/∂x0 at constant weights, from w = m(x1) - m(x0) and from the middle of the step.
     2. ∂W/∂N ∂N/∂x0: the normal force is that of the contact potential, whose derivative by the
-       start is the tangent of its reversed step, and `contact.origin_derivative`.
+       start is the tangent of its reversed step, and `contact.contact_gradient`.
     3. ∂W/∂(weights, normal): they are functions of the start, differentiated by complex steps.
 
 Limits: friction is piecewise smooth.  Where a pair changes between sticking and sliding, or presses
@@ -27,6 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.contact_gradient import forces_by_origin
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     SMALLEST_SLIDING,
     FrictionPairs,
@@ -34,11 +35,8 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     grip_of,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
-    parameter_derivatives,
-)
-from gossamer_fx.mechanics.contact.origin_derivative import forces_by_origin
 from gossamer_fx.mechanics.contact.potential import evaluate, reversed_pairs
+from gossamer_fx.mechanics.contact.stencils import parameter_derivatives_of
 
 # Size of complex steps, whose square is below the round-off of any number.
 COMPLEX_STEP = 1e-30
@@ -47,17 +45,8 @@ COMPLEX_STEP = 1e-30
 def add_product_with_start_derivative(
     group: FrictionPairs, step: FrictionStep, μ: Array, found: Array
 ) -> None:
-    """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs.
-
-    x0 (m, 3) [m] are the points at the start of the step. Only pairs of this rank add; pairs
-    without a normal force add nothing.
-
-    Args:
-        group: pairs of a step.
-        step: the step, solved.
-        μ: displacements (m, 3) of the points.
-        found: array (m, 3), to which the product is added.
-    """
+    """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs. x0 (m, 3) [m] are the points at the start
+    of the step. Only pairs of this rank add; pairs without a normal force add nothing."""
     normal_force, forces = group.normal_forces(step)
     presses = normal_force > 0
     # Most active pairs are near without a force.
@@ -80,29 +69,18 @@ class _Product:
     """W of (1), and its derivatives.
 
     Args:
-        group: n pairs.
-        step: the step.
-        μ: displacements (m, 3) of all points.
         normal_force: N (n,) [N].
         forces: of the contact potential on the four points of the pairs (n, 4, 3) [N].
     """
 
     def __init__(
-        self,
-        group: FrictionPairs,
-        step: FrictionStep,
-        μ: Array,
-        normal_force: Array,
-        forces: Array,
+        self, group: FrictionPairs, step: FrictionStep, μ: Array, normal_force: Array, forces: Array
     ) -> None:
-        """Compute sliding and power of all pairs.
-
-        [U] is the unit of the objective of the gradient; W = c N g(|w|) w·P [U], the product of μ
-        and the friction forces, is (1) of the module.  For each pair, r [m] is the vector from
-        a point of one side to a point of the other, t_1 and t_2 [-] are two directions along the
-        surface.  They are sums of the positions of k points times weights, which are fixed at the
-        start of the step; r(μ) and t(μ) are the same sums of μ.
-
+        """Compute sliding and power of all pairs. [U] is the unit of the objective of the gradient;
+        W = c N g(|w|) w·P [U], the product of μ and the friction forces, is (1) of the module.  For
+        each pair, r [m] is the vector from a point of one side to a point of the other, t_1 and t_2
+        [-] are two directions along the surface.  They are sums of the positions of k points times
+        weights, which are fixed at the start of the step; r(μ) and t(μ) are the same sums of μ.
         `_μ` (n, k, 3) [U/N] has μ at the points of each pair; `_N` (n,) [N] the normal forces; `_P`
         (n, 2) [U/N] the change P of the measures r·t with μ; `_power` (n,) [m U/N] is w·P;
         `_grip.factor` (n,) [1/m] is g; `_by_P` (n, 2) [N] and `_by_w` (n, 2) [U/m] are ∂W/∂P and
@@ -115,8 +93,8 @@ class _Product:
         self._grip = grip_of(self._sliding.w, step.creep)
         self._μ = μ[group.points]
         # d(u, v)/dx0 (n, 2, 4, 3) of the closest points.
-        self._of_parameters = parameter_derivatives(
-            group.pairs.kind, step.x0[group.pairs.points], parameters_at_start(group.pairs)
+        self._of_parameters = parameter_derivatives_of(
+            group.pairs, step.x0[group.pairs.points], parameters_at_start(group.pairs)
         )
         start = group.start
         # r and t of the displacements μ.
@@ -139,10 +117,8 @@ class _Product:
         return found
 
     def at_constant_weights(self) -> Array:
-        """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step.
-
-        The weights of r and t, the normals and the normal forces are held constant.
-        """
+        """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step. The
+        weights of r and t, the normals and the normal forces are held constant."""
         group = self._group
         r_start, t_start = group.vectors_at(self._step.x0)
         # ∂w_i/∂x0 = -(weights of r ⊗ t_i + weights of t_i ⊗ r), both at the start.
@@ -186,17 +162,13 @@ class _Product:
         return found
 
     def through_geometry(self) -> Array:
-        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal.
-
-        The whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the
-        unit of the objective, is the product of the adjoint displacements μ and the friction forces
+        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal. The
+        whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the unit
+        of the objective, is the product of the adjoint displacements μ and the friction forces
         (`__init__` describes r, t, r(μ), t(μ) and the attributes).  r and t are sums of the points
         times weights, and the weights and the unit normal are functions of the points x0 at the
-        start of the step.  W is differentiated by the weights and normal, then these by x0.
-
-        Returns:
-            (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs.
-        """
+        start of the step.  W is differentiated by the weights and normal, then these by x0. Returns
+        (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs."""
         group = self._group
         step = self._step
         sliding = self._sliding
@@ -225,16 +197,8 @@ class _Product:
         self, by_gap_weights: Array, by_directions: Array, by_normal: Array
     ) -> Array:
         """Derivative (n, k, 3) by the points of what is derived by weights (n, k), (n, 2, k) and
-        normals (n, 3).
-
-        W is the product of the adjoint displacements and the friction forces; x0 (n, k, 3) [m] are
-        the k points of each of n pairs at the start of the step.
-
-        Args:
-            by_gap_weights: derivatives of W by the weights of the vector between the sides (n, k).
-            by_directions: derivatives of W by the weights of both directions of sliding (n, 2, k).
-            by_normal: derivatives of W by the unit normals (n, 3).
-        """
+        normals (n, 3). W is the product of the adjoint displacements and the friction forces; x0
+        (n, k, 3) [m] are the k points of each of n pairs at the start of the step."""
         group = self._group
         x0 = self._step.x0[group.points]
         count, width, _ = x0.shape

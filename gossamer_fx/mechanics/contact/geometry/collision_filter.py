@@ -45,50 +45,21 @@ class TiedLabels:
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
         """Return the labels of points; two points with one in common are connected and form no
-        contact pair.
-
-        Args:
-            numbers: of the points (m,), the same on all ranks.
-
-        Returns:
-            labels (m, w), which are numbers of points; those of a point that is not tied are its
-            own number.
-        """
+        contact pair. `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w),
+        which are numbers of points; those of a point that is not tied are its own number."""
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
-        own = np.repeat(
-            numbers[:, None],
-            self.labels.shape[1],
-            axis=1,
-        )
-        return np.where(
-            is_tied[:, None],
-            self.labels[row],
-            own,
-        )
+        own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
+        return np.where(is_tied[:, None], self.labels[row], own)
 
 
 def tied_labels(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> TiedLabels | None:
-    """Return the labels of all points that ties or joints connect, the same on every rank.
-
-    Two points with a label in common form no contact pair.  Collective.  Ties are along lines:
-    unlike facets, all ranks know them.
-
-    Args:
-        system: with the constraints of the scene.
-        bodies: those of the contact.
-        points: of bodies that this rank knows; together the ranks know all.
-
-    Returns:
-        the labels, or None if nothing is tied.
-    """
-    ties = _ties(
-        system,
-        bodies,
-        points,
-    )
+    """Return the labels of all points that ties or joints connect, the same on every rank. Two
+    points with a label in common form no contact pair.  Collective.  Ties are along lines: unlike
+    facets, all ranks know them."""
+    ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
         return None
@@ -105,11 +76,7 @@ def tied_labels(
         for point in one
         for end in other
     ]
-    connected = identity(
-        label_count,
-        dtype=bool,
-        format="csr",
-    ) + _graph(to_lines, label_count)
+    connected = identity(label_count, dtype=bool, format="csr") + _graph(to_lines, label_count)
     while True:
         further = connected @ connected
         if further.nnz == connected.nnz:
@@ -123,36 +90,20 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the ties between bodies of a contact, the same on every rank; collective.
-
-    A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
-    left out.
-
-    Returns:
-        for each tie the numbers of the points of both sides, the shorter list first.  A side is one
-        node, or the nodes of an edge between which the tied point lies.
-    """
+    """Return the ties between bodies of a contact, the same on every rank; collective. A tie is a
+    constraint that two points coincide.  Points of the ground and of other bodies are left out."""
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
-        """Return number of the body and node, for each node on whose position a port depends.
-
-        Empty if the port is a direction, a point of the ground, or of a body that is not in the
-        contact.
-
-        Args:
-            port: point that is tied, a weighted sum of nodes of one body.
-        """
+        """Return number of the body and node, for each node on whose position a port depends. Empty
+        if the port is a direction, a point of the ground, or of a body that is not in the
+        contact."""
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []
         number = next((k for k, body in enumerate(bodies) if port.body is body), None)
         if number is None:
             return []
-        pairs = zip(
-            port.nodes,
-            port.weights,
-            strict=True,
-        )
+        pairs = zip(port.nodes, port.weights, strict=True)
         return [(number, int(node)) for node, weight in pairs if weight]
 
     mine: list[tuple[list[tuple[int, int]], list[tuple[int, int]]]] = []
@@ -165,11 +116,7 @@ def _ties(
     found = [tie for of_rank in system.comm.allgather(mine) for tie in of_rank]
     found = [(one, other) for one, other in found if one and other]
     wanted = sorted({node for sides in found for side in sides for node in side})
-    number_of = _numbers_of(
-        wanted,
-        points,
-        system.comm,
-    )
+    number_of = _numbers_of(wanted, points, system.comm)
     ties: list[tuple[list[int], list[int]]] = []
     for sides in found:
         numbers = [[number_of[node] for node in side] for side in sides]
@@ -184,21 +131,13 @@ def _ties(
 def _numbers_of(
     wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
-    """Return the numbers of points that are some nodes of bodies; collective.
-
-    Returns:
-        number over all ranks by body and node; -1: no rank has a point there.
-    """
+    """Return the numbers of points that are some nodes of bodies; collective."""
     if not wanted:
         return {}
     order = np.lexsort((points.node, points.body))
     keys = np.stack([points.body[order], points.node[order]], axis=1)
     of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
-    numbers = np.full(
-        len(wanted),
-        -1,
-        dtype=np.int64,
-    )
+    numbers = np.full(len(wanted), -1, dtype=np.int64)
     for k, (body, node) in enumerate(wanted):
         if body + 1 >= len(of_bodies):
             continue
@@ -207,18 +146,8 @@ def _numbers_of(
         row = int(np.searchsorted(nodes, node))
         if row < len(nodes) and nodes[row] == node:
             numbers[k] = points.number[order[start + row]]
-    comm.Allreduce(
-        MPI.IN_PLACE,
-        numbers,
-        op=MPI.MAX,
-    )
-    return dict(
-        zip(
-            wanted,
-            map(int, numbers),
-            strict=True,
-        )
-    )
+    comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
+    return dict(zip(wanted, map(int, numbers), strict=True))
 
 
 def _is_coincidence(measure: PointMeasure) -> bool:
@@ -234,21 +163,11 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the labels of points as one array, of the width of the longest row.
-
-    Args:
-        rows: boolean matrix (m, k), true where a point has a label.
-        own: a label (m,) of each point, which fills the rows of those with fewer labels.
-
-    Returns:
-        labels (m, w), the columns that are true.
-    """
+    """Return the labels of points as one array, of the width of the longest row. `own`: a label
+    (m,) of each point, which fills the rows of those with fewer labels. Returns labels (m, w), the
+    columns that are true."""
     widths = np.diff(rows.indptr)
-    labels: Int64Array = np.repeat(
-        own[:, None],
-        widths.max(),
-        axis=1,
-    ).astype(np.int64)
+    labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]
     labels[is_used] = rows.indices
     return labels

@@ -12,10 +12,10 @@ from mpi4py import MPI
 from gossamer_fx.core.model.body import Attached, MeshBody
 from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
-from gossamer_fx.mechanics.contact.geometry.shared_points import SharedPoints
+from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.geometry.surface_share import (
+    SharedPoints,
     SurfaceEdges,
     SurfacePoints,
     SurfacePrimitives,
@@ -23,13 +23,13 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
     SurfaceTables,
 )
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
-from gossamer_fx.mechanics.contact.pair_table import PairKind, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
+from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge, Sides
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
-# Identifiers of pairs are 4 k + type: triangle pairs, edge pairs and walls have the types 0, 1, 2.
+# Identifiers of pairs are 4 k + sides: a room for one more kind of sides.
 TYPE_COUNT = 4
-WALL_TYPE = 2
 
 # An obstacle with friction has four points more: an origin and three axes that move with it.
 FRAME_SIZE = 4
@@ -56,10 +56,6 @@ class CollisionMesh:
     frame.
 
     Args:
-        bodies: films, cables and beams.
-        obstacles: what they touch.
-        radii: of each body [m], zero for films without a radius.
-        system: to which the bodies belong.
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
 
     Attributes:
@@ -94,12 +90,7 @@ class CollisionMesh:
         has_friction: Sequence[bool] = (),
     ) -> None:
         """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
-
-        Collective.
-
-        Raises:
-            InputError: an obstacle has a direction without a length.
-        """
+        Collective."""
         self.comm = system.comm
         self.bodies = list(bodies)
         self.obstacles = list(obstacles)
@@ -133,15 +124,9 @@ class CollisionMesh:
     # ---- what this rank knows ----
 
     def show(self, known: SurfaceTables) -> None:
-        """Set the points, edges and triangles of bodies that this rank knows; collective.
-
-        It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
-        numbers the points: first those of bodies, then those of all obstacles.
-
-        Args:
-            known: points, edges and triangles of bodies, with all points of each; at least those
-                that this rank owns.
-        """
+        """Set the points, edges and triangles of bodies that this rank knows; collective. It
+        computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
+        numbers the points: first those of bodies, then those of all obstacles."""
         rank = self.comm.rank
         self.known = known
         points = known.points
@@ -192,19 +177,16 @@ class CollisionMesh:
         self._wall_vertices = own_body_vertices.astype(np.int32)
 
     def _add_obstacles(self, start: int) -> CollisionPrimitives:
-        """Number the points of obstacles; set walls, frames, radii and owners of these points.
-
-        A wall has three points, a solid one for each corner, a frame four: an origin and three
-        axes.
-
-        Returns:
-            vertices, edges and triangles of the solids, as numbers of points.
-        """
+        """Number the points of obstacles; set walls, frames, radii and owners of these points. A
+        wall has three points, a solid one for each corner, a frame four: an origin and three
+        axes."""
         self.walls: list[NumberedWall] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
         vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
         edges: list[Int32Array] = [np.zeros((0, 2), dtype=np.int32)]
         triangles: list[Int32Array] = [np.zeros((0, 3), dtype=np.int32)]
+        edge_kinds: list[int] = []
+        edge_shapes: list[float] = []
         for k, (walls, solids) in enumerate(self._parts):
             number = len(self.bodies) + k
             first = start
@@ -217,11 +199,15 @@ class CollisionMesh:
                 edges.append(np.array(solid.edges, dtype=np.int32).reshape(-1, 2) + start)
                 triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
                 self.radius[start:end] = solid.radius
+                edge_kinds += [solid.edge_stencil.number] * len(solid.edges)
+                edge_shapes += [solid.edge_shape] * len(solid.edges)
                 start = end
             if self._has_frame[k]:
                 self.frames[k] = start
                 start += FRAME_SIZE
             self.body[first:start] = number
+        self._solid_edge_kind = np.array(edge_kinds, dtype=np.uint8)
+        self._solid_edge_shape = np.array(edge_shapes, dtype=float)
         return CollisionPrimitives(
             vertices=np.concatenate(vertices),
             edges=np.vstack(edges),
@@ -236,11 +222,8 @@ class CollisionMesh:
 
     def own_points(self) -> tuple[Int64Array, Int64Array]:
         """Return for which points this rank keeps history variables: those of bodies that it owns,
-        and all points of obstacles.
-
-        Returns:
-            their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
-        """
+        and all points of obstacles. Returns their indices (k,) among the points that are known, and
+        their numbers (k,) on all ranks."""
         is_own = np.ones(self.points.count, dtype=bool)
         is_own[: self.points.body_count] = self.shared.is_own
         own = np.flatnonzero(is_own)
@@ -260,37 +243,32 @@ class CollisionMesh:
 
     # ---- identifiers of pairs ----
 
-    def identifiers(self, kind: ByteArray, primitives: Int64Array) -> Int64Array:
-        """Return numbers of contact pairs that are the same on every rank and in every search.
-
-        History variables, such as the stiffness of a pair, are found by them.
-
-        Args:
-            kind: of the pairs (n,), values of `PairKind`.
-            primitives: indices (n, 2) among what this rank knows: vertex and triangle, two edges,
-                or wall and point.
-
-        Returns:
-            identifiers (n,), different for different pairs.
-        """
-        # A pair (i, j) has the number i n + j, n being the count of the second kind of primitive.
-        second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
-        second_count[kind == PairKind.EDGE_EDGE] = self._edge_count
-        walls = is_wall(kind)
-        second_count[walls] = self.share.point_count + self.points.obstacle_count
-        pair_type = np.minimum(kind.astype(np.int64), WALL_TYPE)
-        first = primitives[:, 0].copy()
-        second = primitives[:, 1].copy()
-        # Indices of what this rank knows become numbers that are the same on all ranks.
+    def identifiers(self, sides: ByteArray, primitives: Int64Array) -> Int64Array:
+        """Return numbers (n,) of pairs that are the same on every rank and in every search. History
+        variables, such as the stiffness of a pair, are found by them.  The pairs have some `Sides`
+        (n,), and primitives (n, 2) among what this rank knows: vertex and triangle, two edges, or
+        wall and point."""
         known = self.known
-        triangles = kind == PairKind.POINT_TRIANGLE
-        edges = kind == PairKind.EDGE_EDGE
-        first[triangles] = _numbers(first[triangles], known.points, self.share.point_count)
-        second[triangles] = _numbers(second[triangles], known.triangles, self.share.triangle_count)
-        first[edges] = _numbers(first[edges], known.edges, self.share.edge_count)
-        second[edges] = _numbers(second[edges], known.edges, self.share.edge_count)
-        second[walls] = _numbers(second[walls], known.points, self.share.point_count)
-        return (first * second_count + second) * TYPE_COUNT + pair_type
+        share = self.share
+        found = np.empty(len(sides), dtype=np.int64)
+        for kind in Sides:
+            rows = np.flatnonzero(sides == kind)
+            first, second = primitives[rows].T
+            # Indices of what this rank knows become numbers that are the same on all ranks.
+            if kind == Sides.POINT_TRIANGLE:
+                first = _numbers(first, known.points, share.point_count)
+                second = _numbers(second, known.triangles, share.triangle_count)
+                count = self._triangle_count
+            elif kind == Sides.EDGE_EDGE:
+                first = _numbers(first, known.edges, share.edge_count)
+                second = _numbers(second, known.edges, share.edge_count)
+                count = self._edge_count
+            else:
+                second = _numbers(second, known.points, share.point_count)
+                count = share.point_count + self.points.obstacle_count
+            # A pair (i, j) has the number i n + j, n being the count of the second primitives.
+            found[rows] = (first * count + second) * TYPE_COUNT + kind
+        return found
 
     @property
     def _triangle_count(self) -> int:
@@ -304,68 +282,59 @@ class CollisionMesh:
 
     # ---- pairs with walls, which need no search ----
 
-    def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
-        """Return contact pairs of this rank's points of bodies and all walls, which need no search.
-
-        A wall is a plane or the inside of a room.
-
-        Returns:
-            kind (n,), a `PairKind`; points (n, 4), that of the body and three that describe the
-            wall; identifier (n,); and radius of the sphere or cylinder (n,) [m], which is zero for
-            planes.
-        """
+    def wall_pairs(self) -> CandidatePairs:
+        """Return the pairs of this rank's points of bodies and all walls, which need no search."""
         vertices = self.surface.vertices[self._wall_vertices]
         count = len(vertices)
-        kinds: list[ByteArray] = [np.zeros(0, dtype=np.uint8)]
-        points: list[Int32Array] = [np.zeros((0, 4), dtype=np.int32)]
-        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
-        radii: list[Array] = [np.zeros(0)]
-        for k, numbered in enumerate(self.walls):
-            kind: ByteArray = np.full(count, numbered.wall.kind, dtype=np.uint8)
-            of_wall = np.broadcast_to(np.array(numbered.points, dtype=np.int32), (count, 3))
-            primitives = np.column_stack([np.full(count, k), vertices]).astype(np.int64)
-            kinds.append(kind)
-            points.append(np.column_stack([vertices, of_wall]).astype(np.int32))
-            identifiers.append(self.identifiers(kind, primitives))
-            radii.append(np.full(count, numbered.wall.radius))
-        return (
-            np.concatenate(kinds),
-            np.vstack(points),
-            np.concatenate(identifiers),
-            np.concatenate(radii),
+        wall = np.repeat(np.arange(len(self.walls)), count)
+        of_walls = np.array([numbered.points for numbered in self.walls], dtype=np.int32)
+        shapes = np.array([numbered.wall.shape for numbered in self.walls])
+        numbers = [numbered.wall.stencil.number for numbered in self.walls]
+        kind = np.array(numbers, dtype=np.uint8)[wall]
+        vertex = np.tile(vertices, len(self.walls))
+        return CandidatePairs(
+            kind=kind,
+            points=np.column_stack([vertex, of_walls.reshape(-1, 3)[wall]]).astype(np.int32),
+            shape=shapes[wall],
+            identifier=self.identifiers(
+                SIDES[kind], np.column_stack([wall, vertex]).astype(np.int64)
+            ),
+            area=self.area[vertex],
+            radius=self.radius[vertex],
         )
+
+    def kinds_of(self, kind: ByteArray, primitives: Int64Array) -> tuple[ByteArray, Array]:
+        """Return kind and shape (n,) of pairs that the broad phase found between primitives (n, 2).
+        Some edges of obstacles have a stencil of their own.  They stand behind those of bodies, and
+        two obstacles form no pair, so that they are always second."""
+        shape = np.zeros(len(kind))
+        # Edges of obstacles have a number of at least zero here, those of bodies are below.
+        of_obstacle = primitives[:, 1] - len(self.known.edges)
+        rows = np.flatnonzero((kind == EdgeEdge.number) & (of_obstacle >= 0))
+        if not len(rows):
+            return kind, shape
+        kind = kind.copy()
+        kind[rows] = self._solid_edge_kind[of_obstacle[rows]]
+        shape[rows] = self._solid_edge_shape[of_obstacle[rows]]
+        return kind, shape
 
     # ---- areas and masses ----
 
     def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
         """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
-        stands.
-
-        Both sides of a film are covered twice, by its points and by those of the other film, so
-        that each takes a half.  The areas of edges and points overlap in the same way.
-
-        Args:
-            kind, points: of the pairs: values (n,) of `PairKind`, and numbers (n, 4) of their
-                points.
-            primitives: indices (n, 2) of the two primitives of each pair.
-        """
+        stands. Both sides of a film are covered twice, by its points and by those of the other
+        film, so that each takes a half.  The areas of edges and points overlap in the same way.
+        `primitives`: indices (n, 2) of the two primitives of each pair."""
         area: Array = self.area[points[:, 0]] * 0.5
-        edges = kind == PairKind.EDGE_EDGE
+        edges = kind == EdgeEdge.number
         area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
         return area
 
     def body_densities(self, system: ContactAssembly) -> Array:
-        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective.
-
-        A body has the same density everywhere: its mass over its area in the stress-free shape,
-        that of cables and beams being length times diameter.
-
-        Args:
-            system: with the mass matrix [kg], which is assembled.
-
-        Returns:
-            densities (k,); infinite for obstacles.
-        """
+        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective. A
+        body has the same density everywhere: its mass over its area in the stress-free shape, that
+        of cables and beams being length times diameter. Returns densities (k,); infinite for
+        obstacles."""
         mass = self.body_masses(system)
         density = np.full(len(self.names), np.inf)
         own = self.shared.is_own
@@ -375,13 +344,8 @@ class CollisionMesh:
         return density
 
     def body_masses(self, system: ContactAssembly) -> Array:
-        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective.
-
-        A body whose nodes have no mass has the mass zero. The result is the same on all ranks.
-
-        Args:
-            system: the compiled scene, with the mass matrix [kg].
-        """
+        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective. A body
+        whose nodes have no mass has the mass zero. The result is the same on all ranks."""
         numbering = system.numbering
         direction = numbering.vector()
         momentum = numbering.vector()
@@ -427,11 +391,8 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers over all ranks of primitives: points, edges or triangles.
-
-    Args:
-        indices: (n,) among the primitives that this rank knows, those of obstacles last.
-    """
+    """Return the numbers over all ranks of primitives: points, edges or triangles. `indices`: (n,)
+    among the primitives that this rank knows, those of obstacles last."""
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.
     if not known_count:

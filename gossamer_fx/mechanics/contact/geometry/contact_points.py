@@ -6,24 +6,91 @@ obstacles follow: they stay, move as prescribed, or are combinations of the vect
     x = W q + c(t)        points x (m, 3), block rows q (v, 3), weights W (m, v), prescribed part c
 
 A *block row* is a vector of three unknowns.  Block row i of the first n is the position of point i.
+Prescribed motions are functions of the user, asked for on all ranks and checked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.errors import Inadmissible
+from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Attached, Body, Ground, Port
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
-from gossamer_fx.mechanics.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion
 from gossamer_fx.mechanics.terms.assembly import Assembly
+
+PrescribedMotion = Callable[[float], Sequence[float]]
+
+# Parts of a step at which the motion is asked for.  Multiples of the golden ratio, less whole
+# numbers, are spread evenly and are not multiples of each other, so that a motion of a short period
+# does not hide between them.
+GOLDEN_RATIO = (1 + 5**0.5) / 2
+SAMPLES = np.modf(GOLDEN_RATIO * np.arange(1, 9))[0]
+
+# Displacements that are kept: those of both ends of a step and of all samples between them, twice.
+KEPT_DISPLACEMENTS = 2 * (len(SAMPLES) + 2)
+
+
+class ObstacleMotion:
+    """The displacement of one obstacle over the time.
+
+    Args:
+        function: displacement (3,) [m] at a time [s].
+
+    Raises:
+        InputError: on all ranks, when a displacement is asked for: the function raises, or returns
+            something other than three finite numbers, or not the same ones on all ranks.
+    """
+
+    def __init__(self, name: str, function: PrescribedMotion, comm: MPI.Intracomm) -> None:
+        self.name = name
+        self._function = function
+        self._comm = comm
+        # Newton's iteration asks for the end of the step again and again.
+        self._known: dict[float, Array] = {}
+
+    def at(self, time: float) -> Array:
+        """Return the displacement (3,) [m] at a time; collective.
+
+        The function of the user is called once for each of the last few times.
+
+        Raises:
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
+        """
+        if time not in self._known:
+            what = f"Motion of the obstacle '{self.name}' at t = {time:.6g} s"
+            displacement = ask_numbers(self._comm, what, lambda: self._function(time), (3,))
+            while len(self._known) >= KEPT_DISPLACEMENTS:
+                del self._known[next(iter(self._known))]
+            self._known[time] = displacement
+        return self._known[time]
+
+    def deviation(self, time: float, step: float) -> float:
+        """Return how far [m] the motion is from a straight and uniform one in a step; collective.
+
+        A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
+        below any limit.  A jump deviates by at least half of its length, however short the step is.
+
+        Raises:
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
+        """
+        start = self.at(time)
+        way = self.at(time + step) - start
+        deviations = [
+            float(np.linalg.norm(self.at(time + float(part) * step) - (start + part * way)))
+            for part in SAMPLES
+        ]
+        return max(deviations)
 
 
 @dataclass(frozen=True)
@@ -47,11 +114,7 @@ class _Map:
     """The rows of W and c for the points of obstacles, as they are added one by one."""
 
     def __init__(self, system: Assembly) -> None:
-        """Start without points and block rows.
-
-        Args:
-            system: with the numbering of the unknowns, of which block rows are made.
-        """
+        """Start without points and block rows."""
         self._system = system
         self._block_row_of: dict[int, int] = {}
         self.first_dofs: list[int] = []
@@ -62,11 +125,8 @@ class _Map:
 
     def add(self, vector: Attached) -> int:
         """Add a point or direction of an obstacle; return its number among those of obstacles.
-
-        Args:
-            vector: of the ground, which becomes a constant [m], or a combination of the vectors of
-                a rigid body, which becomes a row of weights [-].
-        """
+        `vector`: of the ground, which becomes a constant [m], or a combination of the vectors of a
+        rigid body, which becomes a row of weights [-]."""
         number = len(self.constants)
         if isinstance(vector, Ground):
             self.constants.append(np.array(vector.vector, dtype=float))
@@ -95,11 +155,6 @@ class _Map:
 class ContactPoints:
     """The m points of a contact that this rank knows, of which the first n are nodes of bodies.
 
-    Args:
-        bodies: films, cables and beams.
-        obstacles: points and directions of obstacles.
-        system: whose unknowns move them.
-
     Attributes:
         body_count: n.
         obstacle_count: number of points of obstacles, which every rank knows.
@@ -116,10 +171,7 @@ class ContactPoints:
     prescribed: Int64Array
 
     def __init__(
-        self,
-        bodies: Sequence[Body],
-        obstacles: Sequence[ObstaclePoints],
-        system: Assembly,
+        self, bodies: Sequence[Body], obstacles: Sequence[ObstaclePoints], system: Assembly
     ) -> None:
         self.comm = system.comm
         self._numbering = system.numbering
@@ -152,15 +204,8 @@ class ContactPoints:
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
         """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
-        Collective.
-
-        It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
-        x.
-
-        Args:
-            body: number (n,) of the body of each node, ascending.
-            node: global number (n,) among the nodes of the body.
-        """
+        Collective. It also sets the map x = W q + c(t) from block rows q, vectors of three
+        unknowns, to points x. `node`: global number (n,) among the nodes of the body."""
         of_obstacles = self._of_obstacles
         self.body_count = len(node)
         self.count = self.body_count + self.obstacle_count
@@ -189,12 +234,7 @@ class ContactPoints:
     def at(self, q: PETSc.Vec, time: float) -> Array:
         """Return the points of a contact for given coordinates of the system at a time; collective.
 
-        Args:
-            q: coordinates of the whole system.
-            time: [s], at which prescribed obstacles are.
-
-        Returns:
-            positions (m, 3) [m]; directions of obstacles among them have no unit.
+        Returns positions (m, 3) [m]; directions of obstacles among them have no unit.
 
         Raises:
             InputError: on all ranks, the motion of an obstacle raises or returns other than three
@@ -215,12 +255,6 @@ class ContactPoints:
         """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
         coordinates; collective.
 
-        Args:
-            v: rates of the coordinates of the whole system.
-            time: start of the interval [s] over which prescribed obstacles have their mean
-                velocity.
-            step: its length [s].
-
         Raises:
             InputError: on all ranks, the motion of an obstacle raises or returns other than three
                 numbers.
@@ -234,10 +268,7 @@ class ContactPoints:
         """Refuse a step in which the motion of an obstacle is far from straight and uniform;
         collective.
 
-        Args:
-            time: at the start of the step [s].
-            step: its length [s].
-            limit: largest deviation [m].
+        `limit`: largest deviation [m].
 
         Raises:
             Inadmissible: names the obstacle, its deviation and the limit; the step is then tried in
@@ -260,13 +291,7 @@ class ContactPoints:
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
         """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
-
-        W are the weights of the unknowns in the points.
-
-        Args:
-            force: (m, 3) [N], this rank's share.
-            r: residual of the system, changed in place; the shares of several ranks add up.
-        """
+        W are the weights of the unknowns in the points. `force`: (m, 3) [N], this rank's share."""
         on_block_rows = force[: self.body_count]
         if not self._are_block_rows:
             on_block_rows = np.asarray(self.weights.T @ force)
@@ -280,16 +305,9 @@ class ContactPoints:
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
         """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
-        and how.
-
-        Args:
-            points: numbers (n, 4) of the points of n pairs.
-
-        Returns:
-            block rows (n, 4 w), where w is the largest number of block rows of a point, and the
-            weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
-            block rows repeat one of the pair with weight zero.
-        """
+        and how. Returns block rows (n, 4 w), where w is the largest number of block rows of a
+        point, and the weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with
+        fewer block rows repeat one of the pair with weight zero."""
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))
         block_rows = np.zeros((count, 4, width), dtype=np.int64)

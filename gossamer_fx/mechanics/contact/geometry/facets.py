@@ -1,5 +1,7 @@
-"""The surface of a body as points and plane triangles, or straight lines: the share of each
-rank."""
+"""Points, edges and triangles that may touch, and the surface of a body made of them.
+
+They are named by rows of integers, and numbered over all ranks without gathering them.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,52 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+
+
+class DistributedRows:
+    """Rows of which several ranks may have the same one, numbered in lexicographic order.
+
+    Every row is sent to a rank that follows from its first entry.  There equal rows meet, and are
+    counted once; numbers, sums and owners come back.
+
+    Args:
+        bound: more than any first entry.
+
+    Attributes:
+        numbers: of this rank's rows (n,); they do not depend on how rows are distributed.
+        owners: lowest rank (n,) that has each row.
+        count: number of distinct rows on all ranks.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, rows: Int64Array, bound: int) -> None:
+        """Number the distinct rows of integers of all ranks in lexicographic order; collective."""
+        # Ranges of first entries in the order of the ranks: so numbers are in the order of rows.
+        meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
+        self._exchange = RankExchange(comm, meeting_rank)
+        met = self._exchange.send(rows)
+        distinct, row_of = np.unique(met, axis=0, return_inverse=True)
+        self._row_of = row_of.ravel()
+        self._met_count = len(distinct)
+        self.count = comm.allreduce(self._met_count)
+        # exscan leaves rank 0 without a value.
+        first = int(comm.exscan(self._met_count) or 0)
+        self.numbers: Int64Array = self._exchange.answer(first + self._row_of)
+        owner = np.full(self._met_count, comm.size)
+        np.minimum.at(owner, self._row_of, self._exchange.source)
+        self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
+
+    def sums(self, values: Array) -> Array:
+        """Return for each row of integers the sum of the values that all ranks have for it;
+        collective. A row consists of the integers that name a point, edge or triangle; several
+        ranks may have equal rows. On each of them the sum is the same. `values`: (n,), one for each
+        row of this rank. Returns sums (n,), in the unit of the values."""
+        met = self._exchange.send(values)
+        total = np.bincount(self._row_of, met, self._met_count).astype(float)
+        return self._exchange.answer(total[self._row_of])
+
 
 # Linear pieces of one cell by its dofs, for cells of a dimension with a number of dofs: lines and
 # triangles of order 1 and 2.  dolfinx numbers the vertices first, then the middles of the edges;
@@ -22,12 +67,7 @@ PIECES_OF_CELLS = {
     (2, 6): [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]],
 }
 # The vertices between which the middle nodes of cells of order 2 lie.
-EDGES_OF_CELLS = {
-    (1, 2): [],
-    (1, 3): [(0, 1)],
-    (2, 3): [],
-    (2, 6): [(1, 2), (0, 2), (0, 1)],
-}
+EDGES_OF_CELLS = {(1, 2): [], (1, 3): [(0, 1)], (2, 3): [], (2, 6): [(1, 2), (0, 2), (0, 1)]}
 
 
 @dataclass(frozen=True)
@@ -56,14 +96,7 @@ class Facets:
 
 def facets_of(body: MeshBody) -> Facets:
     """Return this rank's points of a film, cable or beam and the flat pieces between them;
-    collective.
-
-    Args:
-        body: on a mesh of lines or triangles, of order 1 or 2.
-
-    Raises:
-        KeyError: cells of another shape or order.
-    """
+    collective."""
     space = body.space
     mesh = space.mesh
     dimension = mesh.topology.dim
@@ -101,15 +134,71 @@ def _names_of_dofs(
     vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
 ) -> Int64Array:
     """Return two numbers (c, d, 2) for each degree of freedom of cells, by which ranks name it.
-
     They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
-
-    Args:
-        vertices: numbers (c, k) of the cells' vertices in the mesh file.
-    """
+    `vertices`: numbers (c, k) of the cells' vertices in the mesh file."""
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)
     names[:, :vertex_count] = vertices[:, :, None]
     for k, ends in enumerate(edges):
         names[:, vertex_count + k] = np.sort(vertices[:, list(ends)], axis=1)
     return names
+
+
+# The three sides of a triangle by its corners.
+TRIANGLE_SIDES = [[0, 1], [1, 2], [0, 2]]
+
+
+@dataclass(frozen=True)
+class FilteredPrimitives:
+    """n primitives of one kind as the broad phase sees them.
+
+    Attributes:
+        boxes: least and greatest coordinates (n, 6) [m].
+        labels: numbers (n, l); two primitives with one in common are connected, and no pair.
+        is_fixed: 1 where contact moves none of its points (n,); two such primitives never form a
+            pair.
+    """
+
+    boxes: Array
+    labels: Int32Array
+    is_fixed: ByteArray
+
+
+@dataclass(frozen=True)
+class CollisionPrimitives:
+    """Points, edges and triangles that may touch, as numbers of points.
+
+    Attributes:
+        vertices: points (p,) that may touch triangles.
+        edges: (e, 2).
+        triangles: (t, 3).
+        is_fixed: 1 for points (m,) that contact does not move, those of obstacles.
+        labels: numbers (m, w) of what points are connected to, see `geometry.collision_filter`;
+            None: points are connected to nothing but the primitives that they are corners of.
+    """
+
+    vertices: Int32Array
+    edges: Int32Array
+    triangles: Int32Array
+    is_fixed: ByteArray
+    labels: Int32Array | None = None
+
+    def filtered(self, primitives: Int32Array, lower: Array, upper: Array) -> FilteredPrimitives:
+        """Return vertices, edges or triangles with their boxes and with what forms no pairs with
+        them. `primitives`: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers
+        of points. Returns the primitives with the boxes (n, 6) [m] of their points, with their
+        labels, of which connected primitives share one, and fixed where all of their points are."""
+        least = lower[primitives].min(axis=1)
+        greatest = upper[primitives].max(axis=1)
+        boxes = np.ascontiguousarray(np.hstack([least, greatest]))
+        is_fixed: ByteArray = np.asarray(self.is_fixed[primitives].all(axis=1), dtype=np.uint8)
+        return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
+
+    def _labels_of(self, primitives: Int32Array) -> Int32Array:
+        """Return the labels (n, l) of vertices, edges or triangles: those of all their points. Two
+        primitives with a label in common are connected and form no pair. `primitives`: numbers (n,
+        k) of their points, which are the labels if nothing is tied."""
+        if self.labels is None:
+            return np.ascontiguousarray(primitives)
+        count = primitives.shape[1] * self.labels.shape[1]
+        return np.ascontiguousarray(self.labels[primitives].reshape(len(primitives), count))

@@ -4,6 +4,8 @@ triangles.
 Every primitive has a number that is the same on all ranks, and an owner, which searches for its
 pairs. Rows of a table can be sent to other ranks and united with theirs, in the order of the
 numbers.
+Of points that several ranks know, values of the owner are spread, and minima over all ranks are
+found.
 """
 
 from __future__ import annotations
@@ -18,9 +20,12 @@ from mpi4py import MPI
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
-from gossamer_fx.mechanics.contact.geometry.collision_primitives import TRIANGLE_SIDES
-from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
-from gossamer_fx.mechanics.contact.geometry.facets import Facets, facets_of
+from gossamer_fx.mechanics.contact.geometry.facets import (
+    TRIANGLE_SIDES,
+    DistributedRows,
+    Facets,
+    facets_of,
+)
 
 
 @dataclass(frozen=True)
@@ -40,12 +45,7 @@ class SurfacePrimitives:
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
         """Return a table of the points, edges or triangles that other ranks send to this one;
-        collective.
-
-        Args:
-            which: indices (k,) of the rows that this rank sends.
-            exchange: with the rank that gets each of them.
-        """
+        collective."""
         columns = self._columns()
         return type(self)(
             **{column: exchange.send(values[which]) for column, values in columns.items()}
@@ -53,11 +53,7 @@ class SurfacePrimitives:
 
     def united(self, *others: Self) -> Self:
         """Return a table with the rows of all tables of points, edges or triangles, each once, by
-        number.
-
-        Args:
-            others: tables of the same kind; rows with the same number are equal.
-        """
+        number."""
         tables = [self, *others]
         numbers = np.concatenate([table.number for table in tables])
         # Rows with the same number are equal, whichever rank they come from.
@@ -150,13 +146,7 @@ class SurfaceShare:
     def of(
         cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
     ) -> SurfaceShare:
-        """Number the points, edges and triangles of bodies, one body after the other; collective.
-
-        Args:
-            bodies: films, cables and beams.
-            radii: of each [m]; a cable stands for the area length times diameter.
-            comm: the ranks.
-        """
+        """Number the points, edges and triangles of bodies, one body after the other."""
         # Bodies are numbered one after the other, so that each kind of primitive has one range of
         # numbers.
         points: list[SurfacePoints] = []
@@ -181,15 +171,9 @@ def _surface_of(
     facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
 ) -> tuple[SurfaceTables, list[int]]:
     """Return the points, edges and triangles of one body, numbered over all ranks; collective.
-
-    Args:
-        radius: [m].
-        first: the lowest numbers (3,) of its points, edges and triangles.
-
-    Returns:
-        tables of this rank's primitives with their areas [m²], and how many of each kind the body
-        has on all ranks: points, edges, triangles.
-    """
+    `first`: the lowest numbers (3,) of its points, edges and triangles. Returns tables of this
+    rank's primitives with their areas [m²], and how many of each kind the body has on all ranks:
+    points, edges, triangles."""
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
     # Names of edges and triangles are numbers of points, which are the same on all ranks.
@@ -221,17 +205,10 @@ def _surface_of(
 
 
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
-    """Return the edges of facets, and the areas for which edges and points stand.
-
-    A triangle gives each of its sides and corners a third of its area.  A line stands for the area
-    of its shadow, length times diameter, and gives each end a half.
-
-    Args:
-        radius: of a cable or beam [m]; not used for films.
-
-    Returns:
-        edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
-    """
+    """Return the edges of facets, and the areas for which edges and points stand. A triangle gives
+    each of its sides and corners a third of its area.  A line stands for the area of its shadow,
+    length times diameter, and gives each end a half. Returns edges (e, 2) as indices of points;
+    areas [m²] of edges (e,) and of points (n,)."""
     count = len(facets.nodes)
     if len(facets.lines):
         ends = facets.X[facets.lines]
@@ -251,3 +228,45 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
 def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
     """Return the sums (count,) of values that belong to numbers."""
     return np.bincount(numbers.ravel(), values, count).astype(float)
+
+
+class SharedPoints:
+    """Exchanges values of the n points that a rank knows with the owners of those points.
+
+    Attributes:
+        is_own: which points (n,) this rank owns.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, points: SurfacePoints) -> None:
+        """Let the owners know which of their points this rank knows; collective."""
+        self._comm = comm
+        self.is_own = points.owner == comm.rank
+        # The only rank owns all points.
+        if comm.size == 1:
+            return
+        self._borrowed = np.flatnonzero(~self.is_own)
+        self._exchange = RankExchange(comm, points.owner[self._borrowed])
+        wanted = self._exchange.send(points.number[self._borrowed])
+        self._lent = np.searchsorted(points.number, wanted)
+
+    def spread(self, values: Array) -> None:
+        """Replace the values (n, ...) of points of other ranks by those of their owners;
+        collective."""
+        if self._comm.size > 1:
+            values[self._borrowed] = self._exchange.answer(values[self._lent])
+
+    def take_minimum(self, values: Array) -> None:
+        """Replace values by the least that any rank has for the same point; collective. `values`:
+        (n,) of the points that this rank knows, in any unit; changed in place."""
+        if self._comm.size > 1:
+            # The owner sees the values of all ranks, and spreads what it finds.
+            received = self._exchange.send(values[self._borrowed])
+            np.minimum.at(values, self._lent, received)
+            self.spread(values)
+
+    def take_sum(self, values: Array) -> None:
+        """Replace values (n,) by the sum over all ranks of those for the same point; collective."""
+        if self._comm.size > 1:
+            received = self._exchange.send(values[self._borrowed])
+            np.add.at(values, self._lent, received)
+            self.spread(values)

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "closest_point.h"
+#include "stencil.h"
 
 /* Nodes that wait in a search: one a level of the tree, and its sibling; there are at most 2^31
    leaves. */
@@ -61,17 +61,21 @@ static int is_candidate(const box_query *query, int32_t i, int32_t j,
 static int can_come_near(const nearness *near, int32_t i, int32_t j)
 {
     int32_t points[4];
-    const int first_count = near->kind == EDGE_EDGE ? 2 : 1;
+    const stencil *of = STENCILS + near->kind;
+    const int first_count = of->first_count;
     for (int k = 0; k < first_count; ++k) points[k] = near->query_points[first_count * (ptrdiff_t)i + k];
     const int second_count = 4 - first_count;
     for (int k = 0; k < second_count; ++k)
         points[first_count + k] = near->tree_points[second_count * (ptrdiff_t)j + k];
-    const pair_vectors vectors = vectors_at(PAIR_COEFFICIENTS[near->kind], near->x0, points);
-    const closest_point closest = closest_point_of_vectors(near->kind, &vectors);
-    const double distance = sqrt(squared_length_between(&vectors, closest.u, closest.v));
-    const double gap = distance - (near->radius[points[0]] + near->radius[points[first_count]]);
-    const double approach = approach_bound(near->kind, near->x0, near->x1, points)
-                            + margin_of_pair(near->kind, near->margin, points);
+    double radius[2] = {0, 0}, parameters[2];
+    for (int k = 0; k < 4; ++k) {
+        const int side = k >= first_count;
+        radius[side] = fmax(radius[side], near->radius[points[k]]);
+    }
+    const pair_vectors vectors = vectors_at(of->coefficients, near->x0, points);
+    const double gap = of->length_of(of->closest(&vectors, 0, parameters)) - (radius[0] + radius[1]);
+    const double approach = approach_bound(first_count, near->x0, near->x1, points)
+                            + margin_of_pair(first_count, near->margin, points);
     return gap < near->distance + approach;
 }
 

@@ -25,7 +25,7 @@ typedef struct {
     const pair_vectors *vectors; /* NULL: the measures alone are known */
     double measures[6];
     double corner[2]; /* of the domain */
-    int kind;         /* EDGE_EDGE: the square; else the triangle */
+    int is_square;    /* whether the domain is the square of two edges; else it is the triangle */
 } distance_form;
 
 typedef struct {
@@ -131,7 +131,7 @@ INLINED closest_point closest_point_of(const distance_form *form)
     closest_point found = {0};
     double u = 0, v = 0, best = INFINITY;
     const double det = interior_minimum(form, &u, &v);
-    if (det > 0 && is_in_domain(form->kind, u - form->corner[0], v - form->corner[1])) {
+    if (det > 0 && is_in_domain(form->is_square, u - form->corner[0], v - form->corner[1])) {
         found.u = u;
         found.v = v;
         if (!form->vectors || det > SAFE_SINE_SQUARED * e[3] * e[5]) {
@@ -145,23 +145,23 @@ INLINED closest_point closest_point_of(const distance_form *form)
            interior minimum */
         best = squared_length_between(form->vectors, u, v);
     }
-    if (form->kind == EDGE_EDGE) closest_on_sides(form, SQUARE_SIDES, 4, best, &found);
+    if (form->is_square) closest_on_sides(form, SQUARE_SIDES, 4, best, &found);
     else closest_on_sides(form, TRIANGLE_SIDES, 3, best, &found);
     return found;
 }
 
 /* Of vectors whose r starts at the domain's corner. */
-INLINED closest_point closest_point_of_vectors(int kind, const pair_vectors *vectors)
+INLINED closest_point closest_point_of_vectors(int is_square, const pair_vectors *vectors)
 {
-    distance_form form = {.vectors = vectors, .corner = {0, 0}, .kind = kind};
+    distance_form form = {.vectors = vectors, .corner = {0, 0}, .is_square = is_square};
     measures_of(vectors, form.measures);
     return closest_point_of(&form);
 }
 
-INLINED closest_point closest_point_of_measures(int kind, const double measures[6],
+INLINED closest_point closest_point_of_measures(int is_square, const double measures[6],
                                                 const double corner[2])
 {
-    distance_form form = {.vectors = NULL, .corner = {corner[0], corner[1]}, .kind = kind};
+    distance_form form = {.vectors = NULL, .corner = {corner[0], corner[1]}, .is_square = is_square};
     memcpy(form.measures, measures, sizeof form.measures);
     return closest_point_of(&form);
 }

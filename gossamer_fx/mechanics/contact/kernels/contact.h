@@ -13,9 +13,10 @@
 #include <stdint.h>
 
 /* A pair has four points: of a triangle pair the point and three corners, of an edge pair the ends
-   of both edges. Of walls they are the point, an origin and two directions: plane (normal, -),
-   sphere (-, -), cylinder (two across its axis). */
-enum pair_kind { POINT_TRIANGLE, EDGE_EDGE, POINT_PLANE, POINT_IN_SPHERE, POINT_IN_CYLINDER };
+   of both edges. Of walls they are the point, an origin and two directions.  Its kind is a row of the
+   table of stencils (stencil.h); kind_name is the name of one of the kind_count() kinds. */
+int kind_count(void);
+const char *kind_name(int kind);
 
 enum contact_law { BARRIER, PENALTY };
 
@@ -29,16 +30,17 @@ enum intersection { SEPARATE, INTERSECTS, UNSURE };
 typedef struct {
     ptrdiff_t count;       /* n */
     const int32_t *points; /* (n, 4) */
-    const uint8_t *kind;   /* (n) of enum pair_kind */
+    const uint8_t *kind;   /* (n) */
+    const double *shape;   /* (n) number that the stencil of a pair needs, or NULL: none does */
 } pair_list;
 
 /* Pairs that may have energy k b(x) in a step, x = (s - offset)/width of the squared distance s. */
 typedef struct {
     pair_list list;
     const double *stiffness; /* (n) k */
-    const double *width;     /* (n) [m^2]; of planes [m] */
-    const double *offset;    /* (n) [m^2]; of planes [m] */
-    /* (n, 4) at the start: parameters u, v; distance; squared distance of rounded edges */
+    const double *width;     /* (n) [m^2]; where s is a distance [m] */
+    const double *offset;    /* (n) [m^2]; where s is a distance [m] */
+    /* (n, 4) at the start: parameters u, v; distance [m]; s of rounded edges */
     const double *start;
     double rounding;         /* of the distance of two edges, over their width */
     int law;                 /* of enum contact_law */
@@ -67,15 +69,15 @@ typedef struct {
 } contact_response;
 
 /* Squared distances (n) of pairs at points x (m, 3); of planes the signed distance, of spheres and
-   cylinders minus the squared distance from the middle.  parameters (n, 2), or NULL: (u, v) of the
-   closest points, zero for walls. */
+   cylinders minus the squared distance from the middle.  parameters (n, 2): (u, v) of the closest
+   points, zero for walls. */
 void closest_points(const pair_list *pairs, const double *x, double *squared_distance,
                     double *parameters);
 
-/* Squared distances (n) at points x with rounded edges, given the parameters (n, 2) of the closest
-   points. */
-void rounded_squared_distances(const active_pairs *pairs, const double *x, const double *parameters,
-                               double *squared_distance);
+/* `start` (n, 4) of active pairs at points x, given squared distance (n) and parameters (n, 2) of the
+   closest points. */
+void pair_starts(const active_pairs *pairs, const double *x, const double *squared_distance,
+                 const double *parameters, double *start);
 
 /* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1; infinite for
    walls. */
@@ -137,13 +139,13 @@ void build_box_tree(const box_tree *tree, const double *boxes);
 /* Which pairs of overlapping boxes can come near: those whose gap, less what they can come closer
    while points go from x0 to within their margin of x1, is below a distance. */
 typedef struct {
-    int kind;                    /* of all pairs: POINT_TRIANGLE or EDGE_EDGE */
+    int kind;                    /* of all pairs: that of a point and a triangle, or of two edges */
     const int32_t *query_points; /* (primitives, 1 or 2) of those that are asked for */
     const int32_t *tree_points;  /* (primitives, 3 or 2) of those in the tree */
     const double *x0;            /* (m, 3) */
     const double *x1;            /* (m, 3) */
     const double *margin;        /* (m) */
-    const double *radius;        /* (m) of the body at a point */
+    const double *radius;        /* (m) of the body at a point; of a primitive the largest counts */
     double distance;
 } nearness;
 

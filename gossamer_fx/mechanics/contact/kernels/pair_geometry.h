@@ -17,33 +17,9 @@
 static const int MEASURE_FIRST[6] = {0, 0, 0, 1, 1, 2};
 static const int MEASURE_SECOND[6] = {0, 1, 2, 1, 2, 2};
 
-/* r, a, b as combinations of the four points, by kind of pair. */
-static const double PAIR_COEFFICIENTS[5][3][4] = {
-    {{1, -1, 0, 0}, {0, 1, -1, 0}, {0, 1, 0, -1}}, {{1, 0, -1, 0}, {-1, 1, 0, 0}, {0, 0, 1, -1}},
-    {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 0}},   {{1, -1, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}},
-    {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}},
-};
-
 typedef struct {
     double row[3][3]; /* r, a, b */
 } pair_vectors;
-
-/* Geometry of one pair whose vector r may start at any point of the second side. */
-typedef struct {
-    double coefficients[3][4]; /* of the points in r, a, b */
-    double corner[2];          /* of the domain of (u, v), which counts from the start of r */
-    double rounding;           /* epsilon [m^2] of two edges, else 0 */
-    int kind;
-} pair_frame;
-
-static inline int is_wall(int kind) { return kind > EDGE_EDGE; }
-
-static inline pair_frame frame_of_kind(int kind, double rounding)
-{
-    pair_frame frame = {.corner = {0, 0}, .rounding = kind == EDGE_EDGE ? rounding : 0, .kind = kind};
-    memcpy(frame.coefficients, PAIR_COEFFICIENTS[kind], sizeof frame.coefficients);
-    return frame;
-}
 
 static inline pair_vectors vectors_at(const double coefficients[3][4], const double *x,
                                       const int32_t *points)
@@ -57,17 +33,6 @@ static inline pair_vectors vectors_at(const double coefficients[3][4], const dou
             vectors.row[i][c] = sum;
         }
     return vectors;
-}
-
-/* Let r lead to the point with parameters (u, v), in the frame and in the vectors.  At the closest
-   points r is short, so that small distances of large triangles keep their digits. */
-static inline void move_base(pair_frame *frame, double u, double v, pair_vectors *vectors)
-{
-    for (int k = 0; k < 4; ++k)
-        frame->coefficients[0][k] += u * frame->coefficients[1][k] + v * frame->coefficients[2][k];
-    for (int c = 0; c < 3; ++c) vectors->row[0][c] += u * vectors->row[1][c] + v * vectors->row[2][c];
-    frame->corner[0] = -u;
-    frame->corner[1] = -v;
 }
 
 static inline void measures_of(const pair_vectors *vectors, double measures[6])
@@ -90,14 +55,14 @@ static inline double squared_length_between(const pair_vectors *vectors, double 
 }
 
 /* Whether parameters (u, v) that count from the domain's corner are in it. */
-static inline int is_in_domain(int kind, double u, double v)
+static inline int is_in_domain(int is_square, double u, double v)
 {
-    return u >= 0 && v >= 0 && (kind == EDGE_EDGE ? u <= 1 && v <= 1 : u + v <= 1);
+    return u >= 0 && v >= 0 && (is_square ? u <= 1 && v <= 1 : u + v <= 1);
 }
 
 /* Upper bound of how much closer the two sides can be at x1, or on the way there, than at x0.  The
-   mean displacement of the four points changes no distance. */
-static inline double approach_bound(int kind, const double *x0, const double *x1,
+   mean displacement of the four points changes no distance.  The first side has one point or two. */
+static inline double approach_bound(int first_count, const double *x0, const double *x1,
                                     const int32_t *points)
 {
     double displacement[4][3], mean[3] = {0}, length[4];
@@ -110,17 +75,17 @@ static inline double approach_bound(int kind, const double *x0, const double *x1
         for (int c = 0; c < 3; ++c) displacement[k][c] -= mean[c];
         length[k] = sqrt(dot(displacement[k], displacement[k]));
     }
-    if (kind == EDGE_EDGE) return fmax(length[0], length[1]) + fmax(length[2], length[3]);
+    if (first_count == 2) return fmax(length[0], length[1]) + fmax(length[2], length[3]);
     return length[0] + fmax(length[1], fmax(length[2], length[3]));
 }
 
 /* How much closer the two sides can be for points that miss their expected positions by up to
    margin (m). */
-static inline double margin_of_pair(int kind, const double *margin, const int32_t *points)
+static inline double margin_of_pair(int first_count, const double *margin, const int32_t *points)
 {
     const double first = margin[points[0]], second = margin[points[1]];
     const double others = fmax(margin[points[2]], margin[points[3]]);
-    return kind == EDGE_EDGE ? fmax(first, second) + others : first + fmax(second, others);
+    return first_count == 2 ? fmax(first, second) + others : first + fmax(second, others);
 }
 
 #endif

@@ -1,7 +1,6 @@
 /* Iterates that have passed through something: see pass_through.h. */
 #include "pass_through.h"
 
-#include "closest_point.h"
 
 /* Of the search for the moment at which r, a and b lie in one plane: the interval is then 1/4096 of
    the step. */
@@ -56,7 +55,7 @@ int has_passed_through(const pair_frame *frame, const pair_vectors *start, const
     const double det = e[3] * e[5] - e[4] * e[4];
     if (!(det > 0)) return 0;
     const double u = (e[4] * e[2] - e[5] * e[1]) / det, v = (e[4] * e[1] - e[3] * e[2]) / det;
-    if (!is_in_domain(frame->kind, u - frame->corner[0], v - frame->corner[1])) return 0;
+    if (!is_in_domain(frame->of->first_count == 2, u - frame->corner[0], v - frame->corner[1])) return 0;
     double squared_distance = 0, squared_motion = 0;
     for (int c = 0; c < 3; ++c) {
         const double between = flat.row[0][c] + u * flat.row[1][c] + v * flat.row[2][c];
@@ -75,43 +74,43 @@ typedef struct {
     double normal[3], weight[4], distance;
 } contact_direction;
 
+/* The direction in which the point moves fastest away from a wall; in a room that is towards the
+   middle, from which distances count. */
+static contact_direction direction_of_wall(const pair_frame *frame, const pair_vectors *end)
+{
+    contact_direction found;
+    double by_measures[6];
+    const double s = pair_distance(frame, end, by_measures);
+    found.distance = frame->of->length_of(s);
+    memcpy(found.weight, frame->coefficients[0], sizeof found.weight);
+    for (int c = 0; c < 3; ++c)
+        found.normal[c] = 2 * by_measures[0] * end->row[0][c] + by_measures[1] * end->row[1][c] +
+                          by_measures[2] * end->row[2][c];
+    const double length = sqrt(dot(found.normal, found.normal));
+    for (int c = 0; c < 3; ++c) found.normal[c] /= length;
+    return found;
+}
+
+/* Of surfaces it is that of the vector between the closest points, where ds/de is a multiple of
+   phi(u, v). */
 static contact_direction direction_of_surfaces(const pair_frame *frame, const pair_vectors *end,
                                                int has_passed)
 {
     contact_direction found;
-    double measures[6];
-    measures_of(end, measures);
-    const closest_point closest = closest_point_of_measures(frame->kind, measures, frame->corner);
+    double by_measures[6];
+    pair_frame plain = *frame;
+    plain.rounding = 0;
+    const double s = pair_distance(&plain, end, by_measures);
+    const double u = by_measures[1] / (2 * by_measures[0]), v = by_measures[2] / (2 * by_measures[0]);
     const double sign = has_passed ? -1 : 1;
-    for (int c = 0; c < 3; ++c)
-        found.normal[c] = sign * (end->row[0][c] + closest.u * end->row[1][c] + closest.v * end->row[2][c]);
-    for (int k = 0; k < 4; ++k)
-        found.weight[k] = frame->coefficients[0][k] + closest.u * frame->coefficients[1][k] +
-                          closest.v * frame->coefficients[2][k];
+    vector_between(end, u, v, found.normal);
     const double length = sqrt(dot(found.normal, found.normal));
-    found.distance = sign * length;
-    for (int c = 0; c < 3; ++c) found.normal[c] = length > SHORTEST_NORMAL ? found.normal[c] / length : 0;
-    return found;
-}
-
-/* Inside a sphere or cylinder the direction is towards the middle, and distances count from the
-   wall. */
-static contact_direction direction_of_wall(const pair_frame *frame, const pair_vectors *end)
-{
-    contact_direction found;
-    const double *r = end->row[0], *first = end->row[1], *second = end->row[2];
-    for (int k = 0; k < 4; ++k) found.weight[k] = frame->coefficients[0][k];
-    if (frame->kind == POINT_PLANE) {
-        memcpy(found.normal, first, sizeof found.normal);
-        found.distance = dot(r, first);
-        return found;
-    }
-    double outwards[3];
     for (int c = 0; c < 3; ++c)
-        outwards[c] = frame->kind == POINT_IN_SPHERE ? r[c] : dot(r, first) * first[c] + dot(r, second) * second[c];
-    const double length = sqrt(dot(outwards, outwards));
-    found.distance = -length;
-    for (int c = 0; c < 3; ++c) found.normal[c] = -outwards[c] / length;
+        found.normal[c] = length > SHORTEST_NORMAL ? sign * found.normal[c] / length : 0;
+    for (int k = 0; k < 4; ++k)
+        found.weight[k] = frame->coefficients[0][k] + u * frame->coefficients[1][k] +
+                          v * frame->coefficients[2][k];
+    found.distance = frame->of->length_of(s) - (has_passed ? 2 * length : 0);
     return found;
 }
 
@@ -120,7 +119,7 @@ void push_back(const pair_frame *frame, const pair_vectors *end, const signed_di
                const pair_output *output)
 {
     const contact_direction along =
-        is_wall(frame->kind) ? direction_of_wall(frame, end) : direction_of_surfaces(frame, end, distances->has_passed);
+        is_wall(frame->of) ? direction_of_wall(frame, end) : direction_of_surfaces(frame, end, distances->has_passed);
     const double start = distances->at_start, activation = distances->activation, final = along.distance;
     /* the mean force of the parabola over the part of the way from start to end on which there is
        contact */

@@ -6,7 +6,7 @@
 #ifndef GOSSAMER_PASS_THROUGH_H
 #define GOSSAMER_PASS_THROUGH_H
 
-#include "pair_geometry.h"
+#include "stencil.h"
 
 /* Force (12) and tangent (144, or NULL) of a pair. */
 typedef struct {

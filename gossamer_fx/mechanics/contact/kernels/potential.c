@@ -5,8 +5,8 @@
    touching, passed through), stress and its derivative, force and tangent of the four points, and
    the sum over pairs. */
 #include "contact_law.h"
-#include "pair_distance.h"
 #include "pass_through.h"
+#include "stencil.h"
 
 /* Part of its scaled distance x that a pair of edges with a barrier must keep in a step.  Rounded
    edges can come below the offset of their barrier, where it has no energy: from here on it goes on
@@ -47,32 +47,32 @@ typedef struct {
 
 static int is_out_of_range(const active_pairs *pairs, const contact_step *step, ptrdiff_t i)
 {
-    const int kind = pairs->list.kind[i];
-    if (is_wall(kind) || step->is_state) return 0;
-    const double range = sqrt(pairs->width[i] + pairs->offset[i]);
+    const stencil *of = STENCILS + pairs->list.kind[i];
+    if (is_wall(of) || step->is_state) return 0;
+    const double range = of->length_of(pairs->width[i] + pairs->offset[i]);
     const double start_distance = pairs->start[4 * i + 2];
-    return start_distance - range > approach_bound(kind, step->x0, step->x1,
+    return start_distance - range > approach_bound(of->first_count, step->x0, step->x1,
                                                    pairs->list.points + 4 * i);
 }
 
 static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_t i,
                    pair_step *pair)
 {
-    const int kind = pairs->list.kind[i];
+    const stencil *of = STENCILS + pairs->list.kind[i];
     const int32_t *points = pairs->list.points + 4 * i;
     const double *start = pairs->start + 4 * i;
     pair->stiffness = pairs->stiffness[i];
     pair->width = pairs->width[i];
     pair->offset = pairs->offset[i];
-    pair->energy = (contact_energy){pairs->law, is_wall(kind)};
+    pair->energy = (contact_energy){pairs->law, of->is_linear};
     pair->is_state = step->is_state;
-    pair->frame = frame_of_kind(kind, pairs->rounding * pair->width);
+    pair->frame = frame_of(of, shape_of(&pairs->list, i), pairs->rounding, pair->width);
     pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0,
                              points);
-    if (!is_wall(kind)) move_base(&pair->frame, start[0], start[1], &pair->start);
+    if (!is_wall(of)) move_base(&pair->frame, start[0], start[1], &pair->start);
     pair->end = vectors_at(pair->frame.coefficients, step->x1, points);
     double start_gradient[6];
-    pair->s0 = is_wall(kind) ? pair_distance(&pair->frame, &pair->start, start_gradient) : start[3];
+    pair->s0 = is_wall(of) ? pair_distance(&pair->frame, &pair->start, start_gradient) : start[3];
     pair->s1 = pair_distance(&pair->frame, &pair->end, pair->end_gradient);
     pair->x0 = (pair->s0 - pair->offset) / pair->width;
     pair->x1 = (pair->s1 - pair->offset) / pair->width;
@@ -81,39 +81,22 @@ static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_
 /* Whether edges with a barrier come closer in a step than they may. */
 static int is_too_steep(const pair_step *pair)
 {
-    if (pair->energy.law != BARRIER || pair->frame.kind != EDGE_EDGE || pair->is_state) return 0;
+    if (pair->energy.law != BARRIER || !pair->frame.of->is_rounded || pair->is_state) return 0;
     return pair->x1 < LEAST_KEPT_DISTANCE * fmin(pair->x0, 1);
 }
 
 /* ---- pairs that passed through ---- */
 
-/* The distance [m] of a pair whose squared distance is s; of rooms that of the wall from the
-   middle, negative. */
-static double signed_distance(int kind, double s)
-{
-    if (kind == POINT_PLANE) return s;
-    return kind > POINT_PLANE ? -sqrt(-s) : sqrt(s);
-}
-
-/* The distance [m] over which a pair has energy. */
-static double activation_length(const pair_step *pair, double activation)
-{
-    if (pair->frame.kind > POINT_PLANE) return activation + sqrt(-pair->offset);
-    if (!(pair->offset > 0)) return activation - 0;
-    return activation - (pair->frame.kind == POINT_PLANE ? pair->offset : sqrt(pair->offset));
-}
-
 static void push_pair_back(const pair_step *pair, int has_passed, double stiffness_ratio,
                            const pair_output *output)
 {
-    const int kind = pair->frame.kind;
-    /* of rooms the width counts from the wall inwards, where s is negative */
-    const double activation =
-        kind > POINT_PLANE ? -sqrt(-pair->offset - pair->width) : signed_distance(kind, pair->width + pair->offset);
-    const signed_distances distances = {signed_distance(kind, pair->s0), activation, has_passed};
-    const double length = activation_length(pair, activation);
+    double (*const length_of)(double) = pair->frame.of->length_of;
+    const double activation = length_of(pair->offset + pair->width);
+    /* the distance over which the pair has energy */
+    const double range = activation - length_of(pair->offset);
+    const signed_distances distances = {length_of(pair->s0), activation, has_passed};
     push_back(&pair->frame, &pair->end, &distances,
-              stiffness_ratio * pair->stiffness / (length * length), output);
+              stiffness_ratio * pair->stiffness / (range * range), output);
 }
 
 /* ---- stress ---- */
@@ -319,12 +302,12 @@ static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_st
     pair_step pair;
     set_up(pairs, step, i, &pair);
     const int has_passed =
-        !is_wall(pair.frame.kind) && !pair.is_state && has_passed_through(&pair.frame, &pair.start,
+        !is_wall(pair.frame.of) && !pair.is_state && has_passed_through(&pair.frame, &pair.start,
                                                                           &pair.end);
     const int too_steep = step->push_back > 0 && !has_passed && is_too_steep(&pair);
     /* no energy is defined there; a point behind a penalised wall still has one */
     const int is_below_zero = pair.x1 <= 0 && !too_steep && (pairs->law == BARRIER ||
-                                                             !is_wall(pair.frame.kind));
+                                                             !is_wall(pair.frame.of));
     if ((has_passed || is_below_zero) && step->push_back > 0) {
         push_pair_back(&pair, has_passed, step->push_back, output);
         return PASSED;
@@ -390,23 +373,28 @@ ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step,
 
 /* ---- one state ---- */
 
-/* The squared distance of one pair with rounded edges, from its closest points. */
+/* s of one pair with rounded edges, from its closest points. */
 static double rounded_distance(const active_pairs *pairs, const double *x, const double *parameters,
                                ptrdiff_t i)
 {
-    const int kind = pairs->list.kind[i];
-    pair_frame frame = frame_of_kind(kind, pairs->rounding * pairs->width[i]);
+    const stencil *of = STENCILS + pairs->list.kind[i];
+    pair_frame frame = frame_of(of, shape_of(&pairs->list, i), pairs->rounding, pairs->width[i]);
     pair_vectors vectors = vectors_at(frame.coefficients, x, pairs->list.points + 4 * i);
-    if (!is_wall(kind)) move_base(&frame, parameters[2 * i], parameters[2 * i + 1], &vectors);
+    if (!is_wall(of)) move_base(&frame, parameters[2 * i], parameters[2 * i + 1], &vectors);
     double gradient[6];
     return pair_distance(&frame, &vectors, gradient);
 }
 
-void rounded_squared_distances(const active_pairs *pairs, const double *x, const double *parameters,
-                               double *squared_distance)
+void pair_starts(const active_pairs *pairs, const double *x, const double *squared_distance,
+                 const double *parameters, double *start)
 {
-    for (ptrdiff_t i = 0; i < pairs->list.count; ++i)
-        squared_distance[i] = rounded_distance(pairs, x, parameters, i);
+    for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {
+        const stencil *of = STENCILS + pairs->list.kind[i];
+        start[4 * i] = parameters[2 * i];
+        start[4 * i + 1] = parameters[2 * i + 1];
+        start[4 * i + 2] = of->length_of(squared_distance[i]);
+        start[4 * i + 3] = rounded_distance(pairs, x, parameters, i);
+    }
 }
 
 double stored_energy(const active_pairs *pairs, const double *x, const double *parameters,
@@ -414,7 +402,7 @@ double stored_energy(const active_pairs *pairs, const double *x, const double *p
 {
     double sum = 0;
     for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {
-        const contact_energy energy = {pairs->law, is_wall(pairs->list.kind[i])};
+        const contact_energy energy = {pairs->law, STENCILS[pairs->list.kind[i]].is_linear};
         const double s = rounded_distance(pairs, x, parameters, i);
         scaled_distance[i] = (s - pairs->offset[i]) / pairs->width[i];
         sum += pairs->stiffness[i] * energy_of(energy, scaled_distance[i]);
@@ -425,7 +413,7 @@ double stored_energy(const active_pairs *pairs, const double *x, const double *p
 void unit_energies(const active_pairs *pairs, const double *scaled_distance, double *energy)
 {
     for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {
-        const contact_energy b = {pairs->law, is_wall(pairs->list.kind[i])};
+        const contact_energy b = {pairs->law, STENCILS[pairs->list.kind[i]].is_linear};
         energy[i] = energy_of(b, scaled_distance[i]);
     }
 }

@@ -7,8 +7,8 @@ import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.kernels.structs import pair_list
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
+from gossamer_fx.mechanics.contact.stencils import is_wall
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
 # its layers stay near each other: with 100, every third step of such a sail was refused for
@@ -31,29 +31,14 @@ def find_violations(
     approach: Array,
     among: MaskArray,
 ) -> np.ndarray:
-    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1.
-
-    Args:
-        candidates: n pairs; those of a point and a wall are left out, since a point cannot get
-            around them.
-        x0, x1: points (m, 3) [m] at the start and at the end; they move on straight lines.
-        gap: at the start (n,) [m].
-        activation_distance: gap (n,) [m] below which each pair has energy; a tenth of it is kept
-            where it is less than the gap.
-        approach: by how much pairs can come closer in the step (n,) [m].
-        among: mask (n,) of the pairs that are asked for.
-
-    Returns:
-        indices (k,) of the pairs, ascending; empty if none loses its gap.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1. `approach`: by
+    how much pairs can come closer in the step (n,) [m]; `among`: mask (n,) of the pairs that are
+    asked for. Returns indices (k,) of the pairs, ascending; empty if none loses its gap."""
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
     rows = np.flatnonzero(can_come_near & ~is_wall(candidates.kind) & among)
     collisions = find_collisions(
-        PairTable(candidates.kind[rows], candidates.points[rows]),
+        candidates.geometry(rows),
         x0,
         x1,
         radius=candidates.radius[rows],
@@ -66,25 +51,11 @@ def find_violations(
 def find_collisions(
     pairs: PairTable, x0: Array, x1: Array, radius: Array, gap: Array, min_gap: Array
 ) -> np.ndarray:
-    """Return the contact pairs that come nearer than their least gap on the way, or may.
-
-    Additive continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental
-    potential contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
-
-    Args:
-        pairs: n pairs of a point and a triangle, or of two edges.
-        x0, x1: points (m, 3) [m] at the start and at the end; they move on straight lines.
-        radius: of both sides together (n,) [m].
-        gap: distances less the radii at x0 (n,) [m].
-        min_gap: to be kept on the way (n,) [m].
-
-    Returns:
-        indices (k,) of the pairs; also of those for which `MAX_ADVANCES` evaluations could not
-        decide.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return the contact pairs that come nearer than their least gap on the way, or may. Additive
+    continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental potential
+    contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767. `min_gap`: to
+    be kept on the way (n,) [m]. Returns indices (k,) of the pairs; also of those for which
+    `MAX_ADVANCES` evaluations could not decide."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

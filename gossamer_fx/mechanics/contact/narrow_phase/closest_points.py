@@ -13,29 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.kernels.structs import pair_list
-from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, is_room, is_wall
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
+from gossamer_fx.mechanics.contact.stencils import gaps_of
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
     """Return the squared distances of contact pairs, and the parameters of their closest points.
-
     The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
-    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
-
-    Args:
-        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
-        x: points (m, 3) [m].
-
-    Returns:
-        s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres
-        and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros. Returns
+    s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres and
+    cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-]."""
     c = library()
     count = len(pairs)
     squared_distance = np.empty(count)
@@ -50,18 +39,8 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
-    """Return by how much contact pairs can come closer on straight lines, at most.
-
-    Args:
-        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
-        x0, x1: points (m, 3) [m] at the start and at the end.
-
-    Returns:
-        bounds (n,) [m]; infinite for walls.
-
-    Raises:
-        ValueError: an array is not contiguous, or not of the shape above.
-    """
+    """Return by how much contact pairs can come closer on straight lines, at most. Returns bounds
+    (n,) [m]; infinite for walls."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     points = len(x0)
@@ -73,28 +52,6 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
         c.array("bound", bound, "float64", (len(pairs),), writable=True),
     )
     return bound
-
-
-def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
-    """Return the gaps (n,) [m] of contact pairs: their distance less the radii of both sides.
-
-    Args:
-        kind: values (n,) of `PairKind`.
-        squared_distance: s (n,) of `closest_points`: a square [m²], of planes the signed distance
-            [m], inside spheres and cylinders minus the squared distance from the middle [m²].
-        radius: of both sides together (n,) [m].
-        wall_radius: of the sphere or cylinder that holds the point (n,) [m]; zero for other pairs.
-    """
-    walls = is_wall(kind)
-    rooms = is_room(kind)
-    squares = np.where(walls, 0, squared_distance)
-    gap: Array = np.sqrt(np.maximum(squares, 0)) - radius
-    # For planes s is the signed distance.
-    gap[walls] = squared_distance[walls] - radius[walls]
-    # Inside of a room s is minus the squared distance from its middle.
-    room = wall_radius[rooms] - radius[rooms]
-    gap[rooms] = room - np.sqrt(-squared_distance[rooms])
-    return gap
 
 
 class PairDistances:
@@ -110,13 +67,8 @@ class PairDistances:
     """
 
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
-        """Start with lower bounds of the gaps; `make_exact` replaces some of them.
-
-        Args:
-            candidates: the n pairs.
-            x: points (m, 3) [m].
-            lower_bound: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
-        """
+        """Start with lower bounds of the gaps; `make_exact` replaces some of them. `lower_bound`:
+        of each gap (n,) [m]; the array becomes `gap` and is changed in place."""
         count = len(candidates)
         self.candidates = candidates
         self.x = x
@@ -133,39 +85,25 @@ class PairDistances:
         return found
 
     def make_exact(self, rows: Any) -> None:
-        """Compute the gaps [m] of some contact pairs, of which lower bounds were known.
-
-        Args:
-            rows: which pairs, as indices, a mask (n,) or a slice.
-        """
-        self._compute(rows)
-        table = self.candidates
-        self.gap[rows] = gaps_of(
-            kind=table.kind[rows],
-            squared_distance=self._squared_distance[rows],
-            radius=table.radius[rows],
-            wall_radius=table.wall_radius[rows],
-        )
+        """Compute the gaps [m] of some contact pairs, of which lower bounds were known."""
+        geometry = self._compute(rows)
+        radius = self.candidates.radius[rows]
+        self.gap[rows] = gaps_of(geometry, self._squared_distance[rows], radius)
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
         """Return squared distance and parameters of the closest points of some contact pairs.
-
-        Args:
-            rows: mask (n,) of the pairs, k of which are asked for.
-
-        Returns:
-            squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along the
-            two sides.
-        """
+        Returns squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along
+        the two sides."""
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):
             self._compute(missing)
         return self._squared_distance[rows], self._parameters[rows]
 
-    def _compute(self, rows: Any) -> None:
-        """Compute closest points of some rows, and keep them."""
-        geometry = PairTable(self.candidates.kind[rows], self.candidates.points[rows])
+    def _compute(self, rows: Any) -> PairTable:
+        """Compute closest points of some rows, keep them, and return these rows."""
+        geometry = self.candidates.geometry(rows)
         squared_distance, parameters = closest_points(geometry, self.x)
         self._squared_distance[rows] = squared_distance
         self._parameters[rows] = parameters
         self._is_known[rows] = True
+        return geometry

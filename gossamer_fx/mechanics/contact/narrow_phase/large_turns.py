@@ -19,7 +19,7 @@ from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
-from gossamer_fx.mechanics.contact.pair_table import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_wall
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 # Angle [rad] between two bodies in one step up to which straight lines are accepted: they are
@@ -44,40 +44,19 @@ class _Turn:
     centre: Array
 
     def angle_to(self, other: _Turn) -> float:
-        """Return the angle [rad], 0 to π, by which one body turns relative to another one.
-
-        Args:
-            other: rotation of the other body in the same step.
-        """
+        """Return the angle [rad], 0 to π, by which one body turns relative to another one."""
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
-        return float(
-            np.arccos(
-                np.clip(
-                    cosine,
-                    -1.0,
-                    1.0,
-                )
-            )
-        )
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
 
 
 class LargeTurns:
-    """Finds bodies that turn past others in a step.
-
-    Args:
-        mesh: bodies and obstacles of a contact.
-        activation_distance: gap [m] at which contact begins.
-        system: with the rigid bodies of which obstacles are parts.
-    """
+    """Finds bodies that turn past others in a step."""
 
     def __init__(
-        self,
-        mesh: CollisionMesh,
-        activation_distance: float,
-        system: ContactAssembly,
+        self, mesh: CollisionMesh, activation_distance: float, system: ContactAssembly
     ) -> None:
         self._mesh = mesh
         self._system = system
@@ -94,23 +73,13 @@ class LargeTurns:
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
-        """Report a body or obstacle that turns too far past another one in a step; collective.
-
-        A deformable body turns by the rotation that brings all its points nearest to where they are
+        """Report a body or obstacle that turns too far past another one in a step; collective. A
+        deformable body turns by the rotation that brings all its points nearest to where they are
         at the end of the step, an obstacle on a rigid body by that of the rigid body.  A body turns
         too far if its rotation relative to the other one is more than `MAX_TURN` [rad], its
         rotation in space is more than half of that, and it may meet the other one on its way.  Two
-        obstacles are not compared.
-
-        Args:
-            distances: gaps of the contact pairs that may touch, and the m points of the contact
-                that this rank knows, (m, 3) [m], at the start of the step.
-            x1: the same points (m, 3) [m] at the end of the step, in the same order.
-
-        Returns:
-            a clause with the names of the first two that are found, and the angle in degrees; empty
-            if nothing turns too far.
-        """
+        obstacles are not compared. `distances`: gaps of the contact pairs that may touch, and the m
+        points of the contact that this rank knows, (m, 3) [m], at the start of the step."""
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
         # Without a second body or an obstacle there is nothing to turn past.
@@ -120,14 +89,7 @@ class LargeTurns:
         own, _ = self._mesh.own_points()
         body = self._mesh.body[own]
         self._points = [own[body == k] for k in range(count)]
-        turns = [
-            self._turn(
-                k,
-                distances.x,
-                x1,
-            )
-            for k in range(count)
-        ]
+        turns = [self._turn(k, distances.x, x1) for k in range(count)]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
             # Of two bodies the one that turns in space is named.  Obstacles do not touch each
@@ -136,13 +98,7 @@ class LargeTurns:
             can_touch = min(one, other) < body_count
             if not (angle > MAX_TURN and turns_itself and can_touch):
                 continue
-            if self._may_meet(
-                one,
-                other,
-                turns[one],
-                distances,
-                x1,
-            ):
+            if self._may_meet(one, other, turns[one], distances, x1):
                 return (
                     f"'{self._mesh.names[one]}' would turn by {np.degrees(angle):.0f}° past "
                     f"'{self._mesh.names[other]}' in one step"
@@ -150,22 +106,12 @@ class LargeTurns:
         return ""
 
     def _turn(self, k: int, x0: Array, x1: Array) -> _Turn:
-        """Return how a body or obstacle turns in a step; collective.
-
-        A body on a mesh turns by the best rotation of its points, an obstacle with its rigid body;
-        other obstacles do not turn.
-
-        Args:
-            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
-                at the end of the step.
-        """
+        """Return how a body or obstacle turns in a step; collective. A body on a mesh turns by the
+        best rotation of its points, an obstacle with its rigid body; other obstacles do not
+        turn."""
         if k < len(self._mesh.bodies):
             points = self._points[k]
-            return _best_turn(
-                x0[points],
-                x1[points],
-                self._mesh.comm,
-            )
+            return _best_turn(x0[points], x1[points], self._mesh.comm)
         body = self._rigid_bodies[k]
         if body is None:
             return STAYS
@@ -178,40 +124,18 @@ class LargeTurns:
     def _may_meet(
         self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
     ) -> bool:
-        """Return whether a body or obstacle that turns may meet another on its way; collective.
-
-        It may if a wall of the other one is within its radius from the centre of the turn, or if
-        the box round the other one is.
-
-        Args:
-            x1: the same points (m, 3) [m] at its end.
-        """
+        """Return whether a body or obstacle that turns may meet another on its way; collective. It
+        may if a wall of the other one is within its radius from the centre of the turn, or if the
+        box round the other one is."""
         touching = min(one, other)  # a body on a mesh
-        gap = self._gap_to_walls(
-            touching,
-            max(one, other),
-            distances,
-        )
-        if gap < self._radius(
-            touching,
-            turn,
-            distances.x,
-            x1,
-        ):
+        gap = self._gap_to_walls(touching, max(one, other), distances)
+        if gap < self._radius(touching, turn, distances.x, x1):
             return True
         mine = self._points[one]
         others = self._points[other]
         if not (self._has_corners[one] and self._has_corners[other]):
             return False
-        reach = (
-            self._radius(
-                one,
-                turn,
-                distances.x,
-                x1,
-            )
-            + self._activation_distance
-        )
+        reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
@@ -227,12 +151,7 @@ class LargeTurns:
 
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
         """Return the largest distance [m] of the points of a body or obstacle from the centre of a
-        turn, at the start or the end of the step; collective.
-
-        Args:
-            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
-                at the end of the step.
-        """
+        turn, at the start or the end of the step; collective."""
         points = self._points[k]
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
         end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
@@ -240,11 +159,7 @@ class LargeTurns:
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective.
-
-        Returns:
-            the gap on all ranks; infinite if the obstacle has no walls.
-        """
+        """Return the least gap [m] of a body to the walls of an obstacle at the start."""
         if not self._has_walls[obstacle]:
             return np.inf
         pairs = distances.candidates
@@ -255,16 +170,8 @@ class LargeTurns:
 
 
 def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
-    """Return the rotation that brings the points of all ranks nearest to their end; collective.
-
-    W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
-
-    Args:
-        start, end: points (n, 3) [m] of this rank; n may be 0 on some ranks.
-
-    Returns:
-        the rotation about the mean of the points.  Points on a line do not turn about it.
-    """
+    """Return the rotation that brings the points of all ranks nearest to their end; collective. W.
+    Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873."""
     sums = comm.allreduce(np.concatenate([start.sum(axis=0), end.sum(axis=0), [len(start)]]))
     centre = sums[:6].reshape(2, 3) / sums[6]
     moments = comm.allreduce((end - centre[1]).T @ (start - centre[0]))

@@ -1,0 +1,53 @@
+"""This program as a contestant: own_program.py PROBLEM [key=value ...] solves one problem.
+
+`HOMES` is the registry: in which module the function of a problem is.  Its keyword arguments are
+the words of the problem, and it returns figures by name.  The last line that is printed is a JSON
+object with the figures, and with the warnings of the program.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import sys
+
+import numpy as np
+from contestants import words
+from mpi4py import MPI
+
+from gossamer_fx.analysis.cases.results import recorded_warnings
+
+HOMES = {
+    "sheet": "own_problems",
+    "airbag": "own_problems",
+    "plate": "own_problems",
+    "pendulum": "own_problems",
+    "tube": "own_problems",
+    "antenna": "own_problems",
+    "contact": "own_problems",
+    "orthotropic": "own_problems",
+    "limit": "newton_times",
+    "profile": "newton_times",
+    "gradient": "gradient_cost",
+    "contact_cost": "contact_cost",
+    "parts": "iteration_parts",
+}
+
+
+def main() -> None:
+    """Solve the problem that the command line names, and print its figures."""
+    problem = sys.argv.pop(1)
+    solve = getattr(importlib.import_module(HOMES[problem]), problem)
+    defaults = {name: one.default for name, one in inspect.signature(solve).parameters.items()}
+    with recorded_warnings() as own_warnings:
+        figures = solve(**words(defaults))
+    comm = MPI.COMM_WORLD
+    warnings = [text for texts in comm.allgather(own_warnings) for text in texts]
+    if comm.rank == 0:
+        numbers = {name: float(np.real(value)) for name, value in figures.items()}
+        print(json.dumps(numbers | {"warnings": list(dict.fromkeys(warnings))}))
+
+
+if __name__ == "__main__":
+    main()

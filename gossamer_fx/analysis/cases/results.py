@@ -1,0 +1,247 @@
+"""Results of cases: numbers by name, the reason of a failure, and the warnings of the program."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, StepFailure, check
+from gossamer_fx.records.outputs.output import replace_file
+from gossamer_fx.version import VERSION
+
+# Values of a case by name: numbers and words, which files keep as they are.
+Values = Mapping[str, Any]
+# outcome(comm, folder, **values) computes a case and returns numbers, or lists of them, by name.
+Outcome = Callable[..., Mapping[str, Any]]
+
+# Failures that are results.  All other exceptions end a computation of many cases.
+FAILURES: tuple[type[Exception], ...] = (StepFailure, NoEquilibrium)
+
+# Of files with several results.  A reader refuses those of another format.
+FORMAT = 2
+
+
+@dataclass(frozen=True)
+class Result:
+    """The result of a case.
+
+    Attributes:
+        values: of the case, by name.
+        numbers: of the outcome, by name: numbers or lists of numbers; empty if the case failed.
+        seconds: wall time [s].
+        failed: why the case failed; empty if it did not.
+        warnings: of the program while it computed the case, each once.
+    """
+
+    values: dict[str, Any]
+    numbers: dict[str, Any]
+    seconds: float
+    failed: str = ""
+    warnings: list[str] = field(default_factory=list)
+
+
+class _Collector(logging.Handler):
+    """Keeps the texts of warnings."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(record.getMessage())
+        others = [*logging.getLogger("gossamer_fx").handlers, *logging.getLogger().handlers]
+        # Python prints warnings where no handler is; this one must not silence them.
+        if others == [self] and logging.lastResort is not None:
+            logging.lastResort.handle(record)
+
+
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Collect the warnings that the program logs on this rank within the block."""
+    collector = _Collector()
+    logger = logging.getLogger("gossamer_fx")
+    logger.addHandler(collector)
+    try:
+        yield collector.texts
+    finally:
+        logger.removeHandler(collector)
+
+
+def compute(
+    comm: MPI.Intracomm,
+    folder: Path,
+    outcome: Outcome,
+    values: Values,
+    failures: tuple[type[Exception], ...] = FAILURES,
+) -> Result:
+    """Compute one case; a failure with a name is a result, too.  Collective.
+
+    Args:
+        comm: ranks that compute the case together.
+        folder: for files of the case.
+        outcome: outcome(comm, folder, **values).
+        values: of the case.
+        failures: exceptions that are results.  Others are raised as they are.
+
+    Raises:
+        InputError: the outcome refuses its values, or returns something other than numbers.
+    """
+    started = time.perf_counter()
+    numbers: Mapping[str, Any] = {}
+    failed = ""
+    words = ", ".join(f"{name}={value}" for name, value in values.items())
+    with recorded_warnings() as own_warnings:
+        try:
+            numbers = outcome(comm, folder, **values)
+        except failures as error:
+            failed = str(error)
+        except InputError as error:
+            raise InputError(f"The run with {words} is refused: {error}") from error
+    # A warning may be of one rank only; each is kept once, in the order of the ranks.
+    all_warnings = [text for texts in comm.allgather(own_warnings) for text in texts]
+    return Result(
+        values=dict(values),
+        numbers={name: _plain(words, name, number) for name, number in numbers.items()},
+        seconds=time.perf_counter() - started,
+        failed=failed,
+        warnings=list(dict.fromkeys(all_warnings)),
+    )
+
+
+def _plain(words: str, name: str, number: Any) -> float | list[float]:
+    """A number, or a list of numbers, as files keep it.  Lists may have gaps, which are NaN.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if isinstance(number, np.ndarray | list):
+        return [float(one) for one in number]
+    check(
+        isinstance(number, Real) and not np.isnan(float(number)),
+        f"The outcome of the run with {words} has {name!r} = {number!r}; let it return numbers.",
+    )
+    return float(number)
+
+
+# ---- files ---------------------------------------------------------------------------------------
+
+
+def read_result(path: Path) -> Result | None:
+    """Read the result of one case; None if there is no such file.
+
+    Raises:
+        InputError: the file is not the result of a case.
+    """
+    try:
+        return Result(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"'{path}' is not the result of a run; remove it, and the run is made again."
+        ) from error
+
+
+def write_results(path: Path, name: str, results: Sequence[Result]) -> None:
+    """Write several results to one file, for a page that shows them.
+
+    Args:
+        path: of the JSON file; its folder is made.
+        name: of the cases; `read_results` refuses a file of others.
+        results: in the order of the page.
+    """
+    stored = {
+        "format": FORMAT,
+        "name": name,
+        "version": VERSION,
+        "results": [asdict(result) for result in results],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, json.dumps(stored, indent=1, ensure_ascii=False) + "\n")
+
+
+def read_results(path: Path, name: str) -> list[Result]:
+    """Read several results; none if there is no such file.
+
+    Raises:
+        InputError: the file does not hold results of the cases of this name.
+    """
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        is_right = stored["format"] == FORMAT and stored["name"] == name
+        results = [Result(**one) for one in stored["results"]] if is_right else []
+    except FileNotFoundError:
+        return []
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"'{path}' does not hold results of '{name}'; remove it.") from error
+    check(is_right, f"'{path}' does not hold results of '{name}'; remove it.")
+    return results
+
+
+def results_as_csv(results: Sequence[Result]) -> str:
+    """All results as comma-separated values, with a header.
+
+    Returns:
+        a text with a row for each result: values, numbers that are not lists, wall time [s] unless
+        the outcome has its own "seconds", and reason of failure.
+    """
+    names: dict[str, None] = {}
+    for result in results:
+        names |= dict.fromkeys(result.values)
+    names |= dict.fromkeys([*number_names(results), "seconds", "failed"])
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(names), extrasaction="ignore")
+    writer.writeheader()
+    for result in results:
+        row = {"seconds": result.seconds, **result.values, **result.numbers}
+        writer.writerow(row | {"failed": result.failed})
+    return text.getvalue()
+
+
+def number_names(results: Sequence[Result]) -> list[str]:
+    """Names of the numbers of all results that are not lists, in the order in which they occur."""
+    names: dict[str, None] = {}
+    for result in results:
+        names |= {name: None for name, n in result.numbers.items() if not isinstance(n, list)}
+    return list(names)
+
+
+def markdown_table(rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown from the texts of its cells; the first row has the headings."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines.insert(1, "|---" * lines[0].count(" | ") + "|---|")
+    return "\n".join(lines) + "\n"
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def values_text(values: Values) -> str:
+    """Values with their names, such as "bore 0.3, crease 1"."""
+    return ", ".join(f"{name} {value_text(value)}" for name, value in values.items())
+
+
+def value_text(value: Any) -> str:
+    """A value as text: words as they are, numbers without trailing zeros."""
+    if isinstance(value, str):
+        return value
+    return f"{value:g}"
+
+
+def number_text(number: float, form: str) -> str:
+    """A number in a table, such as ".3g"; nothing for NaN."""
+    if np.isnan(number):
+        return ""
+    return f"{number:{form}}"

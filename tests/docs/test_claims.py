@@ -1,0 +1,126 @@
+"""Figures on the first page and in the words of docs/benchmark.md are those of the result files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from demos.validation.__main__ import CASES, MODELS, NAMES, STORED
+from demos.validation.engine.case import read_case
+from demos.validation.engine.comparison import comparisons, results_by_test
+from gossamer_fx.analysis.cases.results import Result, read_results
+
+ROOT = Path(__file__).parents[2]
+BENCHMARKS = ROOT / "demos" / "benchmarks" / "results"
+
+
+def words_of(page: str) -> str:
+    """The text of a page on one line."""
+    return re.sub(r"\s+", " ", (ROOT / page).read_text(encoding="utf-8"))
+
+
+def measured_errors() -> dict[str, list[tuple[str, float]]]:
+    """Mean relative errors of the stored predictions, with their quantities, by case."""
+    found: dict[str, list[tuple[str, float]]] = {}
+    for name in NAMES:
+        case = read_case(CASES / f"{name}.toml", MODELS)
+        for test, result in results_by_test(case, read_results(STORED / f"{name}.json", name)):
+            for comparison in comparisons(test, result):
+                # Of what a case shows for information no error is claimed.
+                if np.isfinite(comparison.measured.accepted).all():
+                    entry = (comparison.measured.quantity, abs(comparison.error))
+                    found.setdefault(name, []).append(entry)
+    return found
+
+
+ERRORS = measured_errors()
+
+
+def points(problem: str, program: str) -> list[Result]:
+    """The stored points of a program that did not fail, from the coarsest."""
+    name = f"errors_{problem}"
+    found = read_results(BENCHMARKS / f"{name}.json", name)
+    return [one for one in found if one.values["program"] == program and not one.failed]
+
+
+def percent(error: float) -> str:
+    return f"{100 * error:.2g} %"
+
+
+def seconds(point: Result) -> str:
+    return f"{point.numbers['cpu']:.3g} s"
+
+
+def cost_at(problem: str, program: str, error: float) -> float:
+    """CPU time of a program for an error, between its points by power laws."""
+    curve = sorted((one.numbers["error"], one.numbers["cpu"]) for one in points(problem, program))
+    errors, costs = np.log(np.array(curve)).T
+    assert errors[0] <= np.log(error) <= errors[-1]
+    return float(np.exp(np.interp(np.log(error), errors, costs)))
+
+
+def ratios(problem: str, peer: str, errors: tuple[float, ...]) -> str:
+    """Smallest and largest CPU time of a peer over that of this program at some errors."""
+    found = [cost_at(problem, peer, e) / cost_at(problem, "gossamer", e) for e in errors]
+    return f"{min(found):.1f} to {max(found):.1f}"
+
+
+def claims() -> dict[str, str]:
+    """What the first page says, by what it is about."""
+    braids = []
+    for name in ("hiad_71", "hiad_60", "hiad_55"):
+        errors = sorted(100 * error for _, error in ERRORS[name])
+        assert len(errors) == 8
+        braids.append(f"{errors[0]:.0f} to {errors[-1]:.0f}")
+    of_all = [(e, name, what) for name, found in ERRORS.items() for what, e in found]
+    worst = max(of_all)
+    radius = [e for what, e in ERRORS["hiad_torus"] if what == "change of mean radius"]
+    airbag = points("airbag", "gossamer")
+    kratos = points("airbag", "kratos")
+    antenna = points("pendulum", "gossamer, P1")[0]
+    fine_antenna = points("pendulum", "gossamer, P2")[-1]
+    exudyn = points("pendulum", "exudyn")
+    assert worst[1:] == ("hiad_torus", "change of mean radius")
+    return {
+        "braided tubes": f"{braids[0]} %; {braids[1]} %; {braids[2]} %",
+        "worst miss": f"{100 * min(radius):.0f} and {100 * max(radius):.0f} %",
+        "airbag": (
+            f"{percent(airbag[1].numbers['error'])} in {seconds(airbag[1])} here, "
+            f"{percent(kratos[1].numbers['error'])} in {seconds(kratos[1])} by Kratos"
+        ),
+        "finest airbag": (
+            f"{percent(airbag[-1].numbers['error'])} in {seconds(airbag[-1])} here, "
+            f"{percent(kratos[-1].numbers['error'])} in {seconds(kratos[-1])} by Kratos"
+        ),
+        "antenna": (
+            f"{antenna.numbers['error']:.2g} mm in {seconds(antenna)} and "
+            f"{fine_antenna.numbers['error']:.2g} mm in {seconds(fine_antenna)} here, "
+            f"{exudyn[0].numbers['error']:.2g} mm in {seconds(exudyn[0])} and "
+            f"{exudyn[-1].numbers['error']:.2g} mm in {seconds(exudyn[-1])} by Exudyn"
+        ),
+        "strip": (
+            f"Kratos {ratios('strip', 'kratos', (4e-3, 3e-3, 1e-3, 2.2e-4))}; "
+            f"Exudyn {ratios('strip', 'exudyn', (9e-3, 3e-3, 1e-3, 7.2e-4))}"
+        ),
+    }
+
+
+CLAIMS = claims()
+
+
+@pytest.mark.parametrize("about", CLAIMS)
+def test_the_first_page_says_what_the_result_files_say(about: str) -> None:
+    assert CLAIMS[about] in words_of("README.md")
+
+
+@pytest.mark.parametrize("about", ["airbag", "finest airbag", "antenna", "strip"])
+def test_the_page_of_benchmarks_says_the_same(about: str) -> None:
+    assert CLAIMS[about] in words_of("docs/benchmark.md")
+
+
+def test_the_first_page_names_the_worst_miss_of_a_measurement_beside_the_best() -> None:
+    evidence = words_of("README.md").split("## Evidence")[1].split("## ")[0]
+    assert evidence.index(CLAIMS["braided tubes"]) < evidence.index(CLAIMS["worst miss"])
