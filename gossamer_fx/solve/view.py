@@ -67,7 +67,7 @@ LOAD_PARAMETER = Axis("load parameter")
 
 
 @dataclass(frozen=True)
-class Balance:
+class ClosingErrors:
     """How the balances of energy and gas close.
 
     Attributes:
@@ -115,7 +115,7 @@ class Account:
     compile_seconds: float = 0.0
     output_seconds: float = 0.0
     solver: str = ""
-    balance: Balance | None = None
+    balance: ClosingErrors | None = None
     caption: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
 

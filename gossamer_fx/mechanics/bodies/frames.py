@@ -35,8 +35,10 @@ INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 class OneNode:
     """A body with one node of one or more vectors, which rank 0 owns; all ranks know its start."""
 
+    name: str
     comm: MPI.Intracomm
     block: Block
+    description: str  # in messages
     # Coordinates and rates at the start, of any shape
     _q: Array
     _v: Array
@@ -48,6 +50,9 @@ class OneNode:
     def initial_state(self) -> tuple[Array, Array]:
         here = self.block.size * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+
+    def describe(self, node: int) -> str:
+        return self.description
 
     def vector(self, k: int) -> Port:
         """The vector k of the node, from zero."""
@@ -169,6 +174,8 @@ class SectionFrame(OneNode):
         origin: the point x_s of the section.
     """
 
+    description = "the frame of the section"
+
     def __init__(self, section: Frame, origin: Port) -> None:
         self._section = (origin, *section.directors)
         self._origin = origin
@@ -220,9 +227,6 @@ class SectionFrame(OneNode):
         ports = (*self._vectors(), *self._section)
         measure = PointMeasure([ports], H, L, c)
         yield PointConstraint(f"{self.name} follows", measure)
-
-    def describe(self, node: int) -> str:
-        return "the frame of the section"
 
 
 def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:

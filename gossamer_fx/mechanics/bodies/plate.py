@@ -181,8 +181,14 @@ class Plate(Membrane):
             "give D11, D22, D66 > 0 and D12² < D11 D22.",
         )
         domain = self.mesh.domain
-        stiffnesses = [constant(domain, D) for D in bending]
-        return OrthotropicBending(*stiffnesses, cosine=c.cosine, sine=c.sine)
+        return OrthotropicBending(
+            D11=constant(domain, D11),
+            D12=constant(domain, D12),
+            D22=constant(domain, D22),
+            D66=constant(domain, D66),
+            cosine=c.cosine,
+            sine=c.sine,
+        )
 
     def strain_from_mesh(self, x: Expr) -> Expr:
         """Tied Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
@@ -305,7 +311,7 @@ class Plate(Membrane):
         """The curvature H0 (2, 2) [1/m] without moments in the frame of the mesh, from a given
         tensor (3, 3), {group: tensor} or function of midpoints.  Collective."""
         what = f"Plate '{self.name}': its rest_curvature"
-        base = np.zeros((3, 3))
+        base: Array = np.zeros((3, 3))
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
             if tensor is None:

@@ -94,6 +94,8 @@ class RigidBody(OneNode):
         array([0. , 0. , 0.6])
     """
 
+    description = "the rigid body"
+
     def __init__(
         self,
         mass: Mass,
@@ -189,9 +191,6 @@ class RigidBody(OneNode):
         """The body's axes at the material point that is at `place` [m] in space at the start."""
         return Frame(self.port_at(place), self.frame().directors)
 
-    def describe(self, node: int) -> str:
-        return "the rigid body"
-
 
 @check_arguments
 class PointMass(OneNode):
@@ -214,6 +213,8 @@ class PointMass(OneNode):
         >>> round(float(gx.probes.Position(ball.port(), "z")(run)), 4)
         1.951
     """
+
+    description = "the point mass"
 
     def __init__(
         self,
@@ -241,9 +242,6 @@ class PointMass(OneNode):
         """Where it is, for joints and springs."""
         return Port(self, (0,))
 
-    def describe(self, node: int) -> str:
-        return "the point mass"
-
 
 class RigidPiece(OneNode):
     """Position x and orthonormal directors d_i without mass: what is tied to it decides its motion.
@@ -257,6 +255,8 @@ class RigidPiece(OneNode):
         rigid: whether lengths and angles of the directors are constant; one director alone may else
             change its length.
     """
+
+    description = "the piece without mass"
 
     def __init__(
         self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
@@ -289,9 +289,6 @@ class RigidPiece(OneNode):
             H, L, c = orthonormality(len(self._q) - 1)
             measure = PointMeasure([self.directors], H, L, c)
             yield PointConstraint(f"{self.name} directors", measure)
-
-    def describe(self, node: int) -> str:
-        return "the piece without mass"
 
 
 def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:

@@ -111,7 +111,7 @@ class EdgeRotation:
             body=self.plate,
             form=form,
             space=thermal.difference.function_space,
-            set=thermal.given.set,
+            set=thermal.set,
         )
 
     def _directions(self, X: Array, t: float) -> Array:

@@ -37,7 +37,7 @@ from gossamer_fx.mechanics.contact.obstacles import (
     ObstacleWall,
     unit_vector,
 )
-from gossamer_fx.mechanics.contact.stencils import ROUNDING, TINY, EdgeEdge, Wall, lengths_of
+from gossamer_fx.mechanics.contact.stencils import ROUNDING, TINY, EdgeEdge, WallStencil, lengths_of
 
 if TYPE_CHECKING:
     # Drawing is loaded when a picture is made.
@@ -71,7 +71,7 @@ class EdgeCone(EdgeEdge):
         return shape
 
 
-class PointInCone(Wall):
+class PointInCone(WallStencil):
     """A point in a cone, whose origin is behind the apex, on the axis.
 
     Its directions are two orthogonal vectors across the axis of the length cos α; its `shape` is s

@@ -39,8 +39,6 @@ given, and so do the activation distances.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -56,6 +54,7 @@ from gossamer_fx.mechanics.contact.potential import (
     PairState,
     energy_of_pairs,
     evaluate,
+    forces_by_origin,
     unit_energies,
 )
 from gossamer_fx.mechanics.contact.stencils import (
@@ -148,29 +147,6 @@ def closing_derivatives(
     by_position = by_rate[:, None, None] * (later_gradient - gradient) / duration
     by_velocity = by_rate[:, None, None] * later_gradient
     return by_position, by_velocity
-
-
-# Change of the origin, as a part of the sides, in the central difference for ∂F/∂(u0, v0).  Its
-# errors, of 1e-8 and less, are those of a small part of the force.
-ORIGIN_DIFFERENCE = 1e-4
-
-
-def forces_by_origin(
-    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float
-) -> Array:
-    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step."""
-    assert pairs.start is not None, "a step has the starts of its pairs"
-    found = np.zeros((len(pairs), 2, 4, 3))
-    for parameter in range(2):
-        for sign in (1.0, -1.0):
-            start = pairs.start.copy()
-            start[:, parameter] += sign * ORIGIN_DIFFERENCE
-            moved = replace(pairs, start=start)
-            response = evaluate(moved, x0, x1, law, alpha, by_pair=True, push_back=0.0)
-            forces = np.asarray(response.forces).reshape(-1, 4, 3)
-            found[:, parameter] += sign * forces / (2 * ORIGIN_DIFFERENCE)
-    found[is_wall(pairs.kind)] = 0.0
-    return found
 
 
 def add_product_through_origins(

@@ -26,10 +26,10 @@ from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.geometry.contact_points import PrescribedMotion
 from gossamer_fx.mechanics.contact.stencils import (
     EdgeEdge,
+    PairStencil,
     PointInCylinder,
     PointInSphere,
     PointPlane,
-    Stencil,
 )
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class ObstacleWall:
         shape: number that the stencil needs, such as the radius of a room [m].
     """
 
-    stencil: type[Stencil]
+    stencil: type[PairStencil]
     points: tuple[Attached, Attached, Attached]
     shape: float = 0.0
 
@@ -77,7 +77,7 @@ class ObstacleSolid:
     edges: tuple[tuple[int, int], ...] = ()
     triangles: tuple[tuple[int, int, int], ...] = ()
     radius: float | tuple[float, ...] = 0.0
-    edge_stencil: type[Stencil] = EdgeEdge
+    edge_stencil: type[PairStencil] = EdgeEdge
     edge_shape: float = 0.0
 
 

@@ -43,7 +43,7 @@ class Sides(IntEnum):
     POINT_WALL = 2  # the point, an origin, two directions
 
 
-class Stencil:
+class PairStencil:
     """A kind of pair; each subclass with a number is one.
 
     Its methods take n pairs of this kind:
@@ -112,11 +112,11 @@ class Stencil:
 
 
 # The stencil of each kind, and its sides, by the number of the kind.
-STENCILS: dict[int, Stencil] = {}
+STENCILS: dict[int, PairStencil] = {}
 SIDES = np.zeros(256, dtype=np.uint8)
 
 
-class PointTriangle(Stencil):
+class PointTriangle(PairStencil):
     """A point and a triangle."""
 
     number = 0
@@ -127,7 +127,7 @@ class PointTriangle(Stencil):
         return np.column_stack([np.ones_like(u), u + v - 1, -u, -v])
 
 
-class EdgeEdge(Stencil):
+class EdgeEdge(PairStencil):
     """Two edges, whose squared distance is rounded where they are almost parallel."""
 
     number = 1
@@ -149,7 +149,7 @@ class EdgeEdge(Stencil):
         return width, offset + ROUNDING / 2 * width
 
 
-class Wall(Stencil):
+class WallStencil(PairStencil):
     """A point and a wall, behind which it cannot get."""
 
     sides = Sides.POINT_WALL
@@ -161,7 +161,7 @@ class Wall(Stencil):
         return np.zeros((len(x), 2, 4, 3), dtype=x.dtype)
 
 
-class PointPlane(Wall):
+class PointPlane(WallStencil):
     """A point and a plane, whose directions are its unit normal, and none; s is the distance."""
 
     number = 2
@@ -184,7 +184,7 @@ class PointPlane(Wall):
         return (r * normal).sum(axis=1), gradient
 
 
-class Room(Wall):
+class Room(WallStencil):
     """A point within a round room, whose radius [m] is its `shape`."""
 
     def distance(self, s: Array) -> Array:
@@ -232,7 +232,7 @@ class PointInCylinder(Room):
         return -distance, gradient
 
 
-def stencils_of(kind: ByteArray) -> Iterator[tuple[Stencil, Any]]:
+def stencils_of(kind: ByteArray) -> Iterator[tuple[PairStencil, Any]]:
     """Yield each stencil among pairs of the kinds (n,), and its rows as a mask, or a slice of
     all."""
     present = np.flatnonzero(np.bincount(kind))

@@ -33,7 +33,7 @@ from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jump
 from gossamer_fx.records.fields.units import with_unit
 from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.vtu_format import (
-    Block,
+    DataArray,
     Entry,
     Grid,
     Integers,
@@ -146,7 +146,7 @@ class VTU:
         self._nodes, numbers = np.unique(cells, return_inverse=True)
         self._cells: Integers = numbers.reshape(cells.shape)
         self._X: Array = space.tabulate_dof_coordinates()[self._nodes]
-        self._blocks: list[Block] = cell_blocks(self._cells, self._dimension)
+        self._blocks: list[DataArray] = cell_blocks(self._cells, self._dimension)
         self._has_mesh = False
 
     def _chosen_body(self, run: StateView) -> MeshBody:

@@ -98,7 +98,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Block:
+class DataArray:
     """An array as it is in a file: the attributes of its XML element, and its bytes."""
 
     attributes: str
@@ -108,7 +108,7 @@ class Block:
 # ---- writing -------------------------------------------------------------------------------------
 
 
-def cell_blocks(cells: Integers, dimension: int) -> list[Block]:
+def cell_blocks(cells: Integers, dimension: int) -> list[DataArray]:
     """The cells of a grid as blocks of a VTU file, which may be used for many files.
 
     Args:
@@ -124,7 +124,7 @@ def cell_blocks(cells: Integers, dimension: int) -> list[Block]:
     ]
 
 
-def write_vtu(path: Path, grid: Grid, cells: Sequence[Block] = ()) -> None:
+def write_vtu(path: Path, grid: Grid, cells: Sequence[DataArray] = ()) -> None:
     """Write a grid as VTU, an XML format of VTK."""
     sections = {
         "PointData": [_block(name, values) for name, values in grid.arrays.items()],
@@ -139,7 +139,7 @@ def write_vtu(path: Path, grid: Grid, cells: Sequence[Block] = ()) -> None:
         "<UnstructuredGrid>",
         f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.cells)}">',
     ]
-    blocks: list[Block] = []
+    blocks: list[DataArray] = []
     offset = 0
     for section, members in sections.items():
         lines.append(f"<{section}>")
@@ -156,7 +156,7 @@ def write_vtu(path: Path, grid: Grid, cells: Sequence[Block] = ()) -> None:
         file.write(_FILE_END)
 
 
-def _block(name: str, values: npt.NDArray) -> Block:
+def _block(name: str, values: npt.NDArray) -> DataArray:
     """An array (n,) or (n, k) of floating-point numbers, 32-bit integers or bytes as a block."""
     if values.dtype.kind == "f":
         values = values.astype("<f8")
@@ -170,7 +170,7 @@ def _block(name: str, values: npt.NDArray) -> Block:
     )
     # An array without numbers has no block of compressed bytes.
     if not content:
-        return Block(attributes, np.zeros(1, dtype="<u8").tobytes())
+        return DataArray(attributes, np.zeros(1, dtype="<u8").tobytes())
     sample = content[:_SAMPLE_BYTES]
     level = _STORED
     if len(zlib.compress(sample, _COMPRESSION)) < _WORTHWHILE * len(sample):
@@ -178,7 +178,7 @@ def _block(name: str, values: npt.NDArray) -> Block:
     compressed = zlib.compress(content, level)
     # One block: its length is that of the whole array.
     header = np.array([1, len(content), len(content), len(compressed)], dtype="<u8")
-    return Block(attributes, header.tobytes() + compressed)
+    return DataArray(attributes, header.tobytes() + compressed)
 
 
 def write_vtm(path: Path, parts: Iterable[tuple[str, str]]) -> None:

@@ -40,7 +40,7 @@ from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.solve.system.totals import Totals
-from gossamer_fx.solve.view import TIME, Account, Balance
+from gossamer_fx.solve.view import TIME, Account, ClosingErrors
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import ChamberState
@@ -309,7 +309,7 @@ class Simulation:
             compile_seconds=self.compile_seconds,
             output_seconds=self.output_seconds,
             solver=self.solver.newton.summary(),
-            balance=Balance(
+            balance=ClosingErrors(
                 at_rest=self.at_rest,
                 energy_error=self.energy_error,
                 energy_defect=self.energy_defect,

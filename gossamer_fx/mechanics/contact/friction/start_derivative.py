@@ -27,7 +27,6 @@ from __future__ import annotations
 import numpy as np
 
 from gossamer_fx.mechanics.contact.arrays import Array
-from gossamer_fx.mechanics.contact.contact_gradient import forces_by_origin
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     SMALLEST_SLIDING,
     FrictionPairs,
@@ -35,7 +34,7 @@ from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     grip_of,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.potential import evaluate, reversed_pairs
+from gossamer_fx.mechanics.contact.potential import evaluate, forces_by_origin, reversed_pairs
 from gossamer_fx.mechanics.contact.stencils import parameter_derivatives_of
 
 # Size of complex steps, whose square is below the round-off of any number.
