@@ -161,12 +161,12 @@ class Continuation:
     tolerance: Annotated[float, positive()] = 1e-8
     first_step: Annotated[float, positive("s")] = 2e-3
     growth_factor: Annotated[float, Range(1.0, above=True)] = 1.6
-    fast_iterations: int = 12
+    fast_iterations: Annotated[int, positive()] = 12
     cut_factor: Annotated[float, positive()] = 0.5
-    cap_growth: float = 1.1
+    cap_growth: Annotated[float, positive()] = 1.1
     inner_tolerance: Annotated[float, positive()] = 0.1
-    max_iterations: int = 25
-    total_iterations: int = 1000
+    max_iterations: Annotated[int, positive()] = 25
+    total_iterations: Annotated[int, positive()] = 1000
 
     def __post_init__(self) -> None:
         # With a tolerance of 1 or more, the first guess would already be an equilibrium.

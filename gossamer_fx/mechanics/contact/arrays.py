@@ -1,6 +1,8 @@
-"""Types of the arrays of contact; their shapes stand in docstrings."""
+"""Types of the arrays of contact, whose shapes stand in docstrings, and what their rows hold."""
 
 from __future__ import annotations
+
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -11,3 +13,11 @@ ByteArray = npt.NDArray[np.uint8]
 Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
 MaskArray = npt.NDArray[np.bool_]
+
+
+class Sides(IntEnum):
+    """What the two sides of a pair are made of, and in which order its four points stand."""
+
+    POINT_TRIANGLE = 0  # the point, the three corners
+    EDGE_EDGE = 1  # the ends of the first edge, the ends of the second
+    POINT_WALL = 2  # the point, an origin, two directions

@@ -126,7 +126,7 @@ class ContactSet:
         # distances of all candidates at x0, and at both ends as last solved for.
         self._start_time = 0.0
         self._end_time = 0.0
-        self._v = np.zeros((0, 3))
+        self._v: Array = np.zeros((0, 3))
         self._active: MaskArray = np.zeros(0, dtype=bool)
         self._start: PairDistances | None = None
         self._solved: StepDistances | None = None

@@ -17,15 +17,14 @@ The C functions give a number s for each pair, in which the energy is concave (`
 from __future__ import annotations
 
 from collections.abc import Iterator
-from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray, Sides
 
-if TYPE_CHECKING:
-    from gossamer_fx.mechanics.contact.pair_table import PairTable
+# A table of pairs, `pair_table.PairTable`, whose module stands on this one.
+type Pairs = Any
 
 # ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
 # so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
@@ -33,14 +32,6 @@ ROUNDING = 0.05
 
 # No length: divisions by smaller ones are meaningless.
 TINY = 1e-300
-
-
-class Sides(IntEnum):
-    """What the two sides of a pair are made of, and in which order its four points stand."""
-
-    POINT_TRIANGLE = 0  # the point, the three corners
-    EDGE_EDGE = 1  # the ends of the first edge, the ends of the second
-    POINT_WALL = 2  # the point, an origin, two directions
 
 
 class PairStencil:
@@ -249,7 +240,7 @@ def is_wall(kind: ByteArray) -> MaskArray:
     return np.asarray(SIDES[kind] == Sides.POINT_WALL)
 
 
-def gaps_of(pairs: PairTable, s: Array, radius: Array) -> Array:
+def gaps_of(pairs: Pairs, s: Array, radius: Array) -> Array:
     """Return the gaps (n,) [m] of pairs: their distance less the radii of both sides (n,) [m]."""
     gap = np.empty(len(pairs))
     for stencil, rows in stencils_of(pairs.kind):
@@ -267,7 +258,7 @@ def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     return weights
 
 
-def derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> tuple[Array, Array]:
+def derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> tuple[Array, Array]:
     """Return the distances (n,) [m] of pairs, and their derivatives (n, 4, 3) by their points x."""
     distance = np.empty(len(pairs), dtype=x.dtype)
     gradient = np.empty_like(x)
@@ -278,7 +269,7 @@ def derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> tuple[Array
     return distance, gradient
 
 
-def parameter_derivatives_of(pairs: PairTable, x: Array, parameters: Array) -> Array:
+def parameter_derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> Array:
     """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) of pairs by their points x (n, 4, 3)."""
     found = np.empty((len(pairs), 2, 4, 3))
     for stencil, rows in stencils_of(pairs.kind):

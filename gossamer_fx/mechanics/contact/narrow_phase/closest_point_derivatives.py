@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array
-from gossamer_fx.mechanics.contact.stencils import Sides
+from gossamer_fx.mechanics.contact.arrays import Array, Sides
 
 # r, a, b as combinations of the four points, by sides; those of `kernels/stencils.c`.
 VECTORS = {
