@@ -532,11 +532,10 @@ class Equilibrium:
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
             if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
-                    f"No equilibrium after {self._iterations} Newton iterations "
-                    f"in {self._steps} pseudo-steps: "
-                    f"the unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
-                    f"largest in {self.system.locate(self._residual)}; last failure: "
-                    f"{reason}.{remedies(self.system, self.chambers, self._pressed_films)}"
+                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} "
+                    f"pseudo-steps: the unbalanced force is {residual:.1e} of the load, "
+                    f"pseudo-step {h:.1e} s, largest in {self.system.locate(self._residual)}; last "
+                    f"failure: {reason}.{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:

@@ -165,9 +165,9 @@ def _soft_films(system: System) -> Iterator[str]:
         stiffness = getattr(body.law, "residual_stiffness", None)
         if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
             yield (
-                f"'{body.name}' is of order 2 and resists compression "
-                f"by {stiffness:.0e} of its stiffness only: take order=1 with a finer mesh, "
-                f"or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
+                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
+                "stiffness only: take order=1 with a finer mesh, or "
+                f"residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
             )
 
 
@@ -205,10 +205,9 @@ def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[
         # A law whose energy is quadratic makes no difference between tension and compression.
         if body.law.quadratic:
             yield (
-                f"Film '{body.name}' resists compression with its full stiffness "
-                "but has no bending stiffness, so that it buckles: "
-                f"take a law with a residual_stiffness of {SMALL_RESIDUAL_STIFFNESS:g} or less, "
-                "or stretch the film more."
+                f"Film '{body.name}' resists compression with its full stiffness but has no "
+                "bending stiffness, so that it buckles: take a law with a residual_stiffness of "
+                f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
             )
         elif stiffness > 0:
             # Imported here: few equilibria need it.
@@ -216,10 +215,10 @@ def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[
 
             _, _, taut = AreaFractions([body])(system)
             yield (
-                f"Film '{body.name}' is not taut on {100 * (1 - taut):.0f} % of its area, "
-                f"where it resists compression with {stiffness:.0e} of its stiffness "
-                "but has no bending stiffness, so that it buckles: "
-                "stretch it more, or take a smaller residual_stiffness."
+                f"Film '{body.name}' is not taut on {100 * (1 - taut):.0f} % of its area, where it "
+                f"resists compression with {stiffness:.0e} of its stiffness but has no bending "
+                "stiffness, so that it buckles: stretch it more, or take a smaller "
+                "residual_stiffness."
             )
 
 

@@ -206,8 +206,7 @@ class RobustDesign:
             check(
                 bool(fitting),
                 f"RobustDesign: {self.array} has no column of {len(levels)} levels left for "
-                f"{name}; give it another "
-                "number of levels, or take a larger array.",
+                f"{name}; give it another number of levels, or take a larger array.",
             )
             free.remove(fitting[0])
             chosen.append(fitting[0])

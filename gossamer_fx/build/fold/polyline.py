@@ -183,8 +183,8 @@ class Zigzag(Strip):
         panel_length = self.length / self.panels
         self._check(
             (self.bends - 1) * self.spacing < panel_length,
-            f"{self.bends} bends of {self.spacing:g} m take more "
-            f"than a panel of {panel_length:g} m; give less.",
+            f"{self.bends} bends of {self.spacing:g} m take more than a panel of {panel_length:g} "
+            "m; give less.",
         )
 
     @cached_property

@@ -105,9 +105,9 @@ class Membrane(Meshed):
         domain = self.mesh.domain
         check(
             order >= domain.geometry.cmap.degree,
-            f"Membrane '{name}': a film of order {order} cannot take the curved shape "
-            f"of a mesh of order {domain.geometry.cmap.degree} without stress; "
-            "use order=2, or mesh with plane triangles.",
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
+            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
+            "triangles.",
         )
         self.law = law
         self.constants = constants(law, domain)

@@ -330,8 +330,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             unit = header[column].split("[")[1].rstrip("] ")
         check(
             unit in units,
-            f"The table '{path}' has no column '{name} [unit]' with one of the "
-            f"units {', '.join(units)}; begin it with a header such as 'strain [%], force [kN]'.",
+            f"The table '{path}' has no column '{name} [unit]'; begin it with a header such as "
+            f"'strain [%], force [kN]', with one of the units {', '.join(units)}.",
         )
         factors[column] = units[unit]
     columns: list[list[float]] = [[], []]

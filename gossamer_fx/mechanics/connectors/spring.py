@@ -411,8 +411,8 @@ class RopeBundle:
     def __post_init__(self) -> None:
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
-            f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
-            f"and {len(self.lengths)} lengths; give as many of both, and at least one.",
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
+            "give as many of both, and at least one.",
         )
         for k, pair in enumerate(self.ends):
             check(

@@ -106,8 +106,7 @@ class Contact:
         check(
             slowest <= slip_velocity <= fastest,
             f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between "
-            f"{slowest:g} and "
-            f"{fastest:g} m/s.",
+            f"{slowest:g} and {fastest:g} m/s.",
         )
         self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
@@ -170,10 +169,8 @@ class Contact:
         check(
             self.distance + 2 * radius <= MAX_REACH * shortest,
             f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} "
-            "m are too much for "
-            f"'{body.name}', whose shortest edge is {shortest:.3g} m: distance + 2 radius is at "
-            "most half of it; give "
-            "less, or mesh coarser.",
+            f"m are too much for '{body.name}', whose shortest edge is {shortest:.3g} m: distance "
+            "+ 2 radius is at most half of it; give less, or mesh coarser.",
         )
         return radius
 

@@ -64,10 +64,8 @@ class StiffnessWarning:
             one, other = (self._names[number] for number in bodies[row])
             message = (
                 f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' "
-                f"and '{other}', "
-                f"which close at {speed[row]:.3g} m/s; give "
-                f"{largest / self._activation_distance**2:.2g} N/m³ at "
-                "least, or leave it out."
+                f"and '{other}', which close at {speed[row]:.3g} m/s; "
+                f"give {largest / self._activation_distance**2:.2g} N/m³ at least, or leave it out."
             )
         _, message = max(self._comm.allgather((largest, message)))
         self.was_given = bool(message)

@@ -347,8 +347,8 @@ class GasNetwork(ScalarUnknowns):
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
-                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ "
-                    f"and a pressure of {pressure:.3g} Pa"
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
+                    f"of {pressure:.3g} Pa"
                 )
         return ""
 
@@ -363,8 +363,8 @@ class GasNetwork(ScalarUnknowns):
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self.chambers[k].chamber.name}' is not in balance "
-            f"(volume {self.volumes[k]:.3g} m³, pressure {self.y[k]:.3g} Pa)"
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
+            f"{self.volumes[k]:.3g} m³, pressure {self.y[k]:.3g} Pa)"
         )
 
     # ---- scalar unknowns: energies and state -----------------------------------------------------

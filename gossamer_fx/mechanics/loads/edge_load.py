@@ -77,9 +77,9 @@ class EdgeLoad:
         check_on_all(
             film.comm,
             bool((sheets <= most_sheets).all()),
-            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges "
-            "where several sheets meet, or inside the film where a load has no normal; "
-            "name edges of the rim, or give a force in space.",
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets "
+            "meet, or inside the film where a load has no normal; name edges of the rim, or give a "
+            "force in space.",
         )
         if not self.name:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")

@@ -148,8 +148,7 @@ def _check_law(film: Membrane) -> None:
     check(
         has_strain and has_bending,
         f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field "
-        "'state', or another "
-        "law, e.g. TensionField.",
+        "'state', or another law, e.g. TensionField.",
     )
 
 

@@ -106,8 +106,7 @@ class Table:
         check(
             kept.endswith(b"\n") and kept.count(b"\n") == rows + first_line.count(b"\n"),
             f"'{self.path}' was replaced since the checkpoint was written, when it had {rows} "
-            "rows; put back a copy of "
-            "it, or start again.",
+            "rows; put back a copy of it, or start again.",
         )
         os.truncate(self.path, end)
 

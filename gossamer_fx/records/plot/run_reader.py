@@ -269,8 +269,8 @@ class RunReader:
         check(
             field in known,
             f"The run in '{self.folder}' has no field {field!r}; its fields are: "
-            f"{', '.join(known)}. A run records "
-            f"others of `gx.fields` by gx.Recording(folder, fields={example}).",
+            f"{', '.join(known)}. A run records others of `gx.fields` by gx.Recording(folder, "
+            f"fields={example}).",
         )
 
     def values(self, field: str, frame: int) -> list[Array]:

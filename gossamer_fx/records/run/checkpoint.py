@@ -184,8 +184,8 @@ class Checkpoints:
         check(
             continues,
             f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from "
-            "them with restart "
-            "(--restart), replace them with overwrite=True (--overwrite), or give another folder.",
+            "them with restart (--restart), replace them with overwrite=True (--overwrite), or "
+            "give another folder.",
         )
 
     @property
@@ -477,8 +477,8 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     if is_other_version and (is_sound or checksum is None):
         raise InputError(
             f"The checkpoint '{folder}' was written by version {written_version} (format "
-            f"{written_format}), this is "
-            f"{VERSION} (format {FORMAT}); restart with the version that wrote it."
+            f"{written_format}), this is {VERSION} (format {FORMAT}); restart with the version "
+            "that wrote it."
         )
     # The checksum is one of values; the text is compared too, so that any changed byte is noticed.
     if not is_sound or page != _page(state | {"checksum": checksum}):

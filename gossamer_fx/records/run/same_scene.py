@@ -245,6 +245,6 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
         check(
             abs(energy - theirs.get(name, np.inf)) <= tolerance,
             f"The checkpoint '{path}' is of another scene: the energy '{name}' is "
-            f"{theirs.get(name, 0.0):.6g} J there "
-            f"and {energy:.6g} J here; restart with the same materials and gas.",
+            f"{theirs.get(name, 0.0):.6g} J there and {energy:.6g} J here; restart with the same "
+            "materials and gas.",
         )

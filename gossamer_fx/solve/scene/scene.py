@@ -246,9 +246,8 @@ class Scene:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
             check(
                 same,
-                f"'{body.name}' is on {body.comm.size} ranks "
-                f"and '{self.bodies[0].name}' on {self.comm.size}; "
-                "make all bodies of a scene with the same comm.",
+                f"'{body.name}' is on {body.comm.size} ranks and '{self.bodies[0].name}' on "
+                f"{self.comm.size}; make all bodies of a scene with the same comm.",
             )
 
     def compile(self, rule: StressRule | None = None) -> System:

@@ -138,9 +138,8 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
         if slivers:
             worst = comm.allreduce(float(quality.min(initial=1.0)), op=MPI.MIN)
             yield (
-                f"'{body.name}' has {slivers} slivers among its triangles "
-                f"(worst quality {worst:.1e}, one is equilateral); "
-                "they cost accuracy and iterations."
+                f"'{body.name}' has {slivers} slivers among its triangles (worst quality "
+                f"{worst:.1e}, one is equilateral); they cost accuracy and iterations."
             )
         table = edges_of(domain)
         count, directions = table.tally(np.arange(len(corners), dtype=np.int32))
@@ -179,8 +178,8 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
             )
         elif bends and thickness < _THIN * smallest:
             yield (
-                f"The plate '{body.name}' is {thickness / smallest:.1g} "
-                "of its smallest cells thick: they carry a compressive strain "
+                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells "
+                "thick, which carry a compressive strain "
                 f"of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before they bend; "
                 "a Membrane does as well and costs less."
             )

@@ -305,7 +305,7 @@ class CollisionMesh:
 
     def kinds_of(self, kind: ByteArray, primitives: Int64Array) -> tuple[ByteArray, Array]:
         """Return kind and shape (n,) of pairs that the broad phase found between primitives (n, 2).
-        Some edges of obstacles have a stencil of their own.  They stand behind those of bodies, and
+        Some edges of obstacles have another stencil.  They stand behind those of bodies, and
         two obstacles form no pair, so that they are always second."""
         shape = np.zeros(len(kind))
         # Edges of obstacles have a number of at least zero here, those of bodies are below.

@@ -280,9 +280,8 @@ class ContactPoints:
             if deviation > limit:
                 raise Inadmissible(
                     f"the motion of the obstacle '{motion.name}' jumps or turns: it is "
-                    f"{deviation:.3g} m off "
-                    f"a straight way, of which contact can follow {limit:.3g} m; give a continuous "
-                    "motion, or a shorter step"
+                    f"{deviation:.3g} m off a straight way, of which contact can follow "
+                    f"{limit:.3g} m; give a continuous motion, or a shorter step"
                 )
 
     def of_block_rows(self, q: PETSc.Vec) -> Array:

@@ -143,8 +143,8 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
     one, other, middle = next(example for _, example in counts if example)
     raise InputError(
         f"Contact: layers penetrate each other at the start, {count} edges of the mesh, the first "
-        f"of '{one}' through "
-        f"'{other}' near {_point(middle)} m; open them, or leave one of the bodies out."
+        f"of '{one}' through '{other}' near {_point(middle)} m; open them, or leave one of the "
+        "bodies out."
     )
 
 
@@ -201,8 +201,7 @@ def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
             raise InputError(
                 f"Contact: {count} points of '{name}' and others are inside the box "
                 f"'{mesh.names[box]}' at the start, the first at {_point(point)} m; move one of "
-                "them, or give the "
-                "box inside=True to keep bodies within it."
+                "them, or give the box inside=True to keep bodies within it."
             )
 
 
