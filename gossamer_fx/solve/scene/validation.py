@@ -177,9 +177,10 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "give cells of aspect near one, or a Membrane."
             )
         elif bends and thickness < _THIN * smallest:
-            strain = (math.pi * thickness / smallest) ** 2 / 48
+            ratio = thickness / smallest
+            strain = (math.pi * ratio) ** 2 / 48
             yield (
-                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells thick: "
+                f"The plate '{body.name}' is {ratio:.1g} of its smallest cells thick: "
                 f"they carry a compressive strain of {strain:.0e} before they bend; "
                 "a Membrane does as well and costs less."
             )
