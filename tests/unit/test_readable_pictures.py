@@ -15,11 +15,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.colours import STATE_COLOURS
-from gossamer_fx.records.plot.curve_panels import label_ends, run_curves, wrapped
+from gossamer_fx.records.plot.curve_panels import _area_shares, label_ends, run_curves, wrapped
 from gossamer_fx.records.plot.viewer import view_data
 from tests.small_scenes import WRINKLING
 
@@ -252,3 +252,25 @@ def test_without_any_ffmpeg_one_sentence_says_what_to_install(
     with pytest.raises(gx.InputError, match=r"imageio-ffmpeg, or write a \.gif\.$"):
         gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_panel_of_states_counts_all_films_by_their_area(tmp_path: Path) -> None:
+    """A slack film of 1 m² beside a taut one of 3 m²: three quarters of the area are taut."""
+    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
+    films = [
+        gx.Membrane(
+            sheet(MPI.COMM_SELF, 2, 2, width=width),
+            law,
+            displacement=lambda X, stretch=stretch: stretch * X,
+            name=name,
+        )
+        for name, width, stretch in (("slack", 1.0, -1e-3), ("taut", 3.0, 1e-3))
+    ]
+    held = [gx.Fixed(film, edge) for film in films for edge in EDGES]
+    scene = gx.Scene(*films, *held)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-6), outputs=[gx.Recording(tmp_path / "run")])
+    run.run(until=3e-6)
+    reader = gx.plot.RunReader(tmp_path / "run")
+    shares = _area_shares(reader, reader.table("states.csv"))
+    assert shares["taut"] == pytest.approx(0.75)
+    assert shares["slack"] == pytest.approx(0.25)

@@ -200,12 +200,18 @@ def _with_prefix(table: Tables, prefix: str) -> Tables:
 
 
 def _area_shares(run: RunReader, states: Tables) -> Tables:
-    """Shares of the first film's area by state, from the bottom to the top of the panel."""
-    film = next((name for name in run.films if f"{name} taut" in states), None)
-    if film is None or f"{film} wrinkled" not in states:
+    """Shares of the area of all films by state, from the bottom to the top of the panel.
+
+    Each film counts by the area of its stress-free mesh."""
+    films = [name for name in run.films if {f"{name} taut", f"{name} wrinkled"} <= set(states)]
+    if not films:
         return {}
-    taut = states[f"{film} taut"]
-    wrinkled = states[f"{film} wrinkled"]
+    bodies = run.about["scene"]["bodies"]
+    areas = np.array([bodies[film]["area"] for film in films])
+    taut, wrinkled = (
+        np.average([states[f"{film} {state}"] for film in films], axis=0, weights=areas)
+        for state in ("taut", "wrinkled")
+    )
     return {"taut": taut, "wrinkled": wrinkled, "slack": 1 - taut - wrinkled}
 
 
@@ -277,7 +283,7 @@ def _lines(
 
 
 def _states(t: Array, shares: Tables, axes: Axes) -> None:
-    """Draw the shares of a film's area by state, stacked to 100 %.
+    """Draw the shares of the area of films by state, stacked to 100 %.
 
     Args:
         t: times (n,), in the unit of the time axis.
@@ -294,7 +300,7 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
         if values.max() > _SHOWN_SHARE:
             ends[name] = (top + last / 2, INK)
         top += last
-    axes.set_title("State of the film [% of area]")
+    axes.set_title("State of the films [% of their area]")
     label_ends(axes, ends)
 
 
