@@ -19,6 +19,7 @@ Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
 ON = 1e-7  # m: nodes that are nearer to a line are on it
 
 
+@check_arguments
 def creased_film(
     comm: MPI.Intracomm, corners: Corners, lines: Segments, size: Sequence[Length]
 ) -> Mesh:

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import crease_figures, first_time
@@ -96,8 +97,8 @@ def test_effects_are_those_of_the_criteria(opened: float, word: str) -> None:
 
 
 def test_every_case_names_arguments_of_its_demo() -> None:
-    cases = fold_memory.STUDY.cases(quick=False) + fold_memory.STUDY.cases(quick=True)
-    for case in cases:
+    sets = [fold_memory.STUDY.case_set(MPI.COMM_SELF, quick) for quick in (False, True)]
+    for case in [case for cases in sets for case in cases.cases]:
         given = fold_memory.arguments(case["case"])
         ratio = given.get("set_angle_ratio", 0.5)
         assert 0 <= ratio <= 1

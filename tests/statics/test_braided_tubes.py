@@ -11,7 +11,7 @@ import pytest
 import gossamer_fx as gx
 from demos.validation.__main__ import CASES, MODELS
 from demos.validation.engine.case import read_case
-from demos.validation.engine.comparison import compare
+from demos.validation.engine.comparison import Predicted, compare
 from demos.validation.models import braided_tube, cord_plateau
 
 CASE = read_case(CASES / "hiad_71.toml", MODELS)
@@ -44,7 +44,7 @@ def test_the_tube_begins_in_equilibrium_and_reaches_the_measured_plateau(comm):
     assert abs(deflection[0]) < 1e-3
     # 1 % of the plateau; the section of 12 sides is not quite a circle.
     assert abs(load[0]) < 15.0
-    found = compare(test.measured[0], {"x": deflection, "y": load})
+    found = compare(test.measured[0], Predicted(load, deflection))
     # 5 % of the measured curve, with six cells only.
     assert found.mean_error < 0.05
     arm = {"value": 1.1176, "unit": "m"}

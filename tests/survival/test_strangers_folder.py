@@ -104,10 +104,8 @@ def test_kernels_that_others_may_write_are_refused(tmp_path: Path, monkeypatch, 
     kernel.write_bytes(b"")
     (folder if what == "folder" else kernel).chmod(0o777)
     monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": str(folder)})
-    compilation.private_cache.cache_clear()
     with pytest.raises(gx.InputError, match="may be written by others"):
         compilation.private_cache()
     # A folder that others cannot enter is safe, whatever the mode of its files.
     folder.chmod(0o700)
     assert compilation.private_cache() == folder
-    compilation.private_cache.cache_clear()

@@ -52,7 +52,7 @@ def rows_of_squares(
 
 
 def words_of(mesh: gx.Mesh, law: gx.Miyazaki = WRINKLING, **options) -> list[str]:
-    return list(warnings([gx.Membrane(mesh, LINEAR, **options)]))
+    return list(warnings([gx.Membrane(mesh, law, **options)]))
 
 
 @pytest.mark.mpi

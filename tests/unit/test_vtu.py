@@ -223,9 +223,9 @@ def test_the_recipe_for_pyvista_runs(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert list(scene) == ["film", "connectors"]
     for name, array in re.findall(r'scene\["(.*?)"\], scalars="(.*?)"', shows):
         assert array in {**scene[name].arrays, **scene[name].cell_arrays}
-    # Four springs of 50 N/m hold the weight of a film of 0.14 kg: each is stretched.
+    # Four springs, shorter than their distance, lift a film of 0.14 kg with more than its weight.
     assert (scene["connectors"].cell_arrays["tension [N]"] > 0).all()
-    assert scene["film"].arrays["displacement [m]"][:, 2].min() < 0
+    assert scene["film"].arrays["displacement [m]"][:, 2].min() > 0.01
     pytest.importorskip("pyvista")
     exec(shows, {"__name__": "page"})
     assert Path("out/hammock/scene.png").stat().st_size > 10_000

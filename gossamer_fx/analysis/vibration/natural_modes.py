@@ -566,10 +566,6 @@ def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, l
     missing = spectrum.count(*_squares(ω, nearer)) - sum(d < nearer for d in distances)
     if missing > 0:
         return missing
-    known = sum(d <= last * (1 + EQUAL_DISTANCES) for d in distances)
-    if known < within:
-        # Copies of the last one: found, so that those that are returned do not depend on chance.
-        return within - known
     if PETSc.COMM_WORLD.rank == 0:
         LOG.warning(
             "modes: %d modes are cut from a group of %d of one frequency; ask for %d to have all.",

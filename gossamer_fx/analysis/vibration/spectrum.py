@@ -76,10 +76,15 @@ class Spectrum:
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
         pc.setFactorSetUpSolverType()
-        # PETSc asks for both: no dense root shared by the ranks, and null pivots recognised.
-        pc.getFactorMatrix().setMumpsIcntl(13, 1)
-        pc.getFactorMatrix().setMumpsIcntl(24, 1)
-        problem = factorisation.set_up(pc)
+        is_complete = False
+        while not is_complete:
+            # PETSc asks for both: no dense root shared by the ranks, and null pivots recognised.
+            # More workspace means new factors, which do not know them.
+            pc.getFactorMatrix().setMumpsIcntl(13, 1)
+            pc.getFactorMatrix().setMumpsIcntl(24, 1)
+            pc.setUp()
+            is_complete = factorisation.failure(pc) >= 0 or not factorisation.enlarge(pc)
+        problem = factorisation.reason(pc)
         if problem:
             raise RuntimeError(f"no inertia at the shift {shift:.6g}: {problem}")
         negative, _, _ = pc.getFactorMatrix().getInertia()

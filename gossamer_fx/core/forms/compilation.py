@@ -171,16 +171,22 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
         return task()
 
 
-@cache
 def private_cache() -> Path:
-    """Make the cache folder, and see that nobody else can put code there.
+    """The cache folder, which is made, and in which nobody else can put code.
 
-    Kernels are machine code that is executed.  Once for each process, on one rank.
+    Kernels are machine code that is executed.  Looked at once for each process, on one rank.
 
     Raises:
         InputError: the folder or a file in it belongs to another user, or others may write it.
     """
     folder = Path(kernel_options()["cache_dir"])
+    _require_private(folder)
+    return folder
+
+
+@cache
+def _require_private(folder: Path) -> None:
+    """Make a folder, and refuse one in which others can put code."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     writable_by_others = stat.S_IWGRP | stat.S_IWOTH
     # Files in a folder that others cannot enter are safe whatever their mode.
@@ -194,7 +200,6 @@ def private_cache() -> Path:
             f"'{path}' belongs to another user or may be written by others, and its code would be "
             f"executed; remove {folder}, or set XDG_CACHE_HOME to a folder of yours.",
         )
-    return folder
 
 
 def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:

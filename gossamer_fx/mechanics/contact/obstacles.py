@@ -392,6 +392,10 @@ class Box(Obstacle):
         corners = np.asarray(self.centre, dtype=float) + signs * half @ axes
         faces = () if self.inside else _triangles_of_box()
         triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
+        # Seen from outside their corners turn to the left, as those of all drawn surfaces.
+        a, b, c = (corners[column] - self.centre for column in triangles.T)
+        is_inwards = np.einsum("ni,ni->n", np.cross(a, b), c) < 0
+        triangles[is_inwards] = triangles[is_inwards, ::-1]
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
     def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
