@@ -178,7 +178,7 @@ def results_of(problem, **figures):
     own = {"cpu": 1.0, "cost": 1.0, "energy": 2.0, "ΔE/E": 1e-15}
     return [
         Result({"case": "small", "program": "gossamer", "run": 0}, own, 1.0),
-        Result({"case": "small", "program": "peer", "run": 0}, own | figures, 1.0),
+        Result({"case": "small", "program": "kratos", "run": 0}, own | figures, 1.0),
     ]
 
 
@@ -192,9 +192,9 @@ def test_what_is_not_as_declared_makes_the_command_fail(monkeypatch):
         title="a problem",
         cost=lambda figures: figures["cpu"],
         unit="s",
-        cases={"small": {"gossamer": {}, "peer": {}}},
+        cases={"small": {"gossamer": {}, "kratos": {}}},
         quick={},
-        peers=("peer",),
+        peers=("kratos",),
         equal={"energy": 1e-8},
         limits={"ΔE/E": 1e-9},
     )
@@ -206,9 +206,9 @@ def test_what_is_not_as_declared_makes_the_command_fail(monkeypatch):
     good = results_of(problem)
     assert not missed(good)
     [words] = missed(results_of(problem, energy=2.1))
-    assert words == "small, peer: energy differs by 5.0e-02 > 1e-08"
+    assert words == "small, kratos: energy differs by 5.0e-02 > 1e-08"
     [words] = missed([good[0], replace(good[1], numbers={}, failed="no convergence")])
-    assert words == "no ratio to peer: it failed"
+    assert words == "no ratio to kratos: it failed"
     [words] = missed([replace(good[0], numbers=good[0].numbers | {"ΔE/E": 1e-3}), good[1]])
     assert words == "small, gossamer: ΔE/E 1.0e-03 > 1e-09"
     [words] = missed([replace(good[0], warnings=["normals point inwards"]), good[1]])
