@@ -255,7 +255,7 @@ def test_without_any_ffmpeg_one_sentence_says_what_to_install(
 
 
 def test_the_panel_of_states_counts_all_films_by_their_area(tmp_path: Path) -> None:
-    """A slack film of 1 m² beside a taut one of 3 m²: three quarters of the area are taut."""
+    """A slack film of 1 m² and a taut one of 3 m²: three quarters of the area are taut."""
     law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
     films = [
         gx.Membrane(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, Sides
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     FrictionPairs,
     FrictionStep,
@@ -16,7 +16,7 @@ from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodie
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
-from gossamer_fx.mechanics.contact.stencils import SIDES, Sides
+from gossamer_fx.mechanics.contact.stencils import SIDES
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 

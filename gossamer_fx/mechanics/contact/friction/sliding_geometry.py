@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray, Sides
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
 from gossamer_fx.mechanics.contact.pair_table import PairTable
 from gossamer_fx.mechanics.contact.stencils import (
     SIDES,
     TINY,
-    Sides,
     gap_weights_of,
     lengths_of,
     stencils_of,

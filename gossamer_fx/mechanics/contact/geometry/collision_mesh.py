@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.model.body import Attached, MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array, Sides
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
@@ -24,7 +24,7 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
 )
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge, Sides
+from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
