@@ -563,6 +563,11 @@ def draw(results: list[Result], path: Path) -> None:
     )
 
 
+# Stiffnesses are given so that gaps have closed forms or differ between laws.  The estimate of the
+# program has a reserve of a quarter in the closing speed; the block closes its gap by 0.6, and a
+# barrier is infinite at contact, so that nothing passes in either.
+TOO_SOFT = {"is too soft to stop": "the gap closes by a part that is computed or bounded"}
+
 STUDY = Study(
     "contact",
     "Contact: iterations and rejected steps, conservation, and deviation from exact answers",
@@ -572,6 +577,7 @@ STUDY = Study(
     quick={"case": ["films barrier 0.0002", "block", "corner", "speed=10"]},
     shows=("iterations", "energy_error"),
     limits={"energy_error": 1e-8},
+    expected_warnings=TOO_SOFT,
     columns=("iterations", "substeps", "energy_error", "momentum_error", "deviation", "seconds"),
     may_fail=True,
     draw=draw,
