@@ -189,16 +189,17 @@ def modes(
     M = system.M.copy()
     # Rows of fixed coordinates: 1 in K and 0 in M, so that their eigenvalues are infinite.
     system.supports.clear(M, 0.0)
+    # Square of an angular frequency that round-off explains [rad²/s²]
+    least = SHIFT_RATIO * K.norm() / M.norm()
     away_from_zero = 0.0
     if equilibrium.result is not None and not equilibrium.result.regular:
-        away_from_zero = SHIFT_RATIO * K.norm() / M.norm()
+        away_from_zero = least
     ω = 2 * math.pi * above
     stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
     if stiffnesses:
         # Without the gas K may be singular, so that (3) needs a shift that the gas does not hide.
         away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
     if not any(spin):
-        least = SHIFT_RATIO * K.norm() / M.norm()
         found = _modes_at_rest(K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
     else:
         G = system.gyroscopic(spin)
@@ -214,7 +215,6 @@ def modes(
         )
 
     nearest = sorted(found, key=lambda mode: _distance(mode, ω))[:count]
-    least = SHIFT_RATIO * K.norm() / M.norm()
     _warn_of_zeros(equilibrium, nearest, least)
     if not any(spin):
         nearest = _orthogonal(nearest, M, least)
@@ -566,7 +566,7 @@ def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, l
     missing = spectrum.count(*_squares(ω, nearer)) - sum(d < nearer for d in distances)
     if missing > 0:
         return missing
-    if PETSc.COMM_WORLD.rank == 0:
+    if spectrum.comm.rank == 0:
         LOG.warning(
             "modes: %d modes are cut from a group of %d of one frequency; ask for %d to have all.",
             count - sum(d < nearer for d in distances),

@@ -51,6 +51,7 @@ class Spectrum:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
+        self.comm = K.comm
         self._K = K
         self._M = M
         self._stiffnesses = stiffnesses
