@@ -32,6 +32,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.lone_errors import end_with_launcher
 
 Integers = npt.NDArray[np.int64]
@@ -56,6 +57,9 @@ _HEAD = 200
 # The first two lines of an MSH file: the version, 0 for text or 1 for binary, bytes of a number.
 _MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
 
+
+# Most cells of a mesh that is made here: more than the solver takes on any machine of today.
+MAX_CELLS = 20_000_000
 
 # Bytes that are read from a pipe at once.
 _CHUNK = 1 << 20
@@ -134,6 +138,14 @@ def extract(model: Any) -> RawMesh:
         points=points,
         cells=np.searchsorted(used, cells),
         groups=_groups(model, dim, used),
+    )
+
+
+def check_cells(what: str, cells: float) -> None:
+    """Raise `InputError` unless a mesh has so few cells that it can be made; before it is."""
+    check(
+        cells <= MAX_CELLS,
+        f"{what} has about {cells:.2g} cells; give larger ones, at most {MAX_CELLS:g} in all.",
     )
 
 
@@ -293,7 +305,9 @@ def _limit_memory() -> None:
     page = os.sysconf("SC_PAGE_SIZE")
     pages_used = int(Path("/proc/self/statm").read_text().split()[0])
     limit = page * (pages_used + os.sysconf("SC_PHYS_PAGES") // 2)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+    _, allowed = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed == resource.RLIM_INFINITY or limit < allowed:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, allowed))
 
 
 def _sentence(error: BaseException, what: str) -> str:
