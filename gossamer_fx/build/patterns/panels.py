@@ -30,6 +30,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -86,7 +87,14 @@ class Gores:
         """Distance [m] of the middle lines of panels in the mesh."""
         return PITCH * float(self.width(self.arc_lengths).max())
 
-    def mesh(self, comm: MPI.Intracomm, *, along: int, across: int) -> Mesh:
+    @check_arguments
+    def mesh(
+        self,
+        comm: MPI.Intracomm,
+        *,
+        along: Annotated[int, Range(2)],
+        across: Annotated[int, Range(1)],
+    ) -> Mesh:
         """All gores, the flat panels of a body of revolution, in one mesh, side by side in the
         plane z = 0.
 
@@ -103,11 +111,7 @@ class Gores:
         Raises:
             InputError: too few cells.
         """
-        check(
-            along >= 2 and across >= 1,
-            f"Gores: along is {along!r} and across {across!r}; "
-            "give 2 cells along and 1 across or more.",
-        )
+        check_cells("Gores.mesh", 2 * self.count * along * across)
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
     def placed(self, X: Array, apart: float = 0.0) -> Array:
