@@ -163,6 +163,7 @@ class Convergence:
             return ""
         return f"  The relative change between the two finest meshes is {change:.1e}."
 
+    @check_arguments
     def plot(
         self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""
     ) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, StepFailure, check
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.version import VERSION
@@ -202,11 +203,12 @@ def results_as_csv(results: Sequence[Result]) -> str:
         names |= dict.fromkeys(result.values)
     names |= dict.fromkeys([*number_names(results), "seconds", "failed"])
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(names), extrasaction="ignore")
-    writer.writeheader()
+    writer = csv.writer(text)
+    writer.writerow(safe_cells(names))
     for result in results:
         row = {"seconds": result.seconds, **result.values, **result.numbers}
-        writer.writerow(row | {"failed": result.failed})
+        row["failed"] = result.failed
+        writer.writerow(safe_cells(row.get(name, "") for name in names))
     return text.getvalue()
 
 

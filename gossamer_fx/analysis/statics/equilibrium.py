@@ -44,7 +44,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from functools import cached_property
-from numbers import Real
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -311,6 +310,7 @@ class Equilibrium:
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
+    @check_arguments
     def find(self, at: float = 0.0, *, progress: bool = True) -> EquilibriumResult:
         """Find the equilibrium under the loads and prescribed positions of a time, from the present
         state.
@@ -329,10 +329,6 @@ class Equilibrium:
             Interrupted: a signal came; the system has the state of the last pseudo-step.
         """
         started = time.process_time()
-        check(
-            isinstance(at, Real) and math.isfinite(at),
-            f"find: at is {at!r}; give a time in seconds.",
-        )
         self._iterations = 0
         self._steps = 0
         self._cuts = 0
@@ -379,6 +375,7 @@ class Equilibrium:
 
     # ---- the result ------------------------------------------------------------------------------
 
+    @check_arguments
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
@@ -388,6 +385,7 @@ class Equilibrium:
         self.need("reaction")
         return support_force(self.system, support, about)
 
+    @check_arguments
     def joint_force(
         self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
@@ -461,6 +459,7 @@ class Equilibrium:
             found |= scalars.states()
         return found
 
+    @check_arguments
     def chamber(self, name: str) -> Any:
         """State of the gas in one chamber or tank, see `gas.contract.ChamberState`."""
         chambers = self.chambers

@@ -114,6 +114,7 @@ class Gores:
         check_cells("Gores.mesh", 2 * self.count * along * across)
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
+    @check_arguments
     def placed(self, X: Array, apart: float = 0.0) -> Array:
         """Displacement (3, n) [m] of mesh points that moves each gore to its position without
         strain.
@@ -137,6 +138,7 @@ class Gores:
         x2 = radius * np.sin(angle) + y * np.cos(angle)
         return np.stack([x1, x2, height]) - X
 
+    @check_arguments
     def seams(
         self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)
     ) -> list[Seam]:

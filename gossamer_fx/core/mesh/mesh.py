@@ -91,6 +91,7 @@ class Mesh:
         ]
         return f"groups: {', '.join(names) or 'none'}"
 
+    @check_arguments
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
         """Return dimension and local entities (owned and ghost) of a named group.
 

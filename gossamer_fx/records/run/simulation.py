@@ -23,7 +23,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -326,6 +325,7 @@ class Simulation:
             found |= scalars.states()
         return found
 
+    @check_arguments
     def chamber(self, name: str) -> ChamberState:
         """State of the gas in a chamber or tank.
 
@@ -348,6 +348,7 @@ class Simulation:
 
     # ---- running ---------------------------------------------------------------------------------
 
+    @check_arguments
     def run(self, until: float) -> None:
         """Advance to a time; may be called again with a later one.
 
@@ -365,10 +366,6 @@ class Simulation:
             OutputFailure: a file could not be written; earlier records are kept.
             Interrupted: a signal came.
         """
-        check(
-            isinstance(until, Real) and not isinstance(until, bool) and math.isfinite(until),
-            f"until is {until!r}; give the end time in seconds.",
-        )
         check(
             until >= self.time,
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",

@@ -250,6 +250,7 @@ class Scene:
                 f"{self.comm.size}; make all bodies of a scene with the same comm.",
             )
 
+    @check_arguments
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms for a stress rule, by default the path average,
         which conserves energy, and take the initial state.  Collective."""
