@@ -149,7 +149,7 @@ def read_result(path: Path) -> Result | None:
         return Result(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return None
-    except (ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(
             f"'{path}' is not the result of a run; remove it, and the run is made again."
         ) from error
@@ -185,7 +185,14 @@ def read_results(path: Path, name: str) -> list[Result]:
         results = [Result(**one) for one in stored["results"]] if is_right else []
     except FileNotFoundError:
         return []
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         raise InputError(f"'{path}' does not hold results of '{name}'; remove it.") from error
     check(is_right, f"'{path}' does not hold results of '{name}'; remove it.")
     return results

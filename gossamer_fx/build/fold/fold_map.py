@@ -51,6 +51,14 @@ class Folded:
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
+        film = self.film
+        flat = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        check_on_all(
+            film.comm,
+            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * np.ptp(flat))),
+            f"'{self.name}': '{film.name}' has a displacement or another start, which the folds "
+            "would replace; leave it out.",
+        )
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:

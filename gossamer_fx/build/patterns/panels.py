@@ -29,7 +29,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check, real_numbers
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
@@ -60,7 +60,7 @@ class Gores:
     """
 
     profile: Array
-    count: int
+    count: Annotated[int, Range(3)]
 
     @cached_property
     def arc_lengths(self) -> Array:
@@ -232,11 +232,9 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: Annotated[int, Range(3)
         >>> round(sphere.length, 2), round(float(sphere.width(sphere.length / 2)), 3)
         (3.14, 0.524)
     """
-    points = np.array(profile, dtype=float)
-    check(
-        points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3,
-        f"gores: profile has the shape {points.shape}; give three points (radius, height) or more.",
-    )
+    points = real_numbers(profile)
+    if points is None or points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise InputError("gores: profile is no list of three points (radius, height) or more.")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     repeated = np.flatnonzero(steps <= 0)
     check(

@@ -48,6 +48,9 @@ _KINDS = {
 # Largest coordinate [m].  Checks of the mesh compute squares, which must not overflow.
 _FARTHEST = 1e100
 
+# Largest round-off of coordinates over the size of the smallest cell: an error of its strains.
+_ROUND_OFF = 1e-6
+
 # Seconds after which gmsh is ended: a million triangles take it 20 s.
 TIME_LIMIT = 120.0
 
@@ -132,11 +135,20 @@ def extract(model: Any) -> RawMesh:
         f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; "
         "mesh it again.",
     )
+    cells = np.searchsorted(used, cells)
+    sizes = np.ptp(points[cells], axis=1).max(axis=1)
+    farthest = float(np.abs(points).max())
+    smallest = float(sizes[sizes > 0].min(initial=np.inf))
+    _check(
+        np.spacing(farthest) <= _ROUND_OFF * smallest,
+        f"Cells of {smallest:.3g} m are up to {farthest:.3g} m from the origin, where coordinates "
+        f"are {np.spacing(farthest):.1g} m apart; move the mesh to the origin.",
+    )
     return RawMesh(
         kind=kind,
         order=order,
         points=points,
-        cells=np.searchsorted(used, cells),
+        cells=cells,
         groups=_groups(model, dim, used),
     )
 

@@ -20,7 +20,7 @@ from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block, MeshBody, Port
+from gossamer_fx.core.model.body import Array, Block, MeshBody, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -146,7 +146,7 @@ class Meshed(ABC):
         return Port(self, (global_node(self, group),))
 
     @check_arguments
-    def port_at(self, point: Sequence[float]) -> Port:
+    def port_at(self, point: Vector) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes."""
         return interpolated(self, point)
 

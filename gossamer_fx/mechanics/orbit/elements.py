@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from gossamer_fx.core.checks.arguments import positive
 from gossamer_fx.extend import Array, Range, check, check_arguments
 from gossamer_fx.mechanics.orbit.harmonics import MU
 

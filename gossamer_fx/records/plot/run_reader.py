@@ -286,8 +286,12 @@ class RunReader:
             field: name of a field; bodies that did not record it are left out.
 
         Raises:
-            InputError: a file of fields is missing or damaged.
+            InputError: there is no such state, or a file of fields is missing or damaged.
         """
+        check(
+            0 <= frame < len(self.times),
+            f"The run in '{self.folder}' has {len(self.times)} states; {frame} is none of them.",
+        )
         found = []
         bodies = self.films
         if field in LINE_FIELDS:

@@ -53,6 +53,8 @@ _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 
 # A time is met if it differs by less than this fraction of a step.
 _SAME_TIME = 1e-9
+# Most steps of equal length of a run: years, at a millisecond for each.
+MAX_STEPS = 1e11
 
 
 @check_arguments
@@ -161,6 +163,8 @@ class Simulation:
         if restart is not None or checkpoints is not None:
             self._description = self.describe()
         self._locks = self._lock_files()
+        self._control = control
+        self._running = False
         try:
             cursors: list[tuple[str, dict[str, Any]]] = []
             if restart is not None:
@@ -370,12 +374,24 @@ class Simulation:
             until >= self.time,
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
         )
+        check(
+            not self._running,
+            f"run: the run is at t = {self.time:.9g} s and goes on; an event cannot run it.",
+        )
+        steps = (until - self.time) / self.stepper.dt
+        check(
+            self._control is not None or steps <= MAX_STEPS,
+            f"until is {until!r} s, {steps:.2g} steps of {self.stepper.dt:g} s away; give a larger "
+            f"dt, or an earlier end, for {MAX_STEPS:g} steps at most.",
+        )
         until = float(until)
         self.until = until
         if self._locks is not None:
             self._locks.acquire()
             self._locks.running = True
         with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+            self._running = True
+            at_the_end.callback(setattr, self, "_running", False)
             # Callbacks are called in reverse order: files are closed before they are released.
             at_the_end.callback(self._release)
             for output in self.outputs:
