@@ -313,7 +313,7 @@ MESH_FILES: dict[str, Case] = {
     "a billion nodes said": lambda at: gx.read_mesh(
         written(
             at / "a.msh",
-            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99999999999 1 99999999999\n$EndNodes\n",
+            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99999999 1 99999999\n$EndNodes\n",
         ),
         ONE,
     ),
@@ -566,7 +566,9 @@ BODIES: dict[str, Case] = {
     "a stress of two numbers": lambda at: run(film(initial_stress=(1.0, 2.0))),
     "a stress normal to the film": lambda at: run(film(initial_stress=np.diag([0, 0, 1e6]))),
     "an unsymmetric stress": lambda at: run(film(initial_stress=np.triu(np.ones((3, 3))))),
-    "stress and strain": lambda at: run(film(initial_stress=np.eye(3), initial_strain=np.eye(3))),
+    "stress and strain": lambda at: run(
+        film(initial_stress=np.eye(3), initial_strain=np.eye(3))
+    ),
     "a strain of -2": lambda at: run(film(initial_strain=-2 * np.diag([1, 1, 0]))),
     "thermal without gradient": lambda at: (
         run(film(thermal=gx.materials.ThermalExpansion(1e-5))).time == 2e-4
@@ -1287,7 +1289,8 @@ def swept(at: Path, outcome: Callable[..., Any], over: Any = None) -> Any:
 
     module = SimpleNamespace(outcome=outcome, over=over or {"a": [1, 2]})
     sys.modules["of_the_test"] = module  # type: ignore[assignment]
-    design = "import gossamer_fx as gx, of_the_test as t\nSWEEP = gx.sweep.Factorial(t.outcome, t.over)\n"
+    imports = "import gossamer_fx as gx, of_the_test as t\n"
+    design = f"{imports}SWEEP = gx.sweep.Factorial(t.outcome, t.over)\n"
     return said(["sweep", str(written(at / "design.py", design)), "-o", str(at / "out")])
 
 
