@@ -350,11 +350,11 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
                 stiffness=1.0,
                 set_angle_ratio=2.0,
             ),
-            "from 0 .flat at rest. to 1",
+            "between 0 and 1",
         ),
         (
             lambda c: ZIGZAG.start(gx.Membrane(sheet(c, 2, 2), LAW), origin=(0.0, math.nan, 0.0)),
-            "three finite numbers",
+            "three numbers",
         ),
         (
             lambda c: gx.fold.Zigzag(length=0.3, panels=3, opening=1e-3),

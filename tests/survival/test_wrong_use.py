@@ -566,9 +566,7 @@ BODIES: dict[str, Case] = {
     "a stress of two numbers": lambda at: run(film(initial_stress=(1.0, 2.0))),
     "a stress normal to the film": lambda at: run(film(initial_stress=np.diag([0, 0, 1e6]))),
     "an unsymmetric stress": lambda at: run(film(initial_stress=np.triu(np.ones((3, 3))))),
-    "stress and strain": lambda at: run(
-        film(initial_stress=np.eye(3), initial_strain=np.eye(3))
-    ),
+    "stress and strain": lambda at: run(film(initial_stress=np.eye(3), initial_strain=np.eye(3))),
     "a strain of -2": lambda at: run(film(initial_strain=-2 * np.diag([1, 1, 0]))),
     "thermal without gradient": lambda at: (
         run(film(thermal=gx.materials.ThermalExpansion(1e-5))).time == 2e-4
