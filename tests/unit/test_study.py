@@ -75,7 +75,7 @@ def test_an_interrupted_study_goes_on_where_it_stopped(comm, folder):
 
 def test_the_summary_tells_the_largest_errors_and_the_spread_of_orders(comm, folder):
     [row] = STUDY.summary(run(STUDY, folder, comm))
-    assert row == ["toy", "y", "", "0.062", "1.0 to 2.0", "0.008"]
+    assert row == ["toy", "y", "0.062; 1.0 to 2.0", "", "0.008"]
 
 
 def test_what_falls_short_is_said_in_the_quick_form_too(comm, folder):
