@@ -25,7 +25,7 @@ Own kinds of terms
 Gas
     `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
 Runs
-    `StateView`, `Output`, `Probe`
+    `StateView`, `HasSystem`, `Output`, `Probe`
 Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
 """

@@ -38,6 +38,7 @@ from .core.model.body import Port as Port
 from .core.model.body import Vector as Vector
 from .core.model.body import is_on_mesh as is_on_mesh
 from .core.model.state import BodyState as BodyState
+from .core.model.state import HasSystem as HasSystem
 from .core.model.state import InitialState as InitialState
 from .core.model.state import State as State
 from .core.model.terms import BringsTerms as BringsTerms

@@ -20,10 +20,10 @@ from types import FrameType
 from typing import BinaryIO, cast
 
 from gossamer_fx.app.cli.mpi_messages import copy_without_repetitions
+from gossamer_fx.core.checks.child_processes import ISOLATED, child_environment
 
-# The command of this package, for a child: without the current folder, whose files could stand for
-# numpy and the like.
-OWN_COMMAND = ("-P", "-m", "gossamer_fx")
+# The command of this package, for a child.
+OWN_COMMAND = (ISOLATED, "-m", "gossamer_fx")
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -43,13 +43,6 @@ def find_mpirun() -> str | None:
     if sys.prefix not in _SYSTEM_PREFIXES and os.access(beside, os.X_OK):
         return str(beside)
     return shutil.which("mpirun")
-
-
-def child_environment() -> dict[str, str]:
-    """The environment of a child that finds this package where the parent has found it."""
-    home = str(Path(__file__).parents[3])
-    paths = [home, os.environ.get("PYTHONPATH", "")]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
 
 
 def launch(ranks: int, program: Sequence[str]) -> int:

@@ -14,7 +14,6 @@ Nothing in this module needs MPI.
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -25,6 +24,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from gossamer_fx.core.checks.child_processes import ISOLATED, child_environment
 
 Integers = npt.NDArray[np.int64]
 
@@ -231,17 +232,12 @@ def read_file(path: Path) -> RawMesh:
         mesh = Path(folder) / "mesh.msh"
         mesh.symlink_to(path.resolve())
         environment = {}
-        for name, value in os.environ.items():
+        for name, value in child_environment().items():
             if not name.startswith(_LAUNCHER_VARIABLES):
                 environment[name] = value
-        # Without -P a file gmsh.py in the current folder would be executed.  The package may be
-        # there, too: its folder is named.
-        home = str(Path(__file__).parents[3])
-        others = os.environ.get("PYTHONPATH", "")
-        environment["PYTHONPATH"] = os.pathsep.join(path for path in (home, others) if path)
         module = "gossamer_fx.core.mesh.gmsh_reader"
         child = subprocess.run(
-            [sys.executable, "-P", "-m", module, str(mesh), str(arrays)],
+            [sys.executable, ISOLATED, "-m", module, str(mesh), str(arrays)],
             capture_output=True,
             env=environment,
             stdin=subprocess.DEVNULL,

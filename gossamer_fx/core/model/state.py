@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx import fem
@@ -27,6 +28,13 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, is_on_mesh
+
+
+@runtime_checkable
+class HasSystem(Protocol):
+    """Something with a compiled scene, `system`: a `Simulation` or an `Equilibrium`."""
+
+    system: Any
 
 
 class BodyState:

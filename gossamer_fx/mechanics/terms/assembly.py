@@ -29,6 +29,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
@@ -47,7 +48,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 
 @dataclass(frozen=True)
-class Part:
+class ItemTerms:
     """An item of a scene with the terms that it brings."""
 
     item: object
@@ -116,6 +117,17 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
     has_constant_stiffness: ClassVar[bool] = False
     # Names and values are separate, so that the ranks need to exchange numbers only.
     losses: Sequence[str] = ()
+
+    def __init_subclass__(cls) -> None:
+        """`TypeError`: a public name differs from one of the contract by a slip of the pen, so that
+        the default would be used in its place."""
+        super().__init_subclass__()
+        bases = (CompiledTerms, Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
+        contract = {name for base in bases for name in vars(base)}
+        for name in vars(cls).keys() - contract:
+            meant = get_close_matches(name, contract, n=1, cutoff=0.9)
+            if meant:
+                raise TypeError(f"{cls.__name__}.{name} is never called; call it {meant[0]}.")
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...

@@ -14,7 +14,7 @@ from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
 from gossamer_fx.core.model.state import BodyState, InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of
-from gossamer_fx.mechanics.terms.assembly import Assembly, Part
+from gossamer_fx.mechanics.terms.assembly import Assembly, ItemTerms
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.mechanics.terms.scalar_unknowns import (
     BringsScalarUnknowns,
@@ -270,8 +270,8 @@ class Scene:
         for item in self.items:
             if isinstance(item, InitialCondition):
                 item.initialise(start)
-        parts = [Part(item, list(terms_of(item, start))) for item in self.items]
-        system = System(start, parts, rule or PathAverage())
+        items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
+        system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
         for item in self.items:
             if isinstance(item, BringsScalarUnknowns):
