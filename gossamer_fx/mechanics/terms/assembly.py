@@ -119,8 +119,8 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
     losses: Sequence[str] = ()
 
     def __init_subclass__(cls) -> None:
-        """`TypeError`: a public name differs from one of the contract by a slip of the pen, so that
-        the default would be used in its place."""
+        """`TypeError`: a public name differs from one of the contract by a slip of the pen: the
+        default would act instead."""
         super().__init_subclass__()
         bases = (CompiledTerms, Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
         contract = {name for base in bases for name in vars(base)}
