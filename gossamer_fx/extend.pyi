@@ -21,12 +21,15 @@ from .core.checks.user_functions import ask_numbers as ask_numbers
 from .core.checks.user_functions import ask_points as ask_points
 from .core.drawing import Solid as Solid
 from .core.forms.backend import cell_nodes as cell_nodes
+from .core.forms.bending import BendingStiffness as BendingStiffness
 from .core.forms.compilation import compile_expression as compile_expression
 from .core.forms.compilation import compile_form as compile_form
 from .core.forms.compilation import constant as constant
 from .core.forms.kinematics import Expr as Expr
 from .core.forms.kinematics import area_vector as area_vector
 from .core.forms.kinematics import line_derivative as line_derivative
+from .core.forms.strain_path import Piece as Piece
+from .core.forms.strain_path import within_cone as within_cone
 from .core.model.body import Array as Array
 from .core.model.body import Attached as Attached
 from .core.model.body import Block as Block
@@ -45,7 +48,14 @@ from .core.model.terms import BringsTerms as BringsTerms
 from .core.model.terms import RefersToItems as RefersToItems
 from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of
+from .mechanics.contact.obstacle_drawing import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
+from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
+from .mechanics.contact.obstacles import ObstacleWall as ObstacleWall
+from .mechanics.contact.stencils import EdgeEdge as EdgeEdge
+from .mechanics.contact.stencils import PairStencil as PairStencil
+from .mechanics.contact.stencils import PointPlane as PointPlane
+from .mechanics.contact.stencils import WallStencil as WallStencil
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
 from .mechanics.gas.contract import Wall as Wall
@@ -90,4 +100,6 @@ from .mechanics.terms.scalar_unknowns import ScalarUnknowns as ScalarUnknowns
 from .mechanics.terms.supports import Support as Support
 from .records.outputs.output import Output as Output
 from .records.outputs.output import Probe as Probe
+from .solve.steppers.stepping import Stepper as Stepper
+from .solve.steppers.stepping import StepSolver as StepSolver
 from .solve.view import StateView as StateView

@@ -208,7 +208,7 @@ def hostile_calls(folder: Path) -> Iterator[tuple[str, bool, Callable[[], bool]]
                     given: dict[str, Any] = call | {argument: value},
                     is_function: bool = callable(value),
                 ) -> bool:
-                    # Only functions of parts of a scene are called here.
+                    # Only functions of items of a scene are called here.
                     return run(make(name, given)) or not is_function
 
                 yield f"{name}({argument}: {what})", is_not_real, act

@@ -103,7 +103,7 @@ class ReachedPrestress:
 
 
 class PrestressOfScene:
-    """Compares the prestress of all parts of a scene with the accepted state."""
+    """Compares the prestress of all items of a scene with the accepted state."""
 
     def __init__(self, system: System) -> None:
         """Compile the comparison for each part with prestress; none for other parts.
@@ -180,7 +180,7 @@ class _PrestressOfPart:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the parts that have lost more than a tenth of their prestress; else empty."""
+    """A warning of the items that have lost more than a tenth of their prestress; else empty."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""

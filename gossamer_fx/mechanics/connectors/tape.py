@@ -105,20 +105,22 @@ class Tape:
         x = space.tabulate_dof_coordinates()
         # An edge of order 2 is two bars, so that its middle node has a bar, too.
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
-        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        own_lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        nodes = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        # Bars have global nodes and are the same on every rank; a line is short compared with a
         # film.
-        own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
-        rows = body.comm.allgather(own_bars)
-        bars = [row for part in rows for row in part]
+        own_bars = list(
+            zip(nodes[:, 0].tolist(), nodes[:, 1].tolist(), own_lengths.tolist(), strict=True)
+        )
+        gathered = body.comm.allgather(own_bars)
+        bars = [bar for of_rank in gathered for bar in of_rank]
         check(
             len(bars) > 0,
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
             "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
-        _refuse_edges_without_length(body, edges, own, midpoints, name)
+        _refuse_edges_without_length(body, edges, own_lengths, midpoints, name)
         pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
         lengths = [length_factor * length for _, _, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)

@@ -314,7 +314,7 @@ class ActiveSet(ABC):
     def set_static_load(self, force: float) -> None:
         """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
 
-    # A tape of steps records their active sets, so that a step is made again without a search.
+    # A run tape records their active sets, so that a step is made again without a search.
 
     def save_active_set(self) -> Any:
         """The active set of the last accepted step, as an object that does not change."""
@@ -380,7 +380,7 @@ class Differentiable:
         return ""
 
     def gradient_notes(self) -> list[str]:
-        """One sentence for each part of the scene whose gradient has to be read with care, with
+        """One sentence for each item of the scene whose gradient has to be read with care, with
         its name."""
         return []
 

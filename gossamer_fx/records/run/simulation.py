@@ -38,7 +38,14 @@ from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_o
 from gossamer_fx.records.run.log import LOGGER
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
+from gossamer_fx.solve.steppers.stepping import (
+    Carrier,
+    Control,
+    EqualSteps,
+    Stepper,
+    Stepping,
+    even_step,
+)
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import TIME, Account, ClosingErrors
 
@@ -138,7 +145,10 @@ class Simulation:
         if control is not None:
             self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
-        self.history = History(self.system, [self.solver, self.stepping])
+        carriers: list[Carrier] = [self.solver]
+        if isinstance(self.stepping, Carrier):
+            carriers.append(self.stepping)
+        self.history = History(self.system, carriers)
         self.step = 0
         self.iterations = 0
         self.substeps = 0
