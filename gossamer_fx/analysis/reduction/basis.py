@@ -83,8 +83,8 @@ class Basis:
     (1) and (2) of the module; φ_0 = 1.
 
     The first `fixed_count` of them, 3 or for a film that is not plane 4, represent homogeneous
-    motions.  `singular_values` are those of the scaled snapshots without the fixed modes, in the norm of the
-    mass, in falling order; `examples` coefficients (k, r, 3) [m] of some snapshots.
+    motions.  `singular_values` are those of the scaled snapshots without the fixed modes, in the
+    norm of the mass, in falling order; `examples` coefficients (k, r, 3) [m] of some snapshots.
     """
 
     film: Membrane

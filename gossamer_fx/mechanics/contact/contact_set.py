@@ -69,8 +69,8 @@ MAX_UPDATE = 4.0
 # activation distance.  A jump of half of this distance is refused, however short the step is.
 MAX_DEVIATION = 0.25
 
-# Scaled distance beyond the range of a pair up to which a run tape records it, against the round-off
-# of points that are placed again.
+# Scaled distance beyond the range of a pair up to which a run tape records it, against the
+# round-off of points that are placed again.
 SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.

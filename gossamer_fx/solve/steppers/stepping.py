@@ -27,10 +27,12 @@ SMALLEST_STEP = 1e-100
 
 @runtime_checkable
 class Carrier(Protocol):
-    """A stepper or step control with history variables; `vectors` of the system are copied, not
-    replaced, when a state is restored."""
+    """A stepper or step control with history variables."""
 
-    vectors: Mapping[str, PETSc.Vec]
+    @property
+    def vectors(self) -> Mapping[str, PETSc.Vec]:
+        """Vectors of the system, which are copied, not replaced, when a state is restored."""
+        ...
 
     def get_state(self) -> dict[str, Any]:
         """All other history variables, as numbers, strings and lists; the same on every rank."""
