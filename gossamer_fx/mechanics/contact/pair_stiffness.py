@@ -35,27 +35,22 @@ class StiffnessWarning:
     """
 
     def __init__(
-        self,
-        stiffness: float,
-        activation_distance: float,
-        names: Sequence[str],
-        comm: MPI.Intracomm,
+        self, activation_distance: float, names: Sequence[str], comm: MPI.Intracomm
     ) -> None:
-        self._stiffness = stiffness
         self._activation_distance = activation_distance
         self._names = names
         self._comm = comm
         self.was_given = False
 
-    def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
-        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective. Of
-        all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped, or
-        if the warning was given before. `density`: area density of the lighter side (n,) [kg/m²];
-        `speed`: closing speed (n,) [m/s]."""
+    def check(self, stiffness: float, bodies: Int32Array, density: Array, speed: Array) -> None:
+        """Warn once, in the log, if the given stiffness [N/m³] cannot stop a contact pair;
+        collective. Of all ranks' pairs the one is named that needs most.  Nothing happens if all
+        are stopped, or if the warning was given before. `density`: area density of the lighter side
+        (n,) [kg/m²]; `speed`: closing speed (n,) [m/s]."""
         if self.was_given:
             return
         needed = STOPPING_FACTOR * density * speed**2
-        present = self._stiffness * self._activation_distance**2
+        present = stiffness * self._activation_distance**2
         largest = 0.0
         message = ""
         if len(needed) and needed.max() > present:
@@ -63,7 +58,7 @@ class StiffnessWarning:
             largest = float(needed[row])
             one, other = (self._names[number] for number in bodies[row])
             message = (
-                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' "
+                f"Contact: a stiffness of {stiffness:.3g} N/m³ is too soft to stop '{one}' "
                 f"and '{other}', which close at {speed[row]:.3g} m/s; "
                 f"give {largest / self._activation_distance**2:.2g} N/m³ at least, or leave it out."
             )
@@ -110,9 +105,7 @@ class PairStiffness:
         self.given = stiffness
         self._activation_distance = activation_distance
         self._system = system
-        self._warning = StiffnessWarning(
-            stiffness or 0.0, activation_distance, mesh.names, system.comm
-        )
+        self._warning = StiffnessWarning(activation_distance, mesh.names, system.comm)
         self._density: Array | None = None
         self.static_pressure = 0.0
 
@@ -139,7 +132,10 @@ class PairStiffness:
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self.given is not None:
             self._warning.check(
-                bodies=bodies, density=density.min(axis=1), speed=np.maximum(-rate, 0)
+                self.given,
+                bodies=bodies,
+                density=density.min(axis=1),
+                speed=np.maximum(-rate, 0),
             )
             return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
