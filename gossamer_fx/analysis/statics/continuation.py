@@ -48,6 +48,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
+from gossamer_fx.analysis.statics.prestress import PrestressOfScene
 from gossamer_fx.analysis.statics.remedies import (
     PressedFilm,
     collapsing_pressures,
@@ -55,8 +56,9 @@ from gossamer_fx.analysis.statics.remedies import (
     remedies,
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
-from gossamer_fx.core.checks.errors import NoEquilibrium, NotConverged, check
+from gossamer_fx.core.checks.errors import Inadmissible, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
@@ -84,6 +86,9 @@ MAX_DELAY_STEPS = 16
 # the continuation has failed.
 MAX_STEP_RATIO = 1e9
 MIN_STEP_RATIO = 1e-6
+
+# Part of the way to the time that is asked for, below which obstacles do not move, but jump.
+MIN_WAY_RATIO = 1e-6
 
 # Tolerance of the equations of scalar unknowns and of constraints in a pseudo-step, and at the end.
 INNER_TOLERANCE = 1e-8
@@ -153,6 +158,8 @@ class Search:
     Attributes:
         options: how to look for them.
         newton: solver of the pseudo-steps.
+        prestress: of the parts that have one.
+        reached: time [s] of the loads and prescribed positions of the present state.
         iterations, steps, cuts: Newton iterations, pseudo-steps and failed ones of the last search.
     """
 
@@ -161,6 +168,7 @@ class Search:
         self.comm = system.comm
         self.options = options
         self.newton = Newton(system, Tolerances(), direct=True)
+        self.prestress = PrestressOfScene(system)
         numbering = system.numbering
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
         self._residual = numbering.vector()
@@ -169,6 +177,8 @@ class Search:
         self._resists_compression = any(
             isinstance(term, StoredEnergy) and term.pulling for term in system.terms
         )
+        self.reached = system.time
+        self._way = 0.0  # longest time [s] by which a pseudo-step moves obstacles at once
         self.iterations = 0
         self.steps = 0
         self.cuts = 0
@@ -187,6 +197,7 @@ class Search:
         self.iterations = 0
         self.steps = 0
         self.cuts = 0
+        self._way = abs(at - self.reached)
         self.system.q0.copy(self._start)
         if self.system.active_sets:
             self._announce_load(at)
@@ -214,7 +225,12 @@ class Search:
         pseudo_time = 0.0
         reason = "none"
         tension_only = _TensionOnly(self._resists_compression)
-        while residual > max(options.tolerance, min(round_off, MAX_ROUND_OFF)):
+        is_stiffened = False
+        while (
+            is_stiffened
+            or self.reached != at
+            or residual > max(options.tolerance, min(round_off, MAX_ROUND_OFF))
+        ):
             self.newton.geometric_stiffness_delay = 0
             if tension_only.is_active:
                 self.newton.geometric_stiffness_delay = ALL_TANGENTS
@@ -232,6 +248,8 @@ class Search:
                 self._check_displacement()
                 residual, load = self.unbalanced()
                 round_off = self.newton.round_off / load
+                stiffened = [active_set.stiffen() for active_set in self.system.active_sets]
+                is_stiffened = any(stiffened)
                 # A pseudo-step need not be solved better than the equilibrium; half, for safety.
                 tolerances = replace(tolerances, absolute=options.tolerance * load / 2)
                 is_very_fast = used <= options.fast_iterations // 3
@@ -258,10 +276,19 @@ class Search:
             if is_exhausted or h < MIN_STEP_RATIO * options.first_step:
                 raise NoEquilibrium(
                     f"No equilibrium after {self.iterations} Newton iterations in {self.steps} "
-                    f"pseudo-steps: the unbalanced force is {residual:.1e} of the load, "
-                    f"pseudo-step {h:.1e} s, largest in {self.system.locate(self._residual)}; last "
-                    f"failure: {reason}.{remedies(self.system, self.chambers, self._pressed_films)}"
+                    f"pseudo-steps: {self._unbalanced_words(residual)}, "
+                    f"pseudo-step {h:.1e} s; last failure: {reason}."
+                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
+
+    def _unbalanced_words(self, residual: float) -> str:
+        """How far the search has come, from the residual over the load.  Collective."""
+        if math.isinf(residual):
+            return "no pseudo-step converged"
+        return (
+            f"the unbalanced force is {residual:.1e} of the load, "
+            f"largest in {self.system.locate(self._residual)}"
+        )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
         """End the search if a signal has come, with the state of the last pseudo-step in the
@@ -271,28 +298,27 @@ class Search:
             return
         self._progress.close()
         interrupted = Interrupted(number)
+        unbalanced = self._unbalanced_words(residual)
         if self.comm.rank == 0:
             LOG.warning(
                 "The search for an equilibrium was stopped by %s after %d Newton iterations "
-                "in %d pseudo-steps, with %.1e of the load unbalanced; "
-                "the system has the state of the last pseudo-step.",
+                "in %d pseudo-steps: %s; the system has the state of the last pseudo-step.",
                 interrupted.signal.name,
                 self.iterations,
                 self.steps,
-                residual,
+                unbalanced,
             )
         raise interrupted
 
     def step(self, h: float, at: float, tolerances: Tolerances) -> int:
         """Make one pseudo-step (1) of length h [s], infinite for no inertia, under the loads of
-        time `at` [s]; return the number of Newton iterations.  If it fails the state of the system
-        is unchanged."""
+        time `at` [s], or of one on the way there; return the number of Newton iterations.  If it
+        fails the state of the system is unchanged."""
         system = self.system
         # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they
         # do not count.
         duration = h if math.isfinite(h) else self.options.first_step / MIN_STEP_RATIO
-        system.time = at - duration
-        y = system.begin_step(duration)
+        time, y = self._begin_step(duration, at)
         system.set_inertia(1 / h**2)
         self.newton.tolerances = tolerances
         self.steps += 1
@@ -303,11 +329,30 @@ class Search:
             raise
         finally:
             self.iterations += self.newton.iterations
-            system.time = at
+            system.time = time
         # The next pseudo-step starts from rest, too.
         system.commit(self._zero)
-        system.time = at
+        system.time = time
+        self.reached = time
+        self._way *= 2
         return used
+
+    def _begin_step(self, duration: float, at: float) -> tuple[float, Array]:
+        """Begin a pseudo-step at the latest time [s] on the way to `at` to which obstacles can move
+        while bodies stay where they are.  Returns this time and the first guess of the scalar
+        unknowns."""
+        remaining = at - self.reached
+        while True:
+            time = at
+            if self._way < abs(remaining):
+                time = self.reached + math.copysign(self._way, remaining)
+            self.system.time = time - duration
+            try:
+                return time, self.system.begin_step(duration)
+            except Inadmissible:
+                self._way = abs(time - self.reached) / 2
+                if self._way < MIN_WAY_RATIO * abs(remaining):
+                    raise
 
     def unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the external force, and the external force [N].  A thousand
@@ -350,11 +395,11 @@ class Search:
                 LOG.warning("%s", pressure.words)
 
     def _announce_load(self, at: float) -> None:
-        """Tell contact the norm of the loads of time `at` [s], which it may have to carry."""
+        """Tell contact what it may have to carry: loads of time `at` [s], and prestress."""
         system = self.system
         duration = self.options.first_step
         system.time = at - duration
-        y = system.begin_step(duration)
+        y = system.begin_without_search(duration)
         system.time = at
         system.set_inertia(0.0)
         system.set_end(system.q0)
@@ -365,7 +410,7 @@ class Search:
             values[system.supports.held] = 0.0
         load, _ = system.imbalance(external)
         for active_set in system.active_sets:
-            active_set.set_static_load(load)
+            active_set.set_static_load(load, self.prestress.tensions())
 
     def _measure_scene(self) -> float:
         """Largest coordinate of the initial state [m]: the size of the scene and its distance from

@@ -9,7 +9,6 @@ from numbers import Real
 from typing import Any, Literal
 
 from gossamer_fx.analysis.statics.continuation import Continuation, Search
-from gossamer_fx.analysis.statics.prestress import PrestressOfScene
 from gossamer_fx.analysis.statics.result import (
     EquilibriumResult,
     assess,
@@ -85,7 +84,6 @@ class Equilibrium:
         for scalars in self.system.scalar_unknowns:
             scalars.set_static_process(gas)
         self._search = Search(self.system, search)
-        self._prestress = PrestressOfScene(self.system)
         self.axis = LOAD_PARAMETER
         self.step = 0
         self._all_iterations = 0  # of all searches
@@ -143,7 +141,7 @@ class Equilibrium:
             regular=is_regular,
             free=free,
             within_tolerance=is_within_tolerance,
-            prestress=self._prestress.reached(),
+            prestress=search.prestress.reached(),
         )
         self._all_iterations += self.result.iterations
         self._all_seconds += self.result.seconds
