@@ -209,7 +209,7 @@ class Equilibrium:
             rejected=result.cuts,
             seconds=self._all_seconds,
             compile_seconds=self.compile_seconds,
-            solver=self.newton.summary(),
+            solver=self._search.newton.summary(),
             caption=caption,
             details={
                 "result": {
