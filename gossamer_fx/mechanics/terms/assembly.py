@@ -27,7 +27,7 @@ forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
@@ -311,8 +311,13 @@ class ActiveSet(ABC):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length
         control)."""
 
-    def set_static_load(self, force: float) -> None:
-        """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
+    def set_static_load(self, force: float, tensions: Mapping[str, float]) -> None:
+        """Take what pairs may have to carry in an equilibrium: the norm [N] of all loads, and by
+        the names of bodies the tensions of films [N/m] and of cables and beams [N]."""
+
+    def stiffen(self) -> bool:
+        """Stiffen pairs of an equilibrium that are nearly closed; whether there were any."""
+        return False
 
     # A run tape records their active sets, so that a step is made again without a search.
 

@@ -300,7 +300,7 @@ class System:
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
-        return self._begin_without_search(h)
+        return self.begin_without_search(h)
 
     def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
         """Start a step of length h [s] with recorded active sets of this rank, one for each kind of
@@ -308,10 +308,11 @@ class System:
         self.h = h
         for kind, saved in zip(self.active_sets, active_sets, strict=True):
             kind.load_active_set(saved)
-        return self._begin_without_search(h)
+        return self.begin_without_search(h)
 
-    def _begin_without_search(self, h: float) -> Array:
-        """Start a step of length h [s] once the active sets are known."""
+    def begin_without_search(self, h: float) -> Array:
+        """Start a step of length h [s] with the present active sets."""
+        self.h = h
         t = self.time + self.rule.alpha * h
         for kind in self.compiled:
             kind.begin_step(t)
