@@ -59,6 +59,8 @@ def run_case(
             outputs.append(gx.plot.Picture(folder / f"{name}.png", times, title=case.title, **look))
     run = replace(case, stepper=stepper or case.stepper).simulation(outputs)
     run.run(until=case.until)
+    if output is not None and fractions and run.comm.rank == 0:
+        print(f"picture written to {Path(output) / name}.png")
     return run, series
 
 

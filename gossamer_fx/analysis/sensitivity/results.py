@@ -40,6 +40,7 @@ class Derivative:
     function: fem.Function | None
     comm: MPI.Intracomm | None = None
 
+    @check_arguments
     def along(self, change: Array | float) -> float:
         """The change of the result over all ranks, to first order, for a change of the parameter:
         of the entries of `values`, or of all of them alike."""

@@ -92,6 +92,7 @@ class Case:
             f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
         )
 
+    @check_arguments
     def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
         """The output that writes the folder of the run: ledger, probes and fields at `frames`
         times.
@@ -114,6 +115,7 @@ class Case:
             overwrite=overwrite,
         )
 
+    @check_arguments
     def simulation(
         self,
         outputs: Sequence[Output] = (),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -60,6 +61,7 @@ def main(words: Sequence[str]) -> int:
 
         return validate(words[1:])
     wanted = _parser().parse_args(_with_values(words))
+    wanted.words = list(words)
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
 
@@ -102,6 +104,9 @@ def main(words: Sequence[str]) -> int:
             print(f"gossamer: {error}", file=sys.stderr, flush=True)
         # Scripts can tell wrong input from a computation that failed.
         return 2 if isinstance(error, InputError) else 1
+    # Ctrl-C before or after the steps of a run, which end by themselves.
+    except KeyboardInterrupt:
+        end_program(comm, "stopped by Ctrl-C; nothing is left to go on from.", 130)
     # These may happen on one rank only, so that the program is ended on all of them.
     except (MemoryError, OSError) as error:
         if wanted.debug:
@@ -320,7 +325,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(word: str) -> int:
     """A positive whole number from a word of the command line."""
-    if not word.isdigit() or int(word) < 1:
+    if not word.isdecimal() or int(word) < 1:
         raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
 
@@ -340,6 +345,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         OutputFailure: a file could not be written.
     """
     from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.interruption import Interrupted
     from gossamer_fx.records.outputs.output import Output
     from gossamer_fx.records.outputs.progress import Progress
     from gossamer_fx.records.run.checkpoint import Checkpoints
@@ -372,13 +378,20 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     elif wanted.restart:
         restart = (
             saves / f"step-{int(wanted.restart):08d}"
-            if wanted.restart.isdigit()
+            if wanted.restart.isdecimal()
             else Path(wanted.restart)
         )
     run = case.simulation(
         outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name]
     )
-    run.run(until=case.until)
+    try:
+        run.run(until=case.until)
+    except Interrupted:
+        if comm.rank == 0:
+            given = [word for word in wanted.words if word not in ("--restart", "--overwrite")]
+            command = shlex.join(["./gossamer", *given, "--restart"])
+            print(f"gossamer: go on with: {command}", file=sys.stderr, flush=True)
+        raise
     if comm.rank == 0 and not wanted.quiet:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")
 

@@ -13,6 +13,7 @@ from gossamer_fx.analysis.cases.results import Result, results_as_csv, value_tex
 from gossamer_fx.analysis.cases.shared_runs import SharedRuns
 from gossamer_fx.app.sweep.robust_design import RobustDesign
 from gossamer_fx.core.checks.errors import on_rank_zero
+from gossamer_fx.records.outputs.output import make_parent, replace_file
 
 # Sizes of the picture [inch]: of a panel, and of the margins for labels.
 PANEL_WIDTH = 1.5
@@ -43,14 +44,16 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     Raises:
         InputError: the folder cannot be written, or the outcome refuses values.
     """
+    # A table that cannot be written is refused before the runs.
+    make_parent(comm, folder / "runs.csv", file=True)
     runs = SharedRuns(comm, folder / "runs", design.outcome)
     results = runs.results(design.cases())
     confirmed = runs.results(design.confirmations(results))
     text = tables(design, results, confirmed)
 
     def write() -> None:
-        (folder / "runs.csv").write_text(results_as_csv(results + confirmed))
-        (folder / "sweep.md").write_text(text)
+        replace_file(folder / "runs.csv", results_as_csv(results + confirmed))
+        replace_file(folder / "sweep.md", text)
         draw(design, results, folder / "main_effects.png")
 
     on_rank_zero(comm, write)

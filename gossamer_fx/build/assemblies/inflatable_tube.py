@@ -267,6 +267,7 @@ class InflatableTube:
             name=f"{self.name} contact",
         )
 
+    @check_arguments
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
         """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
         is a number or a function of time [s]."""
@@ -278,6 +279,7 @@ class InflatableTube:
             name=f"{self.name} inlet",
         )
 
+    @check_arguments
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
         """The hole from the last compartment to the surroundings, with an opening [m²] that is a
         number or a function of time [s]."""

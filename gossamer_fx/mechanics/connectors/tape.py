@@ -77,6 +77,7 @@ class Tape:
     name: str = "tape"
 
     @staticmethod
+    @check_arguments
     def along_edges(
         body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
@@ -126,6 +127,7 @@ class Tape:
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
+    @check_arguments
     def through(
         body: Membrane,
         law: BarLaw,

@@ -241,6 +241,7 @@ class SolarHeating:
     def terms(self, start: State) -> Iterable[Term]:
         yield HeatedFilm(self.name, self)
 
+    @check_arguments
     def balance(self, run: HasSystem) -> HeatBalance:
         """The heat balance of a run in its present state.  Collective."""
         check(

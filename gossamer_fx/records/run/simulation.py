@@ -23,7 +23,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,6 +60,8 @@ _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 
 # A time is met if it differs by less than this fraction of a step.
 _SAME_TIME = 1e-9
+# Most steps of equal length of a run: years, at a millisecond for each.
+MAX_STEPS = 1e11
 
 
 @check_arguments
@@ -172,6 +173,8 @@ class Simulation:
         if restart is not None or checkpoints is not None:
             self._description = self.describe()
         self._locks = self._lock_files()
+        self._control = control
+        self._running = False
         try:
             cursors: list[tuple[str, dict[str, Any]]] = []
             if restart is not None:
@@ -336,6 +339,7 @@ class Simulation:
             found |= scalars.states()
         return found
 
+    @check_arguments
     def chamber(self, name: str) -> ChamberState:
         """State of the gas in a chamber or tank.
 
@@ -358,6 +362,7 @@ class Simulation:
 
     # ---- running ---------------------------------------------------------------------------------
 
+    @check_arguments
     def run(self, until: float) -> None:
         """Advance to a time; may be called again with a later one.
 
@@ -376,12 +381,18 @@ class Simulation:
             Interrupted: a signal came.
         """
         check(
-            isinstance(until, Real) and not isinstance(until, bool) and math.isfinite(until),
-            f"until is {until!r}; give the end time in seconds.",
-        )
-        check(
             until >= self.time,
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
+        )
+        check(
+            not self._running,
+            f"run: the run is at t = {self.time:.9g} s and goes on; an event cannot run it.",
+        )
+        steps = (until - self.time) / self.stepper.dt
+        check(
+            self._control is not None or steps <= MAX_STEPS,
+            f"until is {until!r} s, {steps:.2g} steps of {self.stepper.dt:g} s away; give a larger "
+            f"dt, or an earlier end, for {MAX_STEPS:g} steps at most.",
         )
         until = float(until)
         self.until = until
@@ -389,6 +400,8 @@ class Simulation:
             self._locks.acquire()
             self._locks.running = True
         with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+            self._running = True
+            at_the_end.callback(setattr, self, "_running", False)
             # Callbacks are called in reverse order: files are closed before they are released.
             at_the_end.callback(self._release)
             for output in self.outputs:

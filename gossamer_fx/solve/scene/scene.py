@@ -178,6 +178,10 @@ class Scene:
         check(bool(self.items), "The scene is empty; give it a body or a chamber.")
         # Outputs, checkpoints and the ledger find items by their names.
         names = [item.name for item in self.items]
+        check(
+            all(name.strip() for name in names),
+            "A part of the scene has a name without letters; give it another one by name=....",
+        )
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
@@ -250,6 +254,7 @@ class Scene:
                 f"{self.comm.size}; make all bodies of a scene with the same comm.",
             )
 
+    @check_arguments
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms for a stress rule, by default the path average,
         which conserves energy, and take the initial state.  Collective."""
