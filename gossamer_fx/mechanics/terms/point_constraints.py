@@ -379,10 +379,12 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         if n > MAX_CHECKED_CONSTRAINTS:
             return
         repeated = self._repeated(free, q0)
+        extents, _ = self._largest_unknowns()
         mine: list[tuple[int, Array, Array]] = []
         for k, at, q, mask in self._at_start(free, q0):
-            # Gradient (n, m, D) of the constraints by free unknowns.
-            De = at.gradient(q) * mask[:, None, :]
+            # Gradient (n, m, D) of the constraints by free unknowns, each over its size, so that
+            # the unit of length does not matter where positions and directors meet.
+            De = at.gradient(q) * (mask * extents[k])[:, None, :]
             for i in range(at.n):
                 for j in range(at.m):
                     is_repeated = self._local[k][i, j] in repeated
