@@ -152,6 +152,12 @@ class State:
         """The state of the body with this name, if there is one."""
         return next((one for one in self if one.body.name == name), None)
 
+    def extent(self) -> float:
+        """The largest coordinate of a point of a body [m], 1 if all are zero: the round-off of
+        positions is a fraction of it.  Collective."""
+        largest = max((float(abs(one.positions()).max(initial=0.0)) for one in self), default=0.0)
+        return float(self.comm.allreduce(largest, op=MPI.MAX)) or 1.0
+
     def vector(self, port: Attached) -> Array:
         """The vector (3,) of a port: a point [m] or a director.  Collective, the same on every
         rank."""

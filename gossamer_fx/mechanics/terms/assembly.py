@@ -241,9 +241,12 @@ class Multipliers(ABC):
 
     Attributes:
         owned: the multipliers in this rank's part of a vector.
+        sizes: of their measures in the scene, in the same order and the units of the measures:
+            what is small against them is round-off.
     """
 
     owned: slice
+    sizes: Array
 
     # A class method: the numbering must know all blocks before any kind is compiled.
     @classmethod

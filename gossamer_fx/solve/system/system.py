@@ -182,6 +182,7 @@ class System:
         `InputError` if a constraint does not hold in it, or follows from others.  Collective."""
         self.initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
+        self.supports.check_agreement(self.q0, self.time)
         if self.constraints:
             free = self.numbering.vector()
             free.set(1.0)
@@ -596,15 +597,16 @@ class System:
         return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
-        """Norm of the forces in a residual [N], and the largest violation of a constraint, in the
-        unit of the constraint, the same on every rank.  Collective."""
+        """Norm of the forces in a residual [N], and the largest violation of a constraint, over its
+        size in the scene, the same on every rank.  Collective."""
         if self.constraints is None:
             return float(r.norm()), 0.0
         values = r.array_r
         multipliers = self.constraints.owned
         forces = values[: multipliers.start]
         squares = float(forces @ forces)
-        worst = float(np.abs(values[multipliers]).max(initial=0.0))
+        violations = np.abs(values[multipliers]) / self.constraints.sizes
+        worst = float(violations.max(initial=0.0))
         if self.comm.size > 1:
             squares = self.comm.allreduce(squares)
             worst = self.comm.allreduce(worst, op=MPI.MAX)

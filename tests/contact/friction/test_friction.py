@@ -229,33 +229,6 @@ def _spin(run, ball) -> float:
     return run.comm.allreduce(float(np.cross(d, rate)[..., 1].sum() / 2))
 
 
-def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
-    def scene():
-        lower = film(MPI.COMM_SELF, 2, name="lower")
-        upper = film(
-            MPI.COMM_SELF,
-            2,
-            height=1.2e-3,
-            velocity=(1.0, 0.4, -2.0),
-            turn=0.4,
-            name="upper",
-        )
-        return [gx.Contact(lower, upper, distance=1e-3, friction=0.3)]
-
-    through = simulate(scene(), 8e-4)
-    simulate(
-        scene(),
-        4e-4,
-        checkpoints=gx.Checkpoints(tmp_path / "saved", every=None),
-    )
-    again = simulate(scene(), 8e-4, restart=tmp_path / "saved")
-    assert through.totals.dissipated > 0
-    # Friction depends on the history of slip, which the checkpoint holds in full precision.
-    assert again.totals.dissipated == pytest.approx(through.totals.dissipated, rel=1e-9)
-    error = np.abs(again.system.q0.array_r - through.system.q0.array_r).max()
-    assert error < 1e-12
-
-
 def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
     lower = film(MPI.COMM_SELF, 3, name="lower")
     upper = film(
