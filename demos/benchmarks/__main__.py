@@ -20,9 +20,8 @@ import sys
 from pathlib import Path
 
 from bench import PAGE, page_part, ratios, solve_errors, turns
-from error_problems import ERROR_PROBLEMS
 from mpi4py import MPI
-from problems import PROBLEMS
+from problems import ERROR_PROBLEMS, PROBLEMS
 from scaling_model import predict
 
 from gossamer_fx.analysis.cases.case_set import run_cases, verdict

@@ -190,7 +190,7 @@ def test_what_is_not_as_declared_makes_the_command_fail(monkeypatch):
 
     problem = Problem(
         title="a problem",
-        cost=lambda figures: figures["cpu"],
+        cost=["cpu"],
         unit="s",
         cases={"small": {"gossamer": {}, "kratos": {}}},
         quick={},
