@@ -24,7 +24,6 @@ MODULES = {
     "profile": "newton_times",
     "gradient": "gradient_cost",
     "contact_cost": "contact_cost",
-    "parts": "iteration_parts",
 }
 
 

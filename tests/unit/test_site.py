@@ -156,7 +156,7 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
             )
             assert set(rest[1:]) <= {"--quick", "--fresh"}, told
         elif command == "bench":
-            assert rest[0] in {"errors", "all", "model"} | BENCHMARKS, told
+            assert rest[0] in {"errors", "all"} | BENCHMARKS, told
         elif command in {"run", "plot", "report", "export"}:
             parsed = _parser().parse_args(words)
             if command == "run" and parsed.scene.parts[0] == "demos":
