@@ -137,10 +137,8 @@ STUDY = Study(
     ),
     quick={"sides": [16, 32]},
     columns=(
-        "M(½κ_w)/exact",
-        *(f"θ0({ratio:g}κ_w)/exact" for ratio in BENT),
-        "iterations",
-        "residual",
-        "seconds",
+        "M(½κ_w)/exact, "
+        + "".join(f"θ0({ratio:g}κ_w)/exact, " for ratio in BENT)
+        + "iterations, residual, seconds"
     ),
 )

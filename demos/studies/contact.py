@@ -578,7 +578,7 @@ STUDY = Study(
     shows=("iterations", "energy_error"),
     limits={"energy_error": 1e-8},
     expected_warnings=TOO_SOFT,
-    columns=("iterations", "substeps", "energy_error", "momentum_error", "deviation", "seconds"),
+    columns="iterations, substeps, energy_error, momentum_error, deviation, seconds",
     may_fail=True,
     draw=draw,
 )

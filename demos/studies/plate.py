@@ -457,5 +457,5 @@ STUDY = Study(
     ),
     quick={"scene": ["elastica t/L 1e-03", "curl 2", "pressed 2"], "cells": [4, 8]},
     expected_warnings=ROUND_OFF | WITHOUT_UNITS,
-    columns=("value", "error", "iterations", "seconds"),
+    columns="value, error, iterations, seconds",
 )

@@ -199,5 +199,5 @@ STUDY = Study(
         Measure("plateau/(1+ν)Dα", 1.0, 0.05, quick_tolerance=0.3),
     ),
     quick={"cells": [4]},
-    columns=("peak [N m]", "iterations", "seconds"),
+    columns="peak [N m], iterations, seconds",
 )
