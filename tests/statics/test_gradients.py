@@ -17,6 +17,7 @@ from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 from gossamer_fx.meshes.tube_section import cylinder
+from tests.small_scenes import at_rest
 
 SIDE = 0.5  # m
 WRINKLING = gx.Miyazaki(
@@ -362,8 +363,7 @@ def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     t = LINEAR.thickness
     stretch = 1e-3
     film, held = square(comm, LINEAR, stretched)
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held)
     found = gx.analysis.gradient(
         equilibrium,
         of=gx.analysis.Energy(),
@@ -413,8 +413,7 @@ def test_frequencies_of_a_wrinkled_sheet_agree_with_differences(comm):
         cells=4,
         properties={"thickness": lambda x: np.full(x.shape[1], 25e-6)},
     )
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held), gx.analysis.Continuation(tolerance=1e-12))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held, search=gx.analysis.Continuation(tolerance=1e-12))
     names = ["film.thickness", "film.E", "film.density", "film.shape"]
     modes = [gx.analysis.Frequency(equilibrium, number=k) for k in (0, 3)]
     check_against_differences(equilibrium, names, modes, CHANGES[1:])
@@ -422,8 +421,7 @@ def test_frequencies_of_a_wrinkled_sheet_agree_with_differences(comm):
 
 def test_a_frequency_that_two_modes_share_is_refused(comm):
     film, held = square(comm, LINEAR, stretched, cells=4)
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held)
     with pytest.raises(gx.InputError, match="modes 1 and 2 have the same frequency"):
         gx.analysis.gradient(
             equilibrium,
@@ -555,8 +553,7 @@ REFUSED: dict[str, tuple[Callable[[gx.Membrane], list], list[str], str]] = {
 def test_what_has_no_gradient_is_refused_by_name(comm, what):
     more, names, words = REFUSED[what]
     film, held = square(comm, LINEAR, stretched)
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held, *more(film)))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held, *more(film))
     with pytest.raises(gx.InputError, match=words):
         gx.analysis.gradient(
             equilibrium,
@@ -594,8 +591,7 @@ def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     contact = gx.Contact(film, floor, distance=distance, stiffness=stiffness, law=law)
     # Nothing but contact holds the height.
     held = [gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES]
-    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(film), *held))
-    equilibrium.find()
+    equilibrium = at_rest(contact, gx.Gravity(film), *held)
     height = gx.analysis.Integral(film, lambda q: q[2] / 0.01 * film.dx, unit="m")
     found = gx.analysis.gradient(
         equilibrium, of=height, by=["film.thickness", "film.density", "gravity of film.g"]
