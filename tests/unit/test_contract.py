@@ -23,6 +23,7 @@ from gossamer_fx.extend import (
     State,
     Term,
 )
+from tests.small_scenes import run_until
 
 FACETS = (Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
 
@@ -80,8 +81,7 @@ def swing(*items: object) -> gx.Simulation:
     spring = gx.connectors.Spring(
         ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=50.0, length=0.2
     )
-    run = gx.Simulation(gx.Scene(ball, spring, *items), gx.Midpoint(dt=0.01))
-    run.run(until=0.1)
+    run = run_until(0.1, ball, spring, *items, dt=0.01)
     return run
 
 

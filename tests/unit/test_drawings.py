@@ -123,7 +123,10 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
     refused(
         drawing(tmp_path / "panel.dxf", named_film), "two groups 'film'.* the group of all panels"
     )
-    refused(drawing(tmp_path / "layer.dxf", layer_film), "two groups 'film'; give each panel and layer its own")
+    refused(
+        drawing(tmp_path / "layer.dxf", layer_film),
+        "two groups 'film'; give each panel and layer its own",
+    )
     refused(drawing(tmp_path / "empty.dxf", lambda model: None), "has no lines, arcs or splines")
     refused(tmp_path / "none.dxf", "There is no drawing")
     no_unit = drawing(tmp_path / "unit.dxf", gap, unit=0)
