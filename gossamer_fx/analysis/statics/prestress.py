@@ -28,6 +28,7 @@ from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.axial_force import tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -229,10 +230,9 @@ def _asked(body: Any) -> Any:
 def _reached(shape: BodyShape) -> Expr:
     """The stress [Pa] of a film (3,) or tension [N] of a line (1,) in the accepted state."""
     body = shape.body
-    e = shape.elastic_strain()
     if isinstance(body, Membrane):
-        return _film_stress(body, e)
-    return ufl.as_vector([body.axial_force(shape.q, e)])
+        return _film_stress(body, shape.elastic_strain())
+    return ufl.as_vector([tension(shape)])
 
 
 def _film_stress(film: Any, e: Expr) -> Expr:
