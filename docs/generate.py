@@ -61,7 +61,7 @@ ROOMS = {
     "outputs": "Outputs",
     "run": "Runs: simulation, events, checkpoints",
     "plot": "Pictures",
-    "sweep": "Robust design",
+    "sweep": "Sweeps",
     "cli": "Cases",
     "solvers": "Solvers",
     "model": "Ports",
