@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import asdict
-from numbers import Real
 from typing import Any, Literal
 
 from gossamer_fx.analysis.statics.continuation import Continuation, Search
@@ -93,6 +91,7 @@ class Equilibrium:
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
+    @check_arguments
     def find(self, at: float = 0.0, *, progress: bool = True) -> EquilibriumResult:
         """Find the equilibrium under the loads and prescribed positions of a time, from the present
         state.
@@ -113,10 +112,6 @@ class Equilibrium:
             Interrupted: a signal came; the system has the state of the last pseudo-step.
         """
         started = time.process_time()
-        check(
-            isinstance(at, Real) and math.isfinite(at),
-            f"find: at is {at!r}; give a time in seconds.",
-        )
         self.step += 1
         self.result = None
         search = self._search
@@ -152,6 +147,7 @@ class Equilibrium:
 
     # ---- the result ------------------------------------------------------------------------------
 
+    @check_arguments
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
@@ -161,6 +157,7 @@ class Equilibrium:
         self.need("reaction")
         return support_force(self.system, support, about)
 
+    @check_arguments
     def joint_force(
         self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
@@ -231,6 +228,7 @@ class Equilibrium:
         """States of the gas chambers and tanks by name."""
         return self._search.chambers
 
+    @check_arguments
     def chamber(self, name: str) -> Any:
         """State of the gas in one chamber or tank, see `gas.contract.ChamberState`."""
         chambers = self.chambers

@@ -28,6 +28,7 @@ from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.axial_force import tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -103,7 +104,7 @@ class ReachedPrestress:
 
 
 class PrestressOfScene:
-    """Compares the prestress of all parts of a scene with the accepted state."""
+    """Compares the prestress of all items of a scene with the accepted state."""
 
     def __init__(self, system: System) -> None:
         """Compile the comparison for each part with prestress; none for other parts.
@@ -192,7 +193,7 @@ class _PrestressOfPart:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the parts that have lost more than a tenth of their prestress; else empty."""
+    """A warning of the items that have lost more than a tenth of their prestress; else empty."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""
@@ -229,10 +230,9 @@ def _asked(body: Any) -> Any:
 def _reached(shape: BodyShape) -> Expr:
     """The stress [Pa] of a film (3,) or tension [N] of a line (1,) in the accepted state."""
     body = shape.body
-    e = shape.elastic_strain()
     if isinstance(body, Membrane):
-        return _film_stress(body, e)
-    return ufl.as_vector([body.axial_force(shape.q, e)])
+        return _film_stress(body, shape.elastic_strain())
+    return ufl.as_vector([tension(shape)])
 
 
 def _film_stress(film: Any, e: Expr) -> Expr:

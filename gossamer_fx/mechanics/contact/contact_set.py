@@ -75,8 +75,8 @@ MAX_DEVIATION = 0.25
 # activation distance.
 MIN_STATIC_WAY = 0.05
 
-# Scaled distance beyond the range of a pair up to which a tape records it, against the round-off of
-# points that are placed again.
+# Scaled distance beyond the range of a pair up to which a run tape records it, against the
+# round-off of points that are placed again.
 SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.
@@ -128,6 +128,7 @@ class ContactSet:
         self._energy = 0.0
         self._restored = history.restored
         self._accepted_pairs: ActivePairs | None = None
+        self._pairs_restored = history.restored
         # Of the present step: its times [s], velocities (m, 3) [m/s], which candidates are active,
         # distances of all candidates at x0, and at both ends as last solved for.
         self._start_time = 0.0
@@ -136,7 +137,7 @@ class ContactSet:
         self._active: MaskArray = np.zeros(0, dtype=bool)
         self._start: PairDistances | None = None
         self._solved: StepDistances | None = None
-        # Whether the pairs of the step are those of a tape, which are complete.
+        # Whether the pairs of the step are those of a run tape, which are complete.
         self._is_recorded = False
 
     @property
@@ -186,6 +187,7 @@ class ContactSet:
             has_energy = scaled < 1
             history.keep(pairs.identifier[has_energy], pairs.stiffness[has_energy])
         self._accepted_pairs = pairs
+        self._pairs_restored = history.restored
         # In statics the residual of the accepted state is asked for, too: whether it is in
         # equilibrium.
         if not self._is_static:
@@ -281,6 +283,15 @@ class ContactSet:
         """Return this rank's pairs that have energy at q0; after `stored_energy`."""
         pairs = self._activated(np.isin(self.candidates.identifier, self.history.identifier))
         _, pairs.stiffness = self.history.stiffness_of(pairs.identifier)
+        return pairs
+
+    def pairs_of_last_step(self) -> ActivePairs | None:
+        """Return this rank's pairs in the step that led to the accepted state; after
+        `stored_energy`.  None if that is not known, as of a state that was restored, and in
+        statics."""
+        pairs = self._accepted_pairs
+        if self._is_static or self._pairs_restored != self.history.restored:
+            return None
         return pairs
 
     # ---- the active set of a step ----
