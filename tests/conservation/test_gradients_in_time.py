@@ -228,6 +228,27 @@ def yielding(comm):
     return gx.Scene(crease), 2e-4, 20
 
 
+def bent(comm):
+    """A thick arc that its spin opens, and a rope that is linear in its stretch, at its end."""
+    spin = np.array([2.0, 8.0, 5.0])
+
+    def turning(X):
+        return np.cross(spin, X.T).T
+
+    angles = np.linspace(0, np.pi / 2, 5)
+    arc = np.column_stack([np.sin(angles), 0 * angles, 1 - np.cos(angles)])
+    section = gx.sections.rectangle(0.2, 0.1, E=1e6, nu=0.3, density=1000.0)
+    beam = gx.Beam(line(comm, arc.tolist(), 1), section, normal=(0, 1, 0), velocity=turning)
+    rope = gx.Cable(
+        line(comm, [(1, 0, 1), (2, 0, 1)], 4),
+        gx.CableLaw(500.0, 0.5, strain="engineering"),
+        initial_tension=20.0,
+        velocity=lambda X: turning(X) + (X[0] - 1) * waves(X),
+        name="rope",
+    )
+    return gx.Scene(gx.constraints.BallJoint(beam.port("end"), rope.port("start"))), 5e-3, 20
+
+
 # Largest deviation of the carried gradient, over its largest entry.  A film that wrinkles amplifies
 # round-off wherever it changes its state.
 CONSERVING = {
@@ -238,6 +259,7 @@ CONSERVING = {
     touching: 1e-9,
     stopping: 1e-9,
     hinged: 1e-10,
+    bent: 1e-9,
     creased: 1e-9,
 }
 
@@ -471,6 +493,7 @@ PARAMETERS = {
     hinged: (
         "torsion spring.stiffness, torsion spring.rest_angle_change, cable.EA, a.velocity, a.spin"
     ),
+    bent: "rope.EA, rope.initial_tension, rope.initial_velocity",
     steered: "attitude control.stiffness, attitude control.damping, a.spin",
     sampled: "attitude control.stiffness, attitude control.damping, spring.length, a.spin",
     held_patch: "hold.stiffness, hold.damping",
@@ -675,6 +698,7 @@ PRODUCTS = [
     damped_in_tension,
     roped,
     hinged,
+    bent,
     sampled,
 ]
 
