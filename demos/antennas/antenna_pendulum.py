@@ -85,7 +85,7 @@ class FilmDeflection:
 
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
-        owned = system.state[self._film].part
+        owned = system.state[self._film].owned
         distance = system.numbering.vector()
         corners = system.state.vectors(self._corners)
         _, B, C, D = corners
