@@ -35,7 +35,7 @@ from demos.antennas.antenna_attitude import SIDE
 from demos.antennas.antenna_pendulum import build, rigid_angle
 from demos.benchmarks.contestants import run as run_peer
 from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
-from gossamer_fx.analysis.cases.results import Result, read_results, write_results
+from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
 from gossamer_fx.core.model.body import Array
 
 NAME = "antenna_reference"
@@ -50,7 +50,9 @@ FIGURES = {
 # The shell that the pictures show, of each program, and the finest one.
 SHELL = {"cells": 6, "elements": 12, "dt": 0.01, "shell": True}
 FINEST = {"cells": 9, "elements": 18, "dt": 0.01, "shell": True}
-REFERENCE = {"n": 6, "tied": 1, "dt": 0.01}
+REFERENCE = {"n": 6, "tied": 0, "dt": 0.01}
+# The same discretisation of the film in both programs.
+COARSE = {"n": 3, "tied": 1, "dt": 0.01}
 # Every run by its program and the words of its model.
 RUNS: Sequence[tuple[str, Mapping[str, Any]]] = (
     *((SELF, {"cells": n, "elements": m, "dt": 0.01, "order": 2}) for n, m in FIGURES.values()),
@@ -59,14 +61,14 @@ RUNS: Sequence[tuple[str, Mapping[str, Any]]] = (
     (SELF, SHELL),
     (SELF, {"cells": 6, "elements": 12, "dt": 0.005, "shell": True}),
     (SELF, FINEST),
-    ("ngsolve", {"n": 3, "tied": 1, "dt": 0.01}),
+    ("ngsolve", COARSE),
     ("ngsolve", {"n": 3, "tied": 0, "dt": 0.01}),
     ("ngsolve", REFERENCE),
-    ("ngsolve", {"n": 6, "tied": 0, "dt": 0.01}),
 )
 UNTIL = 2.0  # s
 # Interval of stored heights [s], and the time after which a peer has failed [s].
 EVERY = 0.02
+INSTANTS = EVERY * np.arange(round(UNTIL / EVERY) + 1)
 PEER_SECONDS = 7200.0
 
 
@@ -99,11 +101,10 @@ def computed(program: str, words: Mapping[str, Any]) -> Result:
     """One of the runs, at the stored instants, to a micrometre."""
     start = time.perf_counter()
     found = own_run(**words) if program == SELF else peer_run(program, **words)
-    instants = EVERY * np.arange(round(UNTIL / EVERY) + 1)
     numbers = {
         "cpu": round(found["cpu"], 1),
         "dofs": found["dofs"],
-        "tip": np.interp(instants, found["time"], found["tip"]).round(6).tolist(),
+        "tip": np.interp(INSTANTS, found["time"], found["tip"]).round(6).tolist(),
     }
     return Result({"program": program, **words}, numbers, round(time.perf_counter() - start, 1))
 
@@ -137,8 +138,7 @@ def differences(one: Array, other: Array) -> tuple[float, float, float]:
 def draw(results: Sequence[Result], path: Path) -> None:
     """One column for each figure of the paper: displacements of the tip, and their deviations from
     the rigid limit."""
-    instants = EVERY * np.arange(round(UNTIL / EVERY) + 1)
-    rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(instants))
+    rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(INSTANTS))
     figure = new_figure(12.0, 7.0)
     axes = figure.subplots(2, 3, sharex=True, sharey="row")
     for column, (number, (cells, elements)) in enumerate(FIGURES.items()):
@@ -151,8 +151,8 @@ def draw(results: Sequence[Result], path: Path) -> None:
             ("shell 6×6, NGSolve", tip(results, "ngsolve", REFERENCE), {"color": RED, "ls": "--"}),
         )
         for name, heights, style in curves:
-            axes[0, column].plot(instants, heights, label=name, **style)
-            axes[1, column].plot(instants, 1e3 * (heights - rigid), label=name, **style)
+            axes[0, column].plot(INSTANTS, heights, label=name, **style)
+            axes[1, column].plot(INSTANTS, 1e3 * (heights - rigid), label=name, **style)
         axes[0, column].set_title(f"as Fig. {number} of the paper", fontsize=10)
         finish(axes[0, column], "", "displacement of the tip [m]" if column == 0 else "")
         finish(
@@ -161,21 +161,38 @@ def draw(results: Sequence[Result], path: Path) -> None:
     save(figure, path)
 
 
-def print_table(results: Sequence[Result]) -> None:
-    """Each run beside the finest shell of this program."""
+def model_text(values: Mapping[str, Any]) -> str:
+    """One of the runs in words."""
+    if values["program"] != SELF:
+        strain = "the same strains" if values["tied"] else "strains of three points"
+        return f"shell in NGSolve, {values['n']}×{values['n']}, {strain}"
+    film = "shell" if values.get("shell") else "membrane"
+    cells = f"{values['cells']}×{values['cells']}-{values['elements']}"
+    return f"{film} {cells}, h = {values['dt']:g} s"
+
+
+def table(results: Sequence[Result]) -> str:
+    """Each run beside the finest shell of this program, as a table of Markdown."""
     finest = tip(results, SELF, FINEST)
-    print(
-        "run: at 1 s, 2 s [mm]; difference to the finest shell at 1 s, 2 s, largest [mm]; CPU [s]"
-    )
+    rows = [
+        (
+            "film",
+            "tip at 1 s, 2 s [mm]",
+            "from the finest shell at 1 s, 2 s; largest until 2 s [mm]",
+            "unknowns",
+            "CPU [s]",
+        )
+    ]
     for one in results:
         heights = np.array(one.numbers["tip"])
-        at = 1e3 * heights[[round(1 / EVERY), -1]]
-        apart = ", ".join(f"{d:.2f}" for d in differences(heights, finest))
-        words = " ".join(f"{name}={value}" for name, value in one.values.items())
-        print(f"{words}: {at[0]:.1f}, {at[1]:.1f}; {apart}; {one.numbers['cpu']:.0f}")
+        first, last = 1e3 * heights[[round(1 / EVERY), -1]]
+        apart = "{:.1f}, {:.1f}; {:.1f}".format(*differences(heights, finest))
+        numbers = (f"{one.numbers['dofs']:g}", f"{one.numbers['cpu']:.0f}")
+        rows.append((model_text(one.values), f"{first:.1f}, {last:.1f}", apart, *numbers))
+    return markdown_table(rows)
 
 
 if __name__ == "__main__":
     results = all_results()
     draw(results, Path("out") / NAME / f"{NAME}.png")
-    print_table(results)
+    print(table(results))
