@@ -221,7 +221,7 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
 
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
-    owned = run.system.state[body].part
+    owned = run.system.state[body].owned
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
