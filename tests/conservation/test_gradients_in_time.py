@@ -290,8 +290,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
             error = np.abs(derivative.values - exact[owned]).max(initial=0.0)
             assert error < CONSERVING[make] * largest, body.name
     work = comm.allreduce(work)
-    expected = float(momenta.dot(velocity))
-    assert work == pytest.approx(expected, rel=CONSERVING[make])
+    assert work == pytest.approx(float(momenta.dot(velocity)), rel=CONSERVING[make])
     # The backward pass leaves the run where it was.
     assert energy(run) == found.value
     assert np.array_equal(system.q0.array_r, tape.nodes[-1].q)

@@ -77,9 +77,8 @@ def test_twenty_steps(comm, scene, dt: float) -> None:
     # Twenty steps amplify round-off from 1e-16 to below 1e-8; later it grows on, as the slow test
     # prints.
     assert comm.allreduce(difference, op=MPI.MAX) < 1e-8
-    measured = runs[0].totals.energy
     # Energy is exact on both, whatever the positions do.
-    assert measured == pytest.approx(runs[1].totals.energy, rel=1e-10)
+    assert runs[0].totals.energy == pytest.approx(runs[1].totals.energy, rel=1e-10)
 
 
 @pytest.mark.mpi
@@ -102,5 +101,4 @@ def test_round_off_grows_but_the_ledger_closes(comm, scene, dt: float) -> None:
         if comm.rank == 0:
             print(f"after {step} steps positions differ by {difference:.1e} m")
     assert all(abs(run.energy_error) < 1e-10 for run in runs)
-    measured = runs[0].totals.energy
-    assert measured == pytest.approx(runs[1].totals.energy, rel=1e-9)
+    assert runs[0].totals.energy == pytest.approx(runs[1].totals.energy, rel=1e-9)

@@ -35,8 +35,7 @@ def test_cords_begin_to_unwind(comm) -> None:
     now = run.totals.angular_momentum
     error = np.abs(now - first).max()
     # Contact of cords on the hub is internal.
-    limit = 1e-11 * np.abs(first).max()
-    assert error < limit
+    assert error < 1e-11 * np.abs(first).max()
 
 
 @pytest.mark.slow
@@ -46,5 +45,4 @@ def test_the_hub_is_stopped(tmp_path) -> None:
     assert found["error_half"] < 0.004 and found["error_whole"] < 0.005
     assert found["energy_error"] < 1e-10 and found["angular_momentum_drift"] < 1e-11
     assert found["penetrations"] == 0 and found["rejected"] == 0
-    measured = (tmp_path / "yo_yo.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (tmp_path / "yo_yo.png").read_bytes()[1:4] == b"PNG"

@@ -26,8 +26,7 @@ def test_pairs_of_levels_are_equally_frequent(name):
     table = orthogonal_array(name)
     expected = (int(name[1:]), len(LEVELS[name]))
     assert table.shape == expected
-    measured = (table.max(axis=0) + 1).tolist()
-    assert measured == LEVELS[name]
+    assert (table.max(axis=0) + 1).tolist() == LEVELS[name]
     for i, j in combinations(range(table.shape[1]), 2):
         counts = np.zeros((LEVELS[name][i], LEVELS[name][j]), dtype=int)
         np.add.at(counts, (table[:, i], table[:, j]), 1)

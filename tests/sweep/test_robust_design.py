@@ -45,8 +45,7 @@ def design(**changes):
     ],
 )
 def test_ratios_are_those_of_the_definitions(goal, y, expected):
-    measured = signal_to_noise(goal, np.array(y))
-    assert measured == pytest.approx(expected, abs=1e-12)
+    assert signal_to_noise(goal, np.array(y)) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -81,13 +80,9 @@ def test_effects_that_add_up_are_found_and_failures_are_told(comm, tmp_path):
     assert np.allclose(np.diff(gentle.effects(results, "y")["b"]), -1.0)
     shares = gentle.shares(results, "y")
     assert sum(shares.values()) == pytest.approx(1.0) and shares["a"] > shares["b"]
-    measured = gentle.best(results, "y")
-    expected = {"a": 1, "b": 1.0}
-    assert measured == expected
-    expected = {"a": 1, "b": 2.0}
-    assert gentle.before() == expected
-    measured = gentle.predicted(results, "y", {"a": 2, "b": 4.0})
-    assert measured == pytest.approx(-8.0)
+    assert gentle.best(results, "y") == {"a": 1, "b": 1.0}
+    assert gentle.before() == {"a": 1, "b": 2.0}
+    assert gentle.predicted(results, "y", {"a": 2, "b": 4.0}) == pytest.approx(-8.0)
 
 
 @pytest.mark.mpi
@@ -113,10 +108,8 @@ def test_a_design_is_run_reported_and_not_run_again(comm, tmp_path):
     again = run_design(one, comm, folder)
     assert again == text and len(made) <= 40
     if comm.rank == 0:
-        measured = (folder / "main_effects.png").stat().st_size
-        assert measured > 1000
-        measured = len((folder / "runs.csv").read_text().splitlines())
-        assert measured == 41
+        assert (folder / "main_effects.png").stat().st_size > 1000
+        assert len((folder / "runs.csv").read_text().splitlines()) == 41
     damaged = SharedRuns(comm, folder / "runs", outcome)
     if comm.rank == 0:
         damaged.result_file(one.cases()[0]).write_text("{")
