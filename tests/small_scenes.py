@@ -39,3 +39,16 @@ def run_until(until: float, *items: Any, dt: float, **options: Any) -> gx.Simula
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
     run.run(until=until)
     return run
+
+
+def momentum_changes(run: gx.Simulation) -> tuple[float, float]:
+    """Largest changes of momentum [kg m/s] and angular momentum [kg m²/s] since the start."""
+    linear = run.totals.momentum - run.first.momentum
+    angular = run.totals.angular_momentum - run.first.angular_momentum
+    return float(np.abs(linear).max()), float(np.abs(angular).max())
+
+
+def spin_drift(run: gx.Simulation) -> float:
+    """Largest change of the angular momentum over its largest component at the start."""
+    _, angular = momentum_changes(run)
+    return angular / float(np.abs(run.first.angular_momentum).max())
