@@ -3,6 +3,7 @@ asked."""
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 
@@ -218,6 +219,25 @@ def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
     assert len(lines) == 1
     for words in ("870 unknowns", "residual 3.2e-02 of 1e-08", "iteration 70 of at most 1000"):
         assert words in lines[0]
+
+
+def test_before_the_first_pseudo_step_progress_tells_no_residual(comm, capsys, monkeypatch):
+    monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
+    progress = SearchProgress(comm, unknowns=870, is_wanted=True)
+    state = SearchState(
+        iterations=25,
+        limit=1000,
+        steps=1,
+        step=1e-3,
+        pseudo_time=0.0,
+        residual=math.inf,
+        tolerance=1e-8,
+    )
+    progress.update(state)
+    progress.close()
+    line = capsys.readouterr().err
+    assert "no pseudo-step has converged yet" in line
+    assert "inf" not in line
 
 
 def test_what_is_not_regular_is_warned_of(comm, caplog):

@@ -9,7 +9,7 @@ from dolfinx.mesh import locate_entities
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from tests.small_scenes import at_rest, run_until
 
 E = 1e9
@@ -225,13 +225,46 @@ def test_a_tape_has_weight(comm, load):
         assert total == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
-def test_contradicting_supports_are_refused(comm):
+def stretched(X, t):
+    """Displacement [m] of a film that becomes longer by a part of 0.01 t."""
+    return 0.01 * t * np.vstack([X[0], 0 * X[0], 0 * X[0]])
+
+
+@pytest.mark.mpi
+def test_edges_that_share_corners_move_as_one_rim(comm):
+    """Four edges with one motion are the rim with that motion, also in the work of the supports."""
+    edges = ("bottom", "right", "top", "left")
+    works = []
+    for groups in (edges, edges[::-1], ("rim",)):
+        mesh = crossed_sheet(comm, 3, 3)
+        rim = np.concatenate([mesh.curve(edge, "rim") for edge in edges])
+        mesh.groups["rim"] = (1, np.unique(rim).astype(np.int32))
+        film = gx.Membrane(mesh, LAW)
+        supports = [gx.Fixed(film, group, motion=stretched) for group in groups]
+        run = gx.Simulation(gx.Scene(film, *supports), gx.Midpoint(dt=0.01))
+        run.run(until=0.03)
+        assert abs(run.energy_error) < 1e-10
+        works.append(run.totals.supplied)
+    assert works == pytest.approx([works[0]] * 3, rel=1e-11)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("other", ["held", "moved"])
+def test_contradicting_supports_are_refused(comm, other: str):
+    """Those that contradict at the start when the scene is compiled, others where they begin to."""
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
-    moved = gx.Fixed(film, "left", motion=lambda X, t: 0 * X)
-    with pytest.raises(
-        gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"
-    ):
-        gx.Scene(moved, gx.Fixed(film, "bottom")).compile()
+    lift = np.array([[0.0], [0.0], [1.0]])
+    moved = gx.Fixed(film, "left", motion=lambda X, t: lift * max(t - 0.02, 0.0) + 0 * X)
+    motion = None if other == "held" else lambda X, t: 0 * X
+    run = gx.Simulation(
+        gx.Scene(moved, gx.Fixed(film, "bottom", motion=motion)), gx.Midpoint(dt=0.01)
+    )
+    run.run(until=0.02)
+    with pytest.raises(gx.InputError, match=r"film/.*film/.* differ by 0.01 at t = 0.03 s"):
+        run.run(until=0.05)
+    from_the_start = gx.Fixed(film, "left", motion=lambda X, t: lift + 0 * X)
+    with pytest.raises(gx.InputError, match="differ by 1 at t = 0 s"):
+        gx.Scene(from_the_start, gx.Fixed(film, "bottom", motion=motion)).compile()
 
 
 def test_a_support_of_nothing_is_refused(comm):

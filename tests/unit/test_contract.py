@@ -111,3 +111,9 @@ def test_names_of_methods_enrol_nothing() -> None:
 def test_the_contract_is_one_of_base_classes(kind: type) -> None:
     """A structural protocol would enrol whatever has methods of its names."""
     assert not getattr(kind, "_is_protocol", False)
+
+
+@pytest.mark.parametrize("name", ["add_tangents_", "work_by_numbers", "cell_value", "isreversible"])
+def test_a_slip_in_a_name_of_the_contract_is_told(name: str) -> None:
+    with pytest.raises(TypeError, match=f"Own.{name} is never called; call it "):
+        type("Own", (CompiledTerms,), {name: None})

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
 from gossamer_fx.analysis.cases.results import Result, number_text, values_text
-from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
+from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes

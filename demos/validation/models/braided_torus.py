@@ -277,7 +277,7 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
     return gx.gmsh_mesh(build, comm)
 
 
-# ---- parts of the scene --------------------------------------------------------------------------
+# ---- items of the scene --------------------------------------------------------------------------
 
 
 class Cable:

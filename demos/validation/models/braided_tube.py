@@ -378,7 +378,7 @@ def _add_line(model: Any, chains: list, name: str) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-# ---- parts of the scene --------------------------------------------------------------------------
+# ---- items of the scene --------------------------------------------------------------------------
 
 
 class End:
