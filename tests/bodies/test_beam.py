@@ -26,6 +26,7 @@ from gossamer_fx.analysis.statics.continuation import Continuation
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.mechanics.bodies.meshed import global_node
 from gossamer_fx.meshes.line import line
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 
@@ -177,8 +178,7 @@ def test_thrown_beam_conserves() -> None:
         section,
         velocity=lambda x: np.cross([3.0, 2.0, 5.0], x.T).T + np.array([[1.0], [0.0], [0.0]]),
     )
-    run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=5e-3))
-    run.run(until=1.0)
+    run = run_until(1.0, beam, dt=5e-3)
     # 200 steps at the default tolerance of Newton's method.
     assert abs(run.energy_error) < 1e-11
     scale = np.linalg.norm(run.first.angular_momentum)

@@ -13,6 +13,7 @@ from pairs import DT, Motion, conserves
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.outputs.description import describe, lines
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 SECTION = gx.sections.rectangle(
@@ -108,12 +109,9 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
         for k, (one, two) in enumerate(pairwise(beams))
     ]
     port = beams[-1].port("end")
-    search = gx.Equilibrium(
-        gx.Scene(
-            gx.Fixed(beams[0], "start", rotation=True), *beams, *joints, gx.loads.Force(port, load)
-        )
+    search = at_rest(
+        gx.Fixed(beams[0], "start", rotation=True), *beams, *joints, gx.loads.Force(port, load)
     )
-    search.find()
     return search.system.state.vectors([port])[0]
 
 

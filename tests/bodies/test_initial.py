@@ -7,9 +7,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 SPIN = (0.0, 0.0, 5.0)
@@ -67,10 +67,7 @@ def test_steady_spin_stays_steady() -> None:
     constant."""
     beam, hub, tip, joints = dumbbell()
     bodies = (beam, hub, tip)
-    balance = Equilibrium(
-        gx.Scene(*bodies, *joints, *(gx.loads.Centrifugal(b, SPIN) for b in bodies))
-    )
-    balance.find()
+    balance = at_rest(*bodies, *joints, *(gx.loads.Centrifugal(b, SPIN) for b in bodies))
     start = gx.StartFrom(balance.system)
     run = gx.Simulation(
         gx.Scene(*bodies, *joints, start, gx.RigidMotion(spin=SPIN)),

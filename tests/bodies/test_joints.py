@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(
@@ -346,8 +347,7 @@ def test_a_screw_on_its_axis() -> None:
         bolt.frame(),
         axis=tuple(axis),
     )
-    run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
-    run.run(until=0.5)
+    run = run_until(0.5, joint, push, turn, dt=1e-3)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
     expected = (1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis
     # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's

@@ -16,6 +16,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from tests.small_scenes import run_until
 
 TIGHT = gx.Tolerances(relative=1e-13)
 
@@ -147,8 +148,7 @@ def test_what_many_small_steps_leave_does_not_add_up() -> None:
         (0.6, 1.1, 1.5),
         spin=(1.5, 0.0, 0.5),
     )
-    run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=5e-4))
-    run.run(until=2.0)
+    run = run_until(2.0, body, dt=5e-4)
     assert run.step == 4000
     assert abs(run.energy_error) < 1e-13
     start = run.first.angular_momentum

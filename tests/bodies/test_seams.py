@@ -11,6 +11,7 @@ from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 from gossamer_fx.mechanics.constraints.seam import Seam
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 FILM = gx.Linear(
@@ -63,8 +64,7 @@ def test_two_panels_are_drawn_together(cells: tuple[int, int], order: int) -> No
         "left",
         closing=(0.0, 0.05),
     )
-    run = gx.Simulation(gx.Scene(left, right, seam), gx.Midpoint(dt=1e-3))
-    run.run(until=0.025)
+    run = run_until(0.025, left, right, seam, dt=1e-3)
     # The gap of 0.03 m closes linearly over 0.05 s: half of it is left at half the time.
     assert distance_of_edges(run, seam) == pytest.approx(0.015, abs=1e-9)
     run.run(until=0.05)
@@ -155,8 +155,7 @@ def test_four_panels_meet_in_a_point() -> None:
             ("b", "top", "c", "bottom"),
         )
     ]
-    run = gx.Simulation(gx.Scene(*panels.values(), *seams), gx.Midpoint(dt=1e-3))
-    run.run(until=0.03)
+    run = run_until(0.03, *panels.values(), *seams, dt=1e-3)
     for seam in seams:
         assert distance_of_edges(run, seam) < 1e-9
     assert abs(run.energy_error) < 1e-10

@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 # Soft and hard in tension, with a plateau, and soft in compression beyond -1 %.
@@ -153,8 +154,7 @@ def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
     )
     tape = gx.connectors.Tape.along_edges(film, MEASURED, edges="bottom")
     ends = [gx.Fixed(film, edge) for edge in ("left", "right")]
-    statics = gx.Equilibrium(gx.Scene(film, tape, *ends))
-    statics.find()
+    statics = at_rest(film, tape, *ends)
     force, _ = statics.reaction(ends[1])
     expected = MEASURED.force_at(np.array(0.03))
     assert force[0] == pytest.approx(expected, rel=1e-6)

@@ -12,9 +12,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 WIDTH = 0.1
@@ -66,8 +66,7 @@ def test_strip_and_tape_share_the_force(tape, order: int) -> None:
         gx.Fixed(film, "right", components=(0, 2)),
         gx.Fixed(film, "bottom left", components=(1,)),
     ]
-    statics = Equilibrium(gx.Scene(tape(film), *ends))
-    statics.find()
+    statics = at_rest(tape(film), *ends)
     system = statics.system
     x = system.q0.array_r.reshape(-1, 3)[:, 0]
     forces = np.zeros(x.size * 3)

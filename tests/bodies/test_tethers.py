@@ -11,6 +11,7 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN
+from tests.small_scenes import run_until
 
 K = 400.0
 MASS = 0.5
@@ -94,8 +95,7 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
         length=lambda t: start + 0.25 * t**2 * (3 - 2 * t),
         stiffness=K,
     )
-    run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
-    run.run(until=1.0)
+    run = run_until(1.0, mass, tether, dt=2e-2)
     x, y = (gx.probes.Position(mass.port(), axis)(run) for axis in "xy")
     measured = run.totals.angular_momentum[2]
     assert measured == pytest.approx(MASS * ω * L**2, rel=1e-12)
@@ -141,8 +141,7 @@ def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> No
         angle=lambda t: 3.0 * t,
     )
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
-    run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
-    run.run(until=0.2)
+    run = run_until(0.2, hub, mass, rope, motor, spin, dt=5e-3)
     measured = gx.probes.AngularVelocity(hub.frame(), "z")(run)
     assert measured == pytest.approx(3.0, rel=1e-4)
     first = run.first
@@ -194,11 +193,9 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
         displacement=lambda X: -0.2 * X,
         velocity=lambda X: X,
     )
-    run = gx.Simulation(
-        gx.Scene(film, gx.Damping(film, stiffness_factor=1e-5, tension_only=tension_only)),
-        gx.Midpoint(dt=1e-3),
+    run = run_until(
+        0.01, film, gx.Damping(film, stiffness_factor=1e-5, tension_only=tension_only), dt=1e-3
     )
-    run.run(until=0.01)
     # of the kinetic energy three quarters are its flight as a whole, for it reaches from 0 to 0.2 m
     lost = run.totals.dissipated / run.first.kinetic
     assert lost == pytest.approx(0.0 if tension_only else 1 / 4, rel=0.1)
@@ -217,8 +214,7 @@ def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
         )
         held = [gx.Fixed(film, side) for side in ("left", "right", "top", "bottom")]
         damping = gx.Damping(film, stiffness_factor=1e-6, tension_only=tension_only)
-        run = gx.Simulation(gx.Scene(film, *held, damping), gx.Midpoint(dt=1e-6))
-        run.run(until=1e-5)
+        run = run_until(1e-5, film, *held, damping, dt=1e-6)
         lost.append(run.totals.dissipated)
         assert abs(run.energy_error) < 1e-12
     assert lost[0] > 0 and lost[1] == pytest.approx(lost[0], rel=1e-9)
@@ -257,8 +253,7 @@ def test_a_bundle_is_its_ropes(comm) -> None:
                 )
                 for k, pair in enumerate(ends)
             ]
-        run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
-        run.run(until=5e-3)
+        run = run_until(5e-3, film, *ropes, dt=1e-3)
         motions.append((gx.probes.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
     assert motions[0] == pytest.approx(motions[1], rel=1e-9) and motions[0][1] > 0
 

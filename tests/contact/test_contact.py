@@ -19,6 +19,7 @@ from tests.contact.scenes import (
     obstacle_of,
     simulate,
 )
+from tests.small_scenes import run_until
 
 
 @pytest.mark.mpi
@@ -303,8 +304,7 @@ def test_penetrations_may_be_counted_in_every_third_step(
     monkeypatch.setattr("gossamer_fx.records.probes.contact.find_intersections", count)
     contact = gx.Contact(film(comm, name="film"), distance=1e-3)
     seen = gx.Series({"penetrations": gx.probes.Penetrations(contact, every=3)})
-    run = gx.Simulation(gx.Scene(*contact.bodies, contact), gx.Midpoint(dt=1e-4), outputs=[seen])
-    run.run(until=7e-4)
+    run = run_until(7e-4, *contact.bodies, contact, dt=1e-4, outputs=[seen])
     assert counted_at == [0, 3, 6]
     # Steps between have the last number; each rank has found one.
     assert list(seen["penetrations"]) == [comm.size] * 8

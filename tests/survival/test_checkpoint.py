@@ -17,6 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
+from tests.small_scenes import run_until
 from tests.survival.scenes import (
     DT,
     Watch,
@@ -187,10 +188,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     folder: Path, keep: int, steps: list[int]
 ) -> None:
     ball = gx.PointMass(1.0, comm=COMM)
-    run = gx.Simulation(
-        gx.Scene(ball), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=1, keep=keep)
-    )
-    run.run(until=5 * DT)
+    run_until(5 * DT, ball, dt=DT, checkpoints=gx.Checkpoints(folder, every=1, keep=keep))
     COMM.barrier()
     assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 

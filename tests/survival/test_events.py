@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from tests.small_scenes import run_until
 from tests.survival.scenes import GAS, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -91,10 +92,7 @@ def test_pressure_opens_a_valve() -> None:
         then=lambda run: opened.append(run.time),
         name="relief",
     )
-    run = gx.Simulation(
-        gx.Scene(tank, bottle, filling, relief), gx.Midpoint(dt=5e-3), events=[event]
-    )
-    run.run(until=0.2)
+    run = run_until(0.2, tank, bottle, filling, relief, dt=5e-3, events=[event])
     assert len(opened) == 1 and 0 < opened[0] < 0.2
     assert run.chamber("bottle").pressure < 2e5
     assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13

@@ -25,6 +25,7 @@ from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.outputs.vtu_format import read_vtu
 from gossamer_fx.records.plot.rasterise import Canvas
 from tests.hanging import HANG_TIMEOUT
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 E = 1e9
@@ -78,12 +79,7 @@ def strained(
 
 
 def fall(film: gx.Membrane, outputs: list, steps: int = 5) -> gx.Simulation:
-    run = gx.Simulation(
-        gx.Scene(film, gx.Gravity(film, (0, 0, -G))),
-        gx.Midpoint(dt=DT),
-        outputs=outputs,
-    )
-    run.run(until=steps * DT)
+    run = run_until(steps * DT, film, gx.Gravity(film, (0, 0, -G)), dt=DT, outputs=outputs)
     return run
 
 
@@ -324,9 +320,11 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
         pressure=2e5,
         temperature=300.0,
     )
-    run = gx.Simulation(
-        gx.Scene(tank, gx.PointMass(1.0)),
-        gx.Midpoint(dt=DT),
+    run = run_until(
+        2 * DT,
+        tank,
+        gx.PointMass(1.0),
+        dt=DT,
         outputs=[
             gx.outputs.Probes(
                 folder / "gas.csv",
@@ -337,7 +335,6 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
             )
         ],
     )
-    run.run(until=2 * DT)
     COMM.barrier()
     found = table(folder / "gas.csv")
     assert np.allclose(found["pressure"], 2e5) and np.allclose(found["temperature"], 300)
@@ -478,12 +475,7 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
     together = folder / "together.png"
     for comm, path in ((MPI.COMM_SELF, own), (COMM, together)):
         film = strained(order, comm=comm)
-        run = gx.Simulation(
-            gx.Scene(film),
-            gx.Midpoint(dt=DT),
-            outputs=[gx.plot.Picture(path, title="start")],
-        )
-        run.run(until=0.0)
+        run_until(0.0, film, dt=DT, outputs=[gx.plot.Picture(path, title="start")])
     COMM.barrier()
     a = imread(own)
     b = imread(together)
@@ -594,12 +586,7 @@ def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
             gx.At(2 * DT, name="half-way"),
             gx.At(4 * DT, stop=True, name="enough"),
         ]
-        run = gx.Simulation(
-            gx.Scene(film),
-            gx.Midpoint(dt=DT),
-            events=events,
-        )
-        run.run(until=1.0)
+        run = run_until(1.0, film, dt=DT, events=events)
         log.warning("something is odd")
         log.warning(
             "rank %d is odd",
