@@ -138,8 +138,7 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
         # The run and its two restarts
         assert len(parts) == 3
         measured = np.concatenate([part.times for part in parts]) / DT
-        expected = [0, 2, 4, 6, 8, 10, 12, 14, 15]
-        assert measured == pytest.approx(expected, abs=1e-9)
+        assert measured == pytest.approx([0, 2, 4, 6, 8, 10, 12, 14, 15], abs=1e-9)
 
 
 @pytest.mark.mpi
@@ -149,9 +148,7 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
     run.run(until=4 * DT)
     COMM.barrier()
     if COMM.rank == 0:
-        measured = table(folder / "ledger.csv")[:, 1].tolist()
-        expected = [0, 1, 2, 3, 4]
-        assert measured == expected
+        assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2, 3, 4]
         [part] = read_records(folder / "film.pvd")
         assert part.times == pytest.approx([0, 2 * DT, 4 * DT])
 

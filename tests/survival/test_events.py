@@ -39,8 +39,7 @@ def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None
         control=control,
     )
     run.run(until=10.0)
-    expected = math.sqrt(2 * (1 - height) / 9.81)
-    assert run.time == pytest.approx(expected, abs=1e-11)
+    assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
     assert run.system.q0.array_r[2] <= height
     assert abs(run.energy_error) <= 1e-13
 
