@@ -30,13 +30,21 @@ def at_rest(*items: Any, search: gx.analysis.Continuation | None = None) -> gx.E
     return equilibrium
 
 
-def run_until(until: float, *items: Any, dt: float, **options: Any) -> gx.Simulation:
+def run_until(
+    until: float,
+    *items: Any,
+    dt: float,
+    tolerances: gx.Tolerances | None = None,
+    **options: Any,
+) -> gx.Simulation:
     """The run of a scene of these items to a time [s], by the midpoint rule with steps of dt [s].
 
     Args:
+        tolerances: of the steps, instead of the usual ones.
         options: further arguments of the simulation.
     """
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
+    stepper = gx.Midpoint(dt=dt, tolerances=tolerances or gx.Tolerances())
+    run = gx.Simulation(gx.Scene(*items), stepper, **options)
     run.run(until=until)
     return run
 

@@ -41,11 +41,7 @@ def free_sheet(comm, order=1, n=5) -> gx.Membrane:
 
 def run_of(*items, dt=1e-3, steps=20) -> gx.Simulation:
     """Solved to 1e-12, so that what is measured is the rule and not the solver."""
-    run = gx.Simulation(
-        gx.Scene(*items), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12))
-    )
-    run.run(until=steps * dt)
-    return run
+    return run_until(steps * dt, *items, dt=dt, tolerances=gx.Tolerances(relative=1e-12))
 
 
 def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:

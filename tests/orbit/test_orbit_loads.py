@@ -76,8 +76,7 @@ def pushed(run: gx.Simulation, name: str) -> np.ndarray:
 
 
 def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
-    run = run_until(dt, *items, dt=dt)
-    return run
+    return run_until(dt, *items, dt=dt)
 
 
 @pytest.mark.mpi

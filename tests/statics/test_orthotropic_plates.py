@@ -17,7 +17,7 @@ from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import cell_axes
 from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
-from tests.small_scenes import at_rest, momentum_changes
+from tests.small_scenes import at_rest, momentum_changes, run_until
 
 WORLD = MPI.COMM_WORLD
 # Pa: ten to one.
@@ -190,8 +190,7 @@ def test_a_thrown_plate_keeps_energy_and_momenta(comm) -> None:
 
     plate = gx.Plate(sheet(comm, 4, 4), law(0.4), velocity=thrown)
     tolerances = gx.Tolerances(relative=1e-12)
-    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=1e-3, tolerances=tolerances))
-    run.run(until=0.02)
+    run = run_until(0.02, plate, dt=1e-3, tolerances=tolerances)
     # √(2 m T), 1.5 kg.
     scale = math.sqrt(2 * 1.5 * run.first.kinetic)
     assert abs(run.energy_error) <= 1e-11

@@ -12,7 +12,7 @@ from gossamer_fx.analysis import modes
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from tests.small_scenes import at_rest, momentum_changes
+from tests.small_scenes import at_rest, momentum_changes, run_until
 
 E = 2.3e9
 NU = 0.3
@@ -194,10 +194,7 @@ def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order)
         initial_stress=100 * STRESS,
         velocity=thrown,
     )
-    run = gx.Simulation(
-        gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
-    )
-    run.run(until=0.02)
+    run = run_until(0.02, film, dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
     # The stored energy drives the motion.
     assert run.first.stored["film"] > 10 * run.first.kinetic
     assert run.totals.kinetic > 2 * run.first.kinetic

@@ -241,8 +241,7 @@ def test_edges_that_share_corners_move_as_one_rim(comm):
         mesh.groups["rim"] = (1, np.unique(rim).astype(np.int32))
         film = gx.Membrane(mesh, LAW)
         supports = [gx.Fixed(film, group, motion=stretched) for group in groups]
-        run = gx.Simulation(gx.Scene(film, *supports), gx.Midpoint(dt=0.01))
-        run.run(until=0.03)
+        run = run_until(0.03, film, *supports, dt=0.01)
         assert abs(run.energy_error) < 1e-10
         works.append(run.totals.supplied)
     assert works == pytest.approx([works[0]] * 3, rel=1e-11)
@@ -256,10 +255,7 @@ def test_contradicting_supports_are_refused(comm, other: str):
     lift = np.array([[0.0], [0.0], [1.0]])
     moved = gx.Fixed(film, "left", motion=lambda X, t: lift * max(t - 0.02, 0.0) + 0 * X)
     motion = None if other == "held" else lambda X, t: 0 * X
-    run = gx.Simulation(
-        gx.Scene(moved, gx.Fixed(film, "bottom", motion=motion)), gx.Midpoint(dt=0.01)
-    )
-    run.run(until=0.02)
+    run = run_until(0.02, moved, gx.Fixed(film, "bottom", motion=motion), dt=0.01)
     with pytest.raises(gx.InputError, match=r"film/.*film/.* differ by 0.01 at t = 0.03 s"):
         run.run(until=0.05)
     from_the_start = gx.Fixed(film, "left", motion=lambda X, t: lift + 0 * X)

@@ -79,8 +79,7 @@ def strained(
 
 
 def fall(film: gx.Membrane, outputs: list, steps: int = 5) -> gx.Simulation:
-    run = run_until(steps * DT, film, gx.Gravity(film, (0, 0, -G)), dt=DT, outputs=outputs)
-    return run
+    return run_until(steps * DT, film, gx.Gravity(film, (0, 0, -G)), dt=DT, outputs=outputs)
 
 
 def table(path: Path) -> dict[str, np.ndarray]:
