@@ -85,10 +85,8 @@ def test_attitude_follows_the_designed_response() -> None:
     """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid
     in its plane."""
     result = antenna_attitude.main(case=1, until=3.0, dt=0.05)
-    measured = result["angles"][-1][2]
-    expected = 8 * (1 - 2.8 * 2.718281828**-1.8)
     # 1 %: the antenna is flexible, and the closed form that of a rigid body.
-    assert measured == pytest.approx(expected, rel=1e-2)
+    assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
 
 
 @pytest.mark.mpi
@@ -108,5 +106,4 @@ def test_joints_of_the_antenna_across_ranks() -> None:
             assert np.abs(alone).max() > 1e-6
             error = np.abs(together - alone).max()
             # Newton's iterations end at different residuals on different numbers of ranks.
-            limit = 1e-8 * np.abs(alone).max()
-            assert error < limit
+            assert error < 1e-8 * np.abs(alone).max()
