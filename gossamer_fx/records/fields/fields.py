@@ -239,7 +239,11 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
         )
         if not is_missing:
             known.append(name)
-    fields = f"its fields are: {', '.join(known)}."
+    choices = known
+    if isinstance(body, Membrane) and not body.law.has_wrinkle_maps:
+        # Asked for, they are refused with the reason.
+        choices = [name for name in known if name not in WRINKLE_MAPS]
+    fields = f"its fields are: {', '.join(choices)}."
     check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
     for name in names:
         check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
