@@ -73,5 +73,5 @@ def test_items_without_parameters_are_not_proposed() -> None:
     equilibrium.find()
     point = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
     with pytest.raises(gx.InputError, match="has no item 'fim'") as error:
-        gx.analysis.gradient(equilibrium, point, by=["fim.thickness"])
+        gx.analysis.gradient(equilibrium, of=point, by=["fim.thickness"])
     assert str(error.value).endswith("its items with parameters are: film, wind.")
