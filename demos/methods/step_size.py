@@ -135,9 +135,9 @@ def window(series: gx.Series, name: str, since: float = INFLATED) -> Array:
     return series[name][series.time > since]
 
 
-def alternation(values: Array) -> float:
-    """Mean distance of a record from the middle of its neighbours: nothing of a straight line, and
-    all of what changes its sign from record to record."""
+def swing(values: Array) -> float:
+    """How far a record lies from the middle of its neighbours, on average: nothing of a straight
+    line, and all of what changes from record to record and back."""
     return float(np.abs(np.diff(values, n=2)).mean() / 2)
 
 
@@ -189,9 +189,9 @@ def main(
             taut = window(series, f"taut, {at}")
             tension = window(series, f"tension, {at}")
             results[f"{name}, {at}: taut"] = float(taut.mean())
-            results[f"{name}, {at}: taut, alternation"] = alternation(taut)
+            results[f"{name}, {at}: taut, swing"] = swing(taut)
             results[f"{name}, {at}: tension [N]"] = float(tension.mean())
-            results[f"{name}, {at}: tension, alternation [N]"] = alternation(tension)
+            results[f"{name}, {at}: tension, swing [N]"] = swing(tension)
     return results
 
 
