@@ -52,53 +52,6 @@ def conserved(run, energy=1e-10, momentum=1e-10):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("order", [1, 2])
-def test_two_halves_move_as_the_whole(comm, order: int) -> None:
-    """A sheet that is cut and tied vibrates and turns as the uncut one does."""
-    whole = gx.Membrane(
-        sheet(comm, 8, 2, 0.4, 0.1),
-        LAW,
-        order=order,
-        displacement=lambda X: np.vstack([0.01 * (X[0] - 0.2), 0 * X[0], 0 * X[0]]),
-    )
-    halves = [
-        gx.Membrane(
-            sheet(comm, 4, 2, 0.2, 0.1),
-            LAW,
-            order=order,
-            name=name,
-            displacement=lambda X, shift=shift: np.vstack(
-                [shift + 0.01 * (X[0] + shift - 0.2), 0 * X[0], 0 * X[0]]
-            ),
-        )
-        for name, shift in (("left", 0.0), ("right", 0.2))
-    ]
-    spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
-    one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
-    two = gx.Simulation(
-        gx.Scene(
-            *halves,
-            gx.Tie(
-                halves[0],
-                halves[1],
-                group_a="right",
-                group_b="left",
-            ),
-            spin,
-        ),
-        gx.Midpoint(dt=1e-3),
-    )
-    for run in (one, two):
-        run.run(until=5e-3)
-        conserved(run)
-    for group, half in (("top left", halves[0]), ("bottom right", halves[1])):
-        for axis in "xyz":
-            there = gx.probes.Position(half.port(group), axis)(two)
-            expected = gx.probes.Position(whole.port(group), axis)(one)
-            assert there == pytest.approx(expected, abs=1e-8)
-
-
-@pytest.mark.mpi
 def test_three_films_of_different_meshes_on_a_line(comm) -> None:
     films = [
         strip(

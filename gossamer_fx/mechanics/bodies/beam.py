@@ -189,6 +189,7 @@ class Beam(Curve):
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3
 
+    @check_arguments
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, group)

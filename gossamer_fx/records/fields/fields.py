@@ -388,7 +388,7 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a discontinuous function to the mean of the scene's values in each cell; collective.
 
-    Values come from the parts of the scene that have some for this field, e.g. from creases; cells
+    Values come from the items of the scene that have some for this field, e.g. from creases; cells
     without a value are zero."""
     sums = function.x
     counts = fem.Function(function.function_space).x
@@ -410,7 +410,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
 def _collect_node_values(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a function to the sum of the scene's values at each node; collective.
 
-    Values come from the parts of the scene that have some for this field, e.g. from contact; nodes
+    Values come from the items of the scene that have some for this field, e.g. from contact; nodes
     without a value, and reduced films, whose unknowns are not at nodes, are zero."""
     # A reduced film has no terms at nodes.
     if not has_nodal_unknowns(body):

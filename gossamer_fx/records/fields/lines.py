@@ -16,6 +16,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
@@ -23,7 +24,6 @@ from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStore
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
 from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
 from gossamer_fx.records.fields.fields import position
-from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
 # Difference of coordinates, over their size or 1 m, below which they are equal

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, MeshBody, is_on_mesh
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
-from gossamer_fx.solve.system.system import System
-
-
-@runtime_checkable
-class HasSystem(Protocol):
-    """Something with a compiled scene: a `Simulation` or an `Equilibrium`."""
-
-    system: System
 
 
 @check_arguments

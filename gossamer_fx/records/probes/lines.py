@@ -8,12 +8,12 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.records.fields.lines import LineForces, line_forces
-from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
 # What is reported of the values along a line
