@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -86,9 +87,13 @@ def main(words: Sequence[str]) -> int:
 
     from gossamer_fx.app.cli.user_files import end_program
     from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
+    from gossamer_fx.core.checks.interruption import EXIT_CODE_OFFSET
     from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
+    if comm.size > 1:
+        # The launcher hands SIGINT on as this signal.
+        signal.signal(signal.SIGUSR1, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
@@ -102,6 +107,12 @@ def main(words: Sequence[str]) -> int:
             print(f"gossamer: {error}", file=sys.stderr, flush=True)
         # Scripts can tell wrong input from a computation that failed.
         return 2 if isinstance(error, InputError) else 1
+    # A run or search that is in progress ends by itself, with its step.
+    except KeyboardInterrupt:
+        if wanted.debug:
+            raise
+        words = "stopped by a signal while no run was in progress; what was written stays."
+        end_program(comm, words, EXIT_CODE_OFFSET + signal.SIGINT)
     # These may happen on one rank only, so that the program is ended on all of them.
     except (MemoryError, OSError) as error:
         if wanted.debug:
