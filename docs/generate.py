@@ -60,7 +60,7 @@ ROOMS = {
     "outputs": "Outputs",
     "run": "Runs: simulation, events, checkpoints",
     "plot": "Pictures",
-    "sweep": "Robust design",
+    "sweep": "Sweeps",
     "cli": "Cases",
     "solvers": "Solvers",
     "model": "Ports",
@@ -544,9 +544,22 @@ def presets() -> str:
     return "\n".join(parts)
 
 
+def measured_tests() -> str:
+    """Every test of the validation, from the stored results."""
+    from demos.validation.__main__ import table_of_tests
+
+    head = (
+        "# Measured, test by test\n\nWhat is predicted for each test? Of a curve the table has the "
+        "values in the middle of its range, and the mean size of the relative errors. "
+        "[Measured](../measured.md) explains the cases and their misses.\n\n"
+    )
+    return head + table_of_tests()
+
+
 def pages() -> dict[str, str]:
     """All pages by name."""
-    return {**reference(), **gallery(), "options": options(), "presets": presets()}
+    texts = {"options": options(), "presets": presets(), "measured_tests": measured_tests()}
+    return {**reference(), **gallery(), **texts}
 
 
 def write(app: Any = None) -> None:

@@ -1,6 +1,8 @@
-"""The film and the gas of most small scenes."""
+"""The film and the gas of most small scenes, and scenes that are brought to rest or moved."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -19,3 +21,21 @@ def three_sheets() -> gx.Mesh:
     points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)], dtype=float)
     triangles = np.array([(0, 1, 2), (0, 1, 3), (0, 1, 4)])
     return mesh_of_arrays(MPI.COMM_SELF, lambda: (points, triangles, {"seam": np.array([[0, 1]])}))
+
+
+def at_rest(*items: Any, search: gx.analysis.Continuation | None = None) -> gx.Equilibrium:
+    """The equilibrium of a scene of these items."""
+    equilibrium = gx.Equilibrium(gx.Scene(*items), search or gx.analysis.Continuation())
+    equilibrium.find()
+    return equilibrium
+
+
+def run_until(until: float, *items: Any, dt: float, **options: Any) -> gx.Simulation:
+    """The run of a scene of these items to a time [s], by the midpoint rule with steps of dt [s].
+
+    Args:
+        options: further arguments of the simulation.
+    """
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
+    run.run(until=until)
+    return run

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 from contestants import HERE, PACKAGES, SELF, Failed, run
-from error_problems import ERROR_PROBLEMS, ErrorProblem
 from mpi4py import MPI
-from problems import Figures, Problem, Words
+from problems import ERROR_PROBLEMS, ErrorProblem, Figures, Problem, Words
 
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement, run_cases
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves
@@ -70,7 +69,7 @@ def turns(name: str, problem: Problem, runs: int, quick: bool) -> CaseSet:
 
     def outcome(comm: MPI.Intracomm, folder: Path, **values: Any) -> Figures:
         figures = solved(problem.script or name, values, problem.seconds)
-        return figures | {"cost": problem.cost(figures)}
+        return figures | {"cost": problem.cost_of(figures)}
 
     def judge(results: list[Result]) -> Iterator[Judgement]:
         yield from _own_failures(results)
@@ -233,7 +232,7 @@ def points_of(problem: ErrorProblem, results: list[Result]) -> list[Result]:
         if not failed:
             # Errors are the same in every run; times are not.
             numbers["cpu"] = _rounded(median(one.numbers["cpu"] for one in found))
-            numbers["error"] = _rounded(problem.error(first.numbers, answer))
+            numbers["error"] = _rounded(problem.error_of(first.numbers, answer))
             numbers["unknowns"] = first.numbers["dofs"]
             numbers["runs"] = len(found)
             for name in ("unconverged", "penetrations"):

@@ -1,4 +1,4 @@
-"""Problems as this program solves them; their arguments are the words of `PROBLEMS`."""
+"""Problems as this program solves them; their arguments are the words of `problems.toml`."""
 
 from __future__ import annotations
 

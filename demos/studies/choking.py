@@ -140,17 +140,8 @@ STUDY = Study(
     shows=("mean1", "ratio1 3 ms"),
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
-        *(
-            "ratio1 3 ms",
-            "ratio2 3 ms",
-            "ratio1 5 ms",
-            "ratio2 5 ms",
-            "mean1",
-            "mean2",
-            "opened1 [ms]",
-            "opened2 [ms]",
-        ),
-        *("penetrations", "energy_error", "rejected", "steps", "seconds"),
+        "ratio1 3 ms, ratio2 3 ms, ratio1 5 ms, ratio2 5 ms, mean1, mean2, opened1 [ms], "
+        "opened2 [ms], penetrations, energy_error, rejected, steps, seconds"
     ),
     may_fail=True,
     draw=draw,

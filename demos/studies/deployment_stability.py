@@ -227,13 +227,8 @@ STUDY = Study(
     shows=("outcome", "largest_radius", "nutation"),
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
-        "outcome",
-        "largest_radius",
-        "smallest_radius",
-        "imbalance",
-        "nutation_at_start",
-        "nutation",
-        *LEDGER,
+        "outcome, largest_radius, smallest_radius, imbalance, nutation_at_start, nutation, "
+        f"{LEDGER}"
     ),
     may_fail=True,
     draw=draw,

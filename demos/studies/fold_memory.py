@@ -338,17 +338,8 @@ STUDY = Study(
     quick_shows=("memory", "crease_angle", "crease_loss"),
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
-        "memory",
-        "effect",
-        "opened",
-        "halfway",
-        "delay",
-        "size",
-        "crease_angle",
-        "crease_start",
-        "crease_end",
-        "crease_loss",
-        *LEDGER,
+        "memory, effect, opened, halfway, delay, size, crease_angle, crease_start, crease_end, "
+        f"crease_loss, {LEDGER}"
     ),
     may_fail=True,
     draw=draw,

@@ -232,7 +232,7 @@ STUDY = Study(
     shows=("iterations", "pressure"),
     # A cell that completed with larger ones has ended the study already.
     limits={"energy_error": ENERGY, "mass_error": MASS},
-    columns=("iterations", "substeps", "energy_error", "mass_error", "seconds"),
+    columns="iterations, substeps, energy_error, mass_error, seconds",
     may_fail=True,
     draw=draw,
 )

@@ -163,6 +163,7 @@ class Convergence:
             return ""
         return f"  The relative change between the two finest meshes is {change:.1e}."
 
+    @check_arguments
     def plot(
         self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""
     ) -> None:
@@ -256,6 +257,10 @@ def convergence(
     """
     check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
     steps = _sizes(meshes, sizes)
+    check(
+        len(set(steps.tolist())) == len(steps),
+        f"convergence: two meshes have the same size, of {steps.tolist()}; give different ones.",
+    )
     # From the coarsest to the finest, whatever the order in which they were given.
     order = np.argsort(-steps, kind="stable")
     # Once without the clock, so that no time of compilation is in the first row.

@@ -22,7 +22,8 @@ from mpi4py import MPI
 from spectrum import angular_frequencies
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.statics.equilibrium import Continuation, Equilibrium
+from gossamer_fx.analysis.statics.continuation import Continuation
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.mechanics.bodies.meshed import global_node
 from gossamer_fx.meshes.line import line
 

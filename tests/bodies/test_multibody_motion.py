@@ -139,6 +139,25 @@ def test_what_a_free_rigid_body_misses_follows_the_tolerance_and_not_the_step(
     assert abs(run.energy_error) < largest
 
 
+def test_what_many_small_steps_leave_does_not_add_up() -> None:
+    """One iteration leaves a residual just below the default tolerance, of the same sign in all
+    4000 steps."""
+    body = gx.RigidBody(
+        1.0,
+        (0.6, 1.1, 1.5),
+        spin=(1.5, 0.0, 0.5),
+    )
+    run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=5e-4))
+    run.run(until=2.0)
+    assert run.step == 4000
+    assert abs(run.energy_error) < 1e-13
+    start = run.first.angular_momentum
+    change = np.linalg.norm(run.totals.angular_momentum - start)
+    assert change < 1e-13 * np.linalg.norm(start)
+    # Two iterations a step, but for the first steps.
+    assert run.iterations < 2.01 * run.step
+
+
 # Two angles [rad] and two rates [rad/s] at these times [s], from the equations of the double
 # pendulum.
 HINGED_RODS = {

@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.validation import warnings
+from tests.small_scenes import at_rest, run_until
 from tests.survival.scenes import flutter
 
 THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}
@@ -177,8 +178,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
             drag_coefficient=C,
             wind=wind,
         )
-        equilibrium = gx.Equilibrium(gx.Scene(film, *held, weight, air))
-        equilibrium.find()
+        equilibrium = at_rest(film, *held, weight, air)
         total = sum(equilibrium.reaction(support)[0] for support in held)
         assert (
             # 0.2 %: the film sags by its own weight, and wind then presses obliquely.
@@ -189,14 +189,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
 def test_newton_has_the_tangent_of_the_drag() -> None:
     """With it the iteration of a film that air all but stops converges quadratically."""
     film = body("film", MPI.COMM_WORLD, tuple(4.0 * NORMAL))
-    run = gx.Simulation(
-        gx.Scene(
-            film,
-            gx.loads.AirDrag(film, 100 * ρ, drag_coefficient=C),
-        ),
-        gx.Midpoint(dt=5e-3),
-    )
-    run.run(until=5e-3)
+    run = run_until(5e-3, film, gx.loads.AirDrag(film, 100 * ρ, drag_coefficient=C), dt=5e-3)
     # Seven iterations at a hundred times the density; a wrong tangent needs far more.
     assert run.iterations <= 7
     measured = run.totals.losses["air drag"]

@@ -16,6 +16,7 @@ from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY
 from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.records.fields.fields import FieldFunctions
+from tests.small_scenes import at_rest, run_until
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(
@@ -105,8 +106,7 @@ def test_a_rest_angle_that_yields_dissipates() -> None:
         rest_angle=1.4,
         yield_angle=0.3,
     )
-    run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=1e-4))
-    run.run(until=2e-3)
+    run = run_until(2e-3, film, crease, dt=1e-4)
     (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
     θ, rest = creases.angles(crease.energy)
     assert (rest < 1.3).all()
@@ -176,12 +176,7 @@ def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.connectors.Crease]:
 def test_a_thrown_plate_conserves_energy_and_angular_momentum(
     control: gx.StepControl | None,
 ) -> None:
-    run = gx.Simulation(
-        gx.Scene(*thrown_plate()),
-        gx.Midpoint(dt=5e-5),
-        control=control,
-    )
-    run.run(until=5e-3)
+    run = run_until(5e-3, *thrown_plate(), dt=5e-5, control=control)
     assert abs(run.energy_error) < 1e-10
     drift = run.totals.angular_momentum - run.first.angular_momentum
     error = np.abs(drift).max()
@@ -224,14 +219,11 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
             LAW,
             hinges=["crease"],
         )
-        search = gx.Equilibrium(
-            gx.Scene(
-                plate,
-                gx.connectors.Crease(plate, "crease", stiffness=stiffness),
-                gx.Fixed(plate, "left"),
-            )
+        search = at_rest(
+            plate,
+            gx.connectors.Crease(plate, "crease", stiffness=stiffness),
+            gx.Fixed(plate, "left"),
         )
-        search.find()
         found.append([mode.frequency for mode in gx.analysis.modes(search, 3)])
     # A crease of 1e-5 N m/m/rad is almost a free hinge, one of 1 almost rigid.
     limit = 0.9 * found[1][1]
@@ -251,22 +243,11 @@ def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.connectors.Crease]:
 
 @pytest.mark.mpi
 def test_turns_and_rest_angles_are_in_checkpoints_on_any_number_of_ranks(folder: Path) -> None:
-    whole = gx.Simulation(gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4))
-    whole.run(until=4e-4)
-    first = gx.Simulation(
-        gx.Scene(*yielding(WORLD)),
-        gx.Midpoint(dt=1e-4),
-        checkpoints=gx.Checkpoints(folder),
-    )
-    first.run(until=2e-4)
+    whole = run_until(4e-4, *yielding(WORLD), dt=1e-4)
+    run_until(2e-4, *yielding(WORLD), dt=1e-4, checkpoints=gx.Checkpoints(folder))
     WORLD.barrier()
     for comm in (WORLD, MPI.COMM_SELF):
-        rest = gx.Simulation(
-            gx.Scene(*yielding(comm)),
-            gx.Midpoint(dt=1e-4),
-            restart=folder,
-        )
-        rest.run(until=4e-4)
+        rest = run_until(4e-4, *yielding(comm), dt=1e-4, restart=folder)
         measured = rest.totals.stored["crease"]
         # A restart on other ranks sums in another order; yielding amplifies that.
         assert measured == pytest.approx(whole.totals.stored["crease"], rel=1e-8)

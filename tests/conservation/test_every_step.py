@@ -8,6 +8,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 # Over four decades: 1/h² grows by 1e8, so that any such round-off would show.
 STEPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
@@ -79,8 +80,7 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
             stiffness=40.0,
             length=1.0,
         )
-    run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
-    run.run(until=200 * h)
+    run = run_until(200 * h, mass, spring, dt=h)
     # The docstring's 4e-9 a step, and a few steps that add up.
     assert abs(run.energy_error) < 2e-8
 

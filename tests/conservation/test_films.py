@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.sphere import sphere
+from tests.small_scenes import run_until
 
 LAW = gx.Miyazaki(
     E=1e9,
@@ -186,8 +187,7 @@ def test_steps_that_are_halved_conserve_as_well(comm):
 @pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
 def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):
     """With the strain of a predictor and Gauss points on the path they were 2.7, 8.9 and 19.8."""
-    run = gx.Simulation(gx.Scene(free_sheet(comm, n=16)), gx.Midpoint(dt=h))
-    run.run(until=30 * h)
+    run = run_until(30 * h, free_sheet(comm, n=16), dt=h)
     assert run.substeps == 0 and run.iterations / run.step <= most
     ΔP, ΔL = changes(run)
     assert abs(run.energy_error) <= 1e-11 and abs(ΔP).max() <= 1e-13 and abs(ΔL).max() <= 1e-11
@@ -196,8 +196,7 @@ def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):
 @pytest.mark.mpi
 def test_an_iterative_linear_solver_leaves_no_energy_behind(comm):
     """The last linear system of a step is solved more tightly; else the energy is off by 7e-12."""
-    run = gx.Simulation(gx.Scene(free_sheet(comm, n=36)), gx.Midpoint(dt=1e-3))
-    run.run(until=0.01)
+    run = run_until(0.01, free_sheet(comm, n=36), dt=1e-3)
     assert run.solver.newton.linear_iterations > 2 * run.iterations  # it is not a direct one
     assert abs(run.energy_error) <= 1e-12
 

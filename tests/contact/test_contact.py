@@ -250,7 +250,7 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
     # Impulse: sum of the force times the step of 1e-4 s.
     impulse = 1e-4 * np.sum(seen["up"])
-    owned = run.system.state[upper].part
+    owned = run.system.state[upper].owned
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     momentum = comm.allreduce(P.array_r[owned][2::3].sum())

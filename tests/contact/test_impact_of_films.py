@@ -92,7 +92,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     assert measured == pytest.approx(depth, rel=0.05)
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
-    owned = run.system.state[base].part
+    owned = run.system.state[base].owned
     measured = P.array_r[owned][2::3].sum()
     # Equal masses exchange their velocities; a film that vibrates keeps a few per cent.
     assert measured == pytest.approx(run.first.momentum[2], rel=0.03)

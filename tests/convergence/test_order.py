@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from tests.rates import observed_order
+from tests.small_scenes import run_until
 
 # A taut film of 20 µm: no cell ever wrinkles at 5 % of stretch.
 FILM = {"E": 2.3e9, "nu": 0.3, "density": 1400.0, "thickness": 20e-6}
@@ -40,10 +41,7 @@ def drum(
             [0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]
         ),
     )
-    run = gx.Simulation(
-        gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)), gx.Midpoint(dt=dt)
-    )
-    run.run(until=UNTIL)
+    run = run_until(UNTIL, film, *(gx.Fixed(film, edge) for edge in EDGES), dt=dt)
     return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
 
 

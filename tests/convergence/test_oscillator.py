@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from tests.rates import observed_order
+from tests.small_scenes import run_until
 
 OMEGA = 10.0  # rad/s
 
@@ -76,8 +77,7 @@ def test_free_masses_fly_straight_in_one_iteration_at_most():
         )
         for m in (1.0, 3.0)
     ]
-    run = gx.Simulation(gx.Scene(*masses), gx.Midpoint(dt=0.5))
-    run.run(until=50.0)
+    run = run_until(50.0, *masses, dt=0.5)
     x = run.system.q0.array_r.reshape(-1, 3)
     # x + v t with t = 50 s.
     expected = np.array([(1.0, 50.0, -49.0), (3.0, 150.0, -49.0)])
@@ -94,8 +94,7 @@ def test_fall_is_exact_whatever_the_step():
         velocity=(1.0, 0.0, 3.0),
         comm=MPI.COMM_SELF,
     )
-    run = gx.Simulation(gx.Scene(mass, gx.Gravity(mass)), gx.Midpoint(dt=0.7))
-    run.run(until=10.0)
+    run = run_until(10.0, mass, gx.Gravity(mass), dt=0.7)
     # z = v t - g t²/2 at 10 s; the last step is shortened to end there.
     z = 30.0 - 9.80665 * 50.0
     assert run.system.q0.array_r == pytest.approx([10.0, 0.0, z], rel=1e-12)

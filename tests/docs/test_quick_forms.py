@@ -65,10 +65,9 @@ def test_a_quick_validation_predicts(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", robust_tube.SWEEP.control["start"])
+@pytest.mark.parametrize("start", robust_tube.CONTROL["start"])
 def test_a_run_of_the_robust_design_starts(start: str) -> None:
-    levels = {name: values[0] for name, values in robust_tube.SWEEP.control.items()}
-    levels |= {name: values[0] for name, values in robust_tube.SWEEP.noise.items()}
+    levels = robust_tube.SWEEP.cases()[0]
     case = robust_tube.build(MPI.COMM_SELF, **(levels | {"start": start, "panels": 3}))
     simulation = case.simulation([gx.Series(case.probes)])
     # Two or more steps of the start; the whole run takes an hour.

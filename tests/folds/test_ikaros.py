@@ -11,6 +11,7 @@ import pytest
 import gossamer_fx as gx
 from demos.sails import ikaros, ikaros_swing
 from gossamer_fx.meshes.sails import trapezoids
+from tests.small_scenes import run_until
 
 RPM = ikaros.RPM
 
@@ -232,10 +233,7 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
         )
         for body, sign in ((guides.ring, 1), (hub, -1))
     ]
-    run = gx.Simulation(
-        gx.Scene(guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-2)
-    )
-    run.run(until=0.3)
+    run = run_until(0.3, guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0)), dt=1e-2)
     rate = gx.probes.AngularVelocity(guides.ring.frame(), "z")(run) - gx.probes.AngularVelocity(
         hub.frame(), "z"
     )(run)
@@ -319,8 +317,9 @@ def test_the_wound_sail_leaves_the_hub(comm) -> None:
     )
     contact = gx.Contact(film, distance=1e-3)
     spin = gx.RigidMotion(spin=(0.0, 0.0, 2.6))
-    run = gx.Simulation(gx.Scene(film, folds.start(film), contact, spin), gx.Midpoint(dt=1e-3))
-    run.run(until=0.02 if comm.size == 1 else 2e-3)
+    run = run_until(
+        0.02 if comm.size == 1 else 2e-3, film, folds.start(film), contact, spin, dt=1e-3
+    )
     assert gx.probes.Penetrations(contact)(run) == 0 and abs(run.energy_error) < 1e-8
     first = run.first.angular_momentum
     now = run.totals.angular_momentum

@@ -7,6 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from demos.sails import ikaros_arms
+from tests.small_scenes import run_until
 
 
 @pytest.mark.mpi
@@ -54,10 +55,7 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
         drawn=lambda t: 0.5 * min(t / 0.4, 1.0),
         reel_depth=0.7,
     )
-    run = gx.Simulation(
-        gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3)
-    )
-    run.run(until=0.4)
+    run = run_until(0.4, guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0)), dt=1e-3)
     height = gx.probes.Position(guides.ring.port(), "z")(run) - gx.probes.Position(hub.port(), "z")(
         run
     )

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
+from tests.small_scenes import run_until
 
 LENGTH = 0.16
 DIAMETER = 0.03
@@ -101,12 +102,9 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
             "penetrations": gx.probes.Penetrations(it.contact),
         }
     )
-    run = gx.Simulation(
-        gx.Scene(it, it.inlet(tank(), 1e-7)),
-        gx.Midpoint(dt=5e-5),
-        outputs=[series],
+    run = run_until(
+        4e-4 if comm.size == 1 else 5e-5, it, it.inlet(tank(), 1e-7), dt=5e-5, outputs=[series]
     )
-    run.run(until=4e-4 if comm.size == 1 else 5e-5)
     # The gas reaches the first compartment within the eight steps.
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
     assert series["penetrations"].max() == 0

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.inflatables import sprout, sprout_deployed
+from tests.small_scenes import run_until
 
 SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
@@ -191,8 +192,7 @@ def test_a_run_ends_when_its_motion_has_settled() -> None:
     damper = gx.connectors.Damper(mass.port(), ground, damping=40.0)
     settling = sprout.Settling()
     end = gx.When(settling, 0.01, falling=True, stop=True, name="settled")
-    run = gx.Simulation(gx.Scene(mass, spring, damper), gx.Midpoint(dt=2e-4), events=[end])
-    run.run(until=5.0)
+    run = run_until(5.0, mass, spring, damper, dt=2e-4, events=[end])
     assert settling(run) <= 0.01
     # At the start of the window the envelope has fallen to a hundredth.
     expected = math.log(100.0) / 40.0 + sprout.SETTLING_WINDOW

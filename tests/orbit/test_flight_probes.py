@@ -11,6 +11,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.mechanics.orbit.elements import elements_of
 from tests.orbit.test_orbit_loads import AIR, film, plate
+from tests.small_scenes import run_until
 
 A = 7e6
 
@@ -27,20 +28,18 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     )
     orbit = gx.orbit.Orbit(start, sun=(0.0, 0.0, 1.0))
     sail, (body, surface) = film(0.4), plate(0.0)
-    run = gx.Simulation(
-        gx.Scene(
-            gx.orbit.SolarPressure(sail, orbit, name="light"),
-            gx.orbit.Drag(
-                body,
-                orbit,
-                atmosphere=AIR,
-                surfaces=[surface],
-                name="drag",
-            ),
+    run = run_until(
+        2e-3,
+        gx.orbit.SolarPressure(sail, orbit, name="light"),
+        gx.orbit.Drag(
+            body,
+            orbit,
+            atmosphere=AIR,
+            surfaces=[surface],
+            name="drag",
         ),
-        gx.Midpoint(dt=1e-3),
+        dt=1e-3,
     )
-    run.run(until=2e-3)
     r, v = orbit.flight(run.system).state()
     found = elements_of(r, v, orbit.mu)
     for name in ("a", "e", "i", "node", "perigee", "anomaly"):
@@ -111,8 +110,7 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
     )
     inertia = np.diag([3.0, 4.0, 2.0])
     body = gx.RigidBody(5.0, (3.0, 4.0, 2.0), attitude=attitude)
-    run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=1e-2))
-    run.run(until=1e-2)
+    run = run_until(1e-2, body, orbit, dt=1e-2)
     n2 = orbit.mu / A**3
     out = np.array([1.0, 0, 0])
     known = 3 * n2 * np.cross(out, attitude @ inertia @ attitude.T @ out)
@@ -169,11 +167,12 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
         probes=probes,
         title="a plate",
     )
-    run = gx.Simulation(
-        gx.Scene(gx.orbit.SolarPressure(body, orbit, surfaces=[surface]), film(0.3)),
-        gx.Midpoint(dt=0.1),
+    run_until(
+        0.5,
+        gx.orbit.SolarPressure(body, orbit, surfaces=[surface]),
+        film(0.3),
+        dt=0.1,
         outputs=[picture],
     )
-    run.run(until=0.5)
     measured = (folder / "flight.png").read_bytes()[1:4]
     assert measured == b"PNG"

@@ -27,6 +27,7 @@ from gossamer_fx.mechanics.orbit.surface_forces import (
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.orbit.test_flight import drift
+from tests.small_scenes import run_until
 
 A = 7e6
 LAW = {"E": 2.5e9, "nu": 0.3, "density": 1400.0, "thickness": 7.5e-6}
@@ -75,8 +76,7 @@ def pushed(run: gx.Simulation, name: str) -> np.ndarray:
 
 
 def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
-    run.run(until=dt)
+    run = run_until(dt, *items, dt=dt)
     return run
 
 
@@ -163,12 +163,7 @@ def test_eclipse_begins_at_its_time() -> None:
         return orbit.depth(flight.origin.R0, run.time)
 
     enters = gx.When(depth, stop=True, tolerance=1e-4)
-    run = gx.Simulation(
-        gx.Scene(body, orbit),
-        gx.Midpoint(dt=10.0),
-        events=[enters],
-    )
-    run.run(until=2000.0)
+    run = run_until(2000.0, body, orbit, dt=10.0, events=[enters])
     # The shadow of a cylinder begins where the distance from its axis is the Earth's radius.
     angle = math.pi - math.asin(orbit.radius / A)
     n = math.sqrt(orbit.mu / A**3)

@@ -15,6 +15,7 @@ from demos.methods.reduced_sail import main, saddle, steady
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import AreaFractions
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 # rad/s and m.
@@ -254,8 +255,7 @@ def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded) -> None:
     reduced = gx.reduction.reduce(film, [shapes], modes=6)
     weight = gx.Gravity(reduced, (0.0, 0.0, -2.0))
     push = gx.Pressure(reduced, 1e-3)
-    run = gx.Simulation(gx.Scene(reduced, weight, push), gx.Midpoint(dt=0.01))
-    run.run(until=0.1)
+    run = run_until(0.1, reduced, weight, push, dt=0.01)
     mass = reduced.basis.mass
     measured = run.totals.momentum[2]
     # Impulse of pressure on 4 m² less that of the weight, for 0.1 s.
@@ -334,10 +334,7 @@ def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
 def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     film, shapes = recorded
     reduced = gx.reduction.reduce(film, [shapes], modes=8)
-    there = gx.Simulation(
-        gx.Scene(film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0))), gx.Midpoint(dt=0.1)
-    )
-    there.run(until=0.1)
+    there = run_until(0.1, film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0)), dt=0.1)
     run = gx.Simulation(gx.Scene(reduced, gx.StartFrom(there.system)), gx.Midpoint(dt=0.1))
     expected, outside = reduced.basis.project(there.system.q0.array_r.reshape(-1, 3))
     own = run.system.numbering.owned(0)

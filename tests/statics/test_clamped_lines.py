@@ -9,6 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
+from tests.small_scenes import run_until
 
 TUBE = gx.sections.tube(
     0.002,
@@ -108,8 +109,7 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
         direction=turning,
         motion=lambda X, t: np.vstack([0 * X[0], u * t + 0 * X[0], 0 * X[0]]),
     )
-    run = gx.Simulation(gx.Scene(root), gx.Midpoint(dt=1e-3))
-    run.run(until=0.1)
+    run = run_until(0.1, root, dt=1e-3)
     # Energy of the driven motion, over a hundred steps.
     assert abs(run.energy_error) < 1e-9
     assert run.totals.supplied > 0

@@ -11,6 +11,7 @@ from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.analysis import Continuation
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS = [
@@ -209,8 +210,7 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
     def shake(X, t):
         return np.vstack([0 * X[0], 0 * X[0], 0.1 * np.sin(50 * t) ** 2 + 0 * X[0]])
 
-    run = gx.Simulation(gx.Scene(film, gx.Fixed(film, "left", motion=shake)), gx.Midpoint(dt=1e-3))
-    run.run(until=0.03)
+    run = run_until(0.03, film, gx.Fixed(film, "left", motion=shake), dt=1e-3)
     # The shaken edge has done work.
     assert run.totals.supplied > 1e-3
     assert abs(run.energy_error) < 1e-9

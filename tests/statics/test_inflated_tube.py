@@ -14,6 +14,7 @@ from demos.studies import bent_tube, inflated_tube
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.meshes.tube_section import capped_cylinder, cylinder
 from gossamer_fx.records.fields.film_states import STATES
+from tests.small_scenes import at_rest
 
 
 @pytest.mark.mpi
@@ -85,8 +86,7 @@ def taut_share(comm, hoop_strain, mesh_order):
         gx.Fixed(film, "left", components=(2,)),
         gx.Fixed(film, "right", components=(2,)),
     ]
-    inflated = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, pressure), *supports))
-    inflated.find()
+    inflated = at_rest(film, gx.Pressure(film, pressure), *supports)
     _, states = gx.fields.field_values(inflated, film, field="state")
     taut = np.array([(states > STATES["taut"] - 0.5).sum(), len(states)])
     found, points = comm.allreduce(taut)

@@ -17,6 +17,7 @@ from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import cell_axes
 from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
+from tests.small_scenes import at_rest
 
 WORLD = MPI.COMM_WORLD
 # Pa: ten to one.
@@ -143,8 +144,7 @@ def test_frequencies_of_a_simply_supported_plate(given) -> None:
         )
         supports = [gx.Fixed(plate, edge) for edge in EDGES]
         search = gx.analysis.Continuation(tolerance=1e-4)
-        equilibrium = gx.Equilibrium(gx.Scene(plate, *supports), search)
-        equilibrium.find()
+        equilibrium = at_rest(plate, *supports, search=search)
         # The lowest four modes; higher ones need finer meshes.
         return np.array([mode.frequency for mode in gx.analysis.modes(equilibrium, 4)])
 

@@ -23,6 +23,7 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.records.fields.fields import FieldFunctions
+from tests.small_scenes import at_rest
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(
@@ -76,8 +77,7 @@ def test_two_halves_of_a_symmetric_plate_are_one():
                 direction=right,
             ),
         )
-        equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps, gx.Pressure(plate, 20.0)))
-        equilibrium.find()
+        equilibrium = at_rest(plate, *clamps, gx.Pressure(plate, 20.0))
         rises.append(equilibrium.system.q0.array_r[2::3].max())
     # The half has another mesh at its plane of symmetry.
     assert rises[1] == pytest.approx(rises[0], rel=1e-2)
@@ -93,8 +93,7 @@ def test_a_hinge_transmits_no_moment():
     )
     clamp = gx.Fixed(plate, "left", rotation=True)
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 0.05))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load))
-    equilibrium.find()
+    equilibrium = at_rest(plate, clamp, load)
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
     middle = x[plate.nodes("middle")].mean(axis=0)
     right = x[plate.nodes("right")].mean(axis=0)

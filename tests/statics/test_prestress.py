@@ -12,6 +12,7 @@ from gossamer_fx.analysis import modes
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
+from tests.small_scenes import at_rest
 
 E = 2.3e9
 NU = 0.3
@@ -80,15 +81,12 @@ def test_round_drum(comm):
         order=2,
         initial_stress=STRESS,
     )
-    equilibrium = gx.Equilibrium(
-        gx.Scene(
-            film,
-            gx.Fixed(film, "rim"),
-            gx.Fixed(film, "x axis", components=(1,)),
-            gx.Fixed(film, "y axis", components=(0,)),
-        )
+    equilibrium = at_rest(
+        film,
+        gx.Fixed(film, "rim"),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
     )
-    equilibrium.find()
     # Zeros of Bessel functions.
     roots = np.array([2.404826, 5.135622, 5.520078])
     exact = roots / (2 * np.pi) * (TENSION / MASS) ** 0.5
@@ -176,8 +174,7 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
         gx.Fixed(film, "bottom right", components=(2,)),
         gx.Fixed(film, "top left", components=(2,)),
     ]
-    equilibrium = gx.Equilibrium(gx.Scene(film, *supports))
-    equilibrium.find()
+    equilibrium = at_rest(film, *supports)
     corner = gx.probes.Position(film.port("top right"), "x")(equilibrium)
     expected = (1 - 2 * e) ** 0.5
     # Natural size: Green's strain -e.
@@ -228,8 +225,7 @@ def test_string(comm):
         order=2,
         initial_tension=50.0,
     )
-    equilibrium = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "start"), gx.Fixed(cable, "end")))
-    equilibrium.find()
+    equilibrium = at_rest(cable, gx.Fixed(cable, "start"), gx.Fixed(cable, "end"))
     # n/2L with L = 2 m, each twice for the two directions.
     exact = np.repeat([1.0, 2.0, 3.0], 2) / 4 * (50.0 / ROPE.line_density) ** 0.5
     measured = [mode.frequency for mode in modes(equilibrium, 6)]
@@ -246,8 +242,7 @@ def test_a_cable_that_is_cut_short(comm, factor):
         length_factor=factor,
     )
     end = gx.Fixed(cable, "end")
-    equilibrium = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "start"), end))
-    equilibrium.find()
+    equilibrium = at_rest(cable, gx.Fixed(cable, "start"), end)
     stretch = 1 / factor
     tension = ROPE.EA * (stretch**2 - 1) / 2 * stretch
     force, _ = equilibrium.reaction(end)
@@ -259,8 +254,7 @@ def test_a_cable_that_is_cut_short(comm, factor):
         length_factor=factor,
     )
     top = gx.Fixed(hanging, "end")
-    weighed = gx.Equilibrium(gx.Scene(hanging, top, gx.Gravity(hanging, (0.0, 0.0, -10.0))))
-    weighed.find()
+    weighed = at_rest(hanging, top, gx.Gravity(hanging, (0.0, 0.0, -10.0)))
     # Mass of the natural length.
     weight = ROPE.line_density * 2.0 * factor * 10
     measured = weighed.reaction(top)[0][2]
@@ -319,8 +313,7 @@ def test_beam_under_axial_force(comm, share):
         initial_tension=share * euler_load,
     )
     ends = [gx.Fixed(beam, "start"), gx.Fixed(beam, "end")]
-    equilibrium = gx.Equilibrium(gx.Scene(beam, *ends))
-    equilibrium.find()
+    equilibrium = at_rest(beam, *ends)
     # Euler's column: frequency zero at N = -P.
     ω = (np.pi / L) ** 2 * (section.EI2 / section.line_density * (1 + share)) ** 0.5
     found = [mode.frequency for mode in modes(equilibrium, 2, above=0.9 * ω / 2 / np.pi)]

@@ -9,6 +9,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 E = 1e9
 THICKNESS = 1e-4
@@ -34,8 +35,7 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
         "right",
         motion=lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]]),
     )
-    equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "left"), pulled))
-    equilibrium.find()
+    equilibrium = at_rest(gx.Fixed(film, "left"), pulled)
     points, strain = gx.fields.field_values(equilibrium, film, field="strain1")
     _, stress = gx.fields.field_values(equilibrium, film, field="stress1")
     # Green's strain of the stretch 1.02.
@@ -74,8 +74,7 @@ def test_reaction_of_a_clamped_beam(comm):
     clamp = gx.Fixed(beam, "start", rotation=True)
     tip = beam.port("end")
     F = (3.0, -2.0, 5.0)
-    equilibrium = gx.Equilibrium(gx.Scene(clamp, gx.loads.Force(tip, F)))
-    equilibrium.find()
+    equilibrium = at_rest(clamp, gx.loads.Force(tip, F))
     x = [gx.probes.Position(tip, axis)(equilibrium) for axis in "xyz"]
     force, moment = equilibrium.reaction(clamp)
     expected = [-3.0, 2.0, -5.0]
@@ -115,8 +114,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
         name="middle",
     )
     g = (0.0, 0.0, -10.0)
-    equilibrium = gx.Equilibrium(gx.Scene(top, middle, gx.Gravity(upper, g), gx.Gravity(lower, g)))
-    equilibrium.find()
+    equilibrium = at_rest(top, middle, gx.Gravity(upper, g), gx.Gravity(lower, g))
     force, moment = equilibrium.joint_force(middle, about=(0.0, 0.0, -2.0))
     assert force == pytest.approx([0, 0, 30.0], abs=1e-6)
     # Weight of the lower body, 30 N, at an arm of 0.5 m.

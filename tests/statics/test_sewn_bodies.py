@@ -19,6 +19,7 @@ import gossamer_fx as gx
 from demos.inflatables import pumpkin
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 # Of the mylar balloon of discs of radius 1: its radius and thickness.
@@ -266,18 +267,7 @@ def test_panels_touch_while_they_are_sewn() -> None:
     weight = gx.Gravity(films[1], (0.0, 0.0, -200.0))
     hold = gx.Fixed(films[0], "bottom")
     calm = [gx.Damping(film, mass_factor=20.0, name=f"air at {film.name}") for film in films]
-    run = gx.Simulation(
-        gx.Scene(
-            *films,
-            *seams,
-            contact,
-            weight,
-            hold,
-            *calm,
-        ),
-        gx.Midpoint(dt=1e-3),
-    )
-    run.run(until=0.06)
+    run = run_until(0.06, *films, *seams, contact, weight, hold, *calm, dt=1e-3)
     # The panels have touched, at an acceleration of twenty times gravity.
     assert run.totals.stored["contact"] > 0
     assert abs(run.energy_error) < 1e-9

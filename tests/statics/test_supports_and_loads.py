@@ -10,6 +10,7 @@ from dolfinx.mesh import locate_entities
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
+from tests.small_scenes import at_rest, run_until
 
 E = 1e9
 THICKNESS = 1e-4
@@ -105,8 +106,7 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
         normal_force=lambda t: 2000.0 * t,
         following=following,
     )
-    run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
-    run.run(until=1e-3)
+    run = run_until(1e-3, load, dt=1e-4)
     # Force 2e6 N/s × t on 1 m, integrated over 1 ms.
     impulse = 2000.0 * 1e-3**2 / 2
     expected = [0, impulse, 0] if following else [impulse, 0, 0]
@@ -130,13 +130,7 @@ def test_a_load_on_edges_inside_the_film_counts(comm):
     )
     film = gx.Membrane(mesh, LAW)
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
-    equilibrium = gx.Equilibrium(
-        gx.Scene(
-            *held,
-            gx.loads.EdgeLoad(film, "middle", force=(30.0, 0.0, 0.0)),
-        )
-    )
-    equilibrium.find()
+    equilibrium = at_rest(*held, gx.loads.EdgeLoad(film, "middle", force=(30.0, 0.0, 0.0)))
     total = sum(equilibrium.reaction(support)[0] for support in held)
     assert total == pytest.approx([-30.0, 0, 0], abs=1e-5)
     with pytest.raises(gx.InputError, match=r"no normal"):
@@ -200,8 +194,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
             gx.Damping(body, mass_factor=20.0),
             gx.Damping(body, stiffness_factor=1e-3),
         ):
-            run = gx.Simulation(gx.Scene(gx.Fixed(body, "start"), damping), gx.Midpoint(dt=1e-4))
-            run.run(until=3e-3)
+            run = run_until(3e-3, gx.Fixed(body, "start"), damping, dt=1e-4)
             # Damping takes energy, and not all of it.
             assert 0 < run.totals.dissipated < run.first.energy
             assert abs(run.energy_error) < 1e-9
@@ -218,8 +211,7 @@ def test_a_tape_has_weight(comm, load):
     )
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
     field = gx.Gravity(film) if load == "gravity" else gx.loads.Centrifugal(film, (0.0, 0.0, 2.0))
-    equilibrium = gx.Equilibrium(gx.Scene(tape, field, *held))
-    equilibrium.find()
+    equilibrium = at_rest(tape, field, *held)
     total = sum(equilibrium.reaction(support)[0] for support in held)
     # Mass of the film of 1 m²; the tape has 0.5 kg.
     mass = 1000.0 * THICKNESS
@@ -301,8 +293,7 @@ def test_supports_that_share_corners_balance_the_load_together(comm) -> None:
     )
     edges = [gx.Fixed(film, edge) for edge in ("bottom", "right", "top", "left")]
     # In the plane of the film, where it is stiff.
-    search = gx.Equilibrium(gx.Scene(film, gx.Gravity(film, (0.0, -10.0, 0.0)), *edges))
-    search.find()
+    search = at_rest(film, gx.Gravity(film, (0.0, -10.0, 0.0)), *edges)
     forces = np.array([search.reaction(edge)[0] for edge in edges])
     # 1 kg of film; the weight of the corner nodes is borne, too.
     assert forces.sum(axis=0) == pytest.approx([0.0, 10.0, 0.0], rel=1e-6, abs=1e-6)

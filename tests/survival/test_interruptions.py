@@ -37,8 +37,8 @@ def command(
 @pytest.mark.parametrize(
     ("phase", "ranks", "words"),
     [
-        ("setup", 1, "stopped by a signal while no run was in progress"),
-        ("setup", 2, "stopped by a signal while no run was in progress"),
+        ("setup", 1, "stopped by Ctrl-C; nothing is left to go on from"),
+        ("setup", 2, "stopped by Ctrl-C; nothing is left to go on from"),
         ("statics", 1, "the system has the state of the last pseudo-step"),
         ("statics", 2, "the system has the state of the last pseudo-step"),
     ],
@@ -71,6 +71,6 @@ def test_while_a_kernel_is_compiled(tmp_path: Path) -> None:
     """The next run compiles what was left unfinished."""
     said = command(tmp_path / "run", "compilation", cache=tmp_path)
     assert said.returncode == 128 + signal.SIGINT, said.stderr
-    assert "stopped by a signal" in said.stderr and "Traceback" not in said.stderr
+    assert "stopped by Ctrl-C" in said.stderr and "Traceback" not in said.stderr
     again = command(tmp_path / "run", "none", cache=tmp_path)
     assert again.returncode == 0, again.stderr

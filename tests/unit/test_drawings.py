@@ -121,9 +121,12 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
     refused(drawing(tmp_path / "branch.dxf", branch), r"open, or branches, at \(0, 0\) m")
     refused(drawing(tmp_path / "names.dxf", same_names), "two groups 'gore'")
     refused(
-        drawing(tmp_path / "panel.dxf", named_film), "panel with the text 'film', the name of the"
+        drawing(tmp_path / "panel.dxf", named_film), "two groups 'film'.* the group of all panels"
     )
-    refused(drawing(tmp_path / "layer.dxf", layer_film), "layer 'film'.*rename the layer")
+    refused(
+        drawing(tmp_path / "layer.dxf", layer_film),
+        "two groups 'film'; give each panel and layer its own",
+    )
     refused(drawing(tmp_path / "empty.dxf", lambda model: None), "has no lines, arcs or splines")
     refused(tmp_path / "none.dxf", "There is no drawing")
     no_unit = drawing(tmp_path / "unit.dxf", gap, unit=0)

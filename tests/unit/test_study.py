@@ -41,7 +41,7 @@ STUDY = Study(
     lambda case: 1 / case["cells"],
     (Measure("y", 2.0, 0.1, lambda case: float(case["order"])),),
     quick={"cells": [2, 4]},
-    columns=("seconds",),
+    columns="seconds",
 )
 
 

@@ -13,14 +13,8 @@ NUDGE = 1e-9
 # Columns of the tables: what a demo returns of its energy balance and of its steps.  "rejected" is
 # the number of rejected steps.
 LEDGER = (
-    "dissipated",
-    "penetrations",
-    "energy_error",
-    "angular_momentum_drift",
-    "rejected",
-    "steps",
-    "iterations",
-    "seconds",
+    "dissipated, penetrations, energy_error, angular_momentum_drift, rejected, steps, iterations, "
+    "seconds"
 )
 
 

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
 from gossamer_fx.analysis.cases.results import Result, number_text, values_text
-from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
+from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
@@ -102,7 +102,7 @@ class Study:
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
-        columns: further results that the table shows.
+        columns: names of further results that the table shows, divided by commas.
         shows: results of which at least one case must have a finite value other than zero.
         quick_shows: the same in quick runs; default: `shows`.
         limits: largest sizes of results in all cases that have them, such as errors of balances.
@@ -119,7 +119,7 @@ class Study:
     measures: tuple[Measure, ...] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
-    columns: tuple[str, ...] = ("iterations", "seconds")
+    columns: str = "iterations, seconds"
     shows: tuple[str, ...] = ()
     quick_shows: tuple[str, ...] | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -200,7 +200,8 @@ class Study:
         head = [*self.axes]
         for measure in self.measures:
             head += [measure.name, "error", "order"]
-        yield [*head, *self.columns]
+        columns = self.columns.split(", ")
+        yield [*head, *columns]
         for curve in self.curves(results).values():
             for previous, result in zip([None, *curve], curve, strict=False):
                 cells = [str(result.values[name]) for name in self.axes]
@@ -211,7 +212,7 @@ class Study:
                     cells.append(number_text(value, ".6g"))
                     cells.append(number_text(measure.error(result), ".2g"))
                     cells.append(number_text(slope, ".1f"))
-                for name in self.columns:
+                for name in columns:
                     cells.append(number_text(result.numbers.get(name, math.nan), ".4g"))
                 if result.failed:
                     cells[-1] += " (failed)"

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.materials.orthotropic import LinearOrthotropic, Orthotropic
 
@@ -39,6 +40,7 @@ class Lamina:
     density: float
     source: str
 
+    @check_arguments
     def law(
         self,
         thickness: float,

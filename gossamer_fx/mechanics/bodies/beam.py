@@ -152,22 +152,20 @@ class Beam(Curve):
         stiffnesses = (c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ)
         return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
 
-    def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Axial force [N] at coordinates q (9,) with the strains e (6,) of `measure` less the
-        thermal strain: the component along x' of the force ∂W/∂x' of a section.
+    def axial_force(self, q: Expr, S: Expr) -> Expr:
+        """Axial force [N] at coordinates q (9,) with the stress S (6,) of the density: the
+        component along x' of the force ∂W/∂x' of a section.
 
-        N = EA ε |x'| + Σ (GA_i γ_i x'·d_i + EI_i κ_i x'·d_i')/|x'|, as shear and curvature are
-        functions of x', too.  Of a bent beam the last part is not small: κ² EI.
+        N = S_ε |x'| + Σ (S_γi x'·d_i + S_κi x'·d_i')/|x'|, as shear and curvature are functions of
+        x', too.  Of a bent beam the last part is not small: κ² EI.
         """
         dq = line_derivative(q)
         dx = ufl.as_vector([dq[0], dq[1], dq[2]])
         stretch = ufl.sqrt(ufl.dot(dx, dx))
         # x'·d_i and x'·d_i', which are not zero in the mesh of a curved beam
         products = beam_strain(q)
-        c = self.constants
-        stiffnesses = (c.GA2, c.GA3, c.EI2, c.EI3)
-        across = sum(k * e[i] * products[i] for i, k in enumerate(stiffnesses, start=1))
-        return c.EA * e[0] * stretch + across / stretch
+        across = sum(S[i] * products[i] for i in range(1, 5))
+        return S[0] * stretch + across / stretch
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
@@ -191,6 +189,7 @@ class Beam(Curve):
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3
 
+    @check_arguments
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, group)

@@ -77,6 +77,7 @@ class Tape:
     name: str = "tape"
 
     @staticmethod
+    @check_arguments
     def along_edges(
         body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
@@ -117,31 +118,32 @@ class Tape:
         # An edge of order 2 is two bars, so that its middle node has a bar, too.
         bars_per_edge = chains.shape[1] - 1
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(bars_per_edge)])
-        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        own_lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        nodes = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        # Bars have global nodes and are the same on every rank; a line is short compared with a
         # film.
         own_bars = [
             (edge, *bar, length)
             for edge, bar, length in zip(
-                bars_per_edge * edge_names, names.tolist(), own.tolist(), strict=True
+                bars_per_edge * edge_names, nodes.tolist(), own_lengths.tolist(), strict=True
             )
         ]
-        rows = body.comm.allgather(own_bars)
+        gathered = body.comm.allgather(own_bars)
         # Sorted by edges; both bars of one edge are on one rank, and stay in their order.
-        bars = sorted((row for part in rows for row in part), key=lambda row: row[0])
+        bars = sorted((bar for of_rank in gathered for bar in of_rank), key=lambda bar: bar[0])
         check(
             len(bars) > 0,
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
             "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
-        _refuse_edges_without_length(body, edges, own, midpoints, name)
+        _refuse_edges_without_length(body, edges, own_lengths, midpoints, name)
         pairs = [(Port(body, (a,)), Port(body, (b,))) for _, a, b, _ in bars]
         lengths = [length_factor * length for *_, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
+    @check_arguments
     def through(
         body: Membrane,
         law: BarLaw,

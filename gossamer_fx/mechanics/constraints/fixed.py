@@ -107,6 +107,10 @@ class Fixed:
                 f"'{self.name}': normal is {self.normal!r}; give three numbers, not all zero.",
             )
             check(
+                self.components == ALL_COMPONENTS,
+                f"'{self.name}': components and normal are given; leave one of them out.",
+            )
+            check(
                 self.motion is None,
                 f"'{self.name}': normal and motion are given; "
                 "leave one of them out, or give components.",

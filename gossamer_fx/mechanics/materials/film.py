@@ -292,9 +292,9 @@ class Miyazaki(IsotropicFilm):
             return self._wrinkled_stress(a, b, c)
 
         return [
-            Piece(*taut, taut_stress),
-            Piece(*slack, slack_stress),
-            *(Piece(*interval, wrinkled_stress) for interval in wrinkled),
+            Piece(*taut, taut_stress, TAUT),
+            Piece(*slack, slack_stress, SLACK),
+            *(Piece(*interval, wrinkled_stress, WRINKLED) for interval in wrinkled),
         ]
 
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:

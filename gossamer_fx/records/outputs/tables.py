@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import (
@@ -139,7 +140,7 @@ def _csv_line(values: Iterable[Any]) -> bytes:
         else:
             entries.append(value)
     line = io.StringIO()
-    csv.writer(line).writerow(entries)
+    csv.writer(line).writerow(safe_cells(entries))
     # Names may contain half of a surrogate pair, e.g. from a file name, which has no UTF-8.
     return line.getvalue().encode(errors="backslashreplace")
 
