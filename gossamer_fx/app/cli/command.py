@@ -93,8 +93,8 @@ def main(words: Sequence[str]) -> int:
 
     comm = MPI.COMM_WORLD
     if comm.size > 1:
-        # The launcher hands SIGINT on as this signal.
-        signal.signal(signal.SIGUSR1, signal.default_int_handler)
+        # The launcher hands Ctrl-C on as this signal.
+        signal.signal(signal.SIGUSR2, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
