@@ -96,6 +96,22 @@ def test_reading_a_mesh_executes_no_file_beside_it(trap: Path, monkeypatch) -> N
     assert marks(trap) == []
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to another user")
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_kernels_of_another_user_are_refused(tmp_path: Path, monkeypatch, what) -> None:
+    """Two users of one cache: the second one is refused in a sentence."""
+    folder = tmp_path / "kernels"
+    folder.mkdir(mode=0o700)
+    kernel = folder / "libffcx_forms_1.so"
+    kernel.write_bytes(b"")
+    nobody = 65534
+    os.chown(folder if what == "folder" else kernel, nobody, nobody)
+    monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": str(folder)})
+    with pytest.raises(gx.InputError, match="belongs to another user"):
+        compilation.private_cache()
+    assert kernel.exists()
+
+
 @pytest.mark.parametrize("what", ["folder", "file"])
 def test_kernels_that_others_may_write_are_refused(tmp_path: Path, monkeypatch, what) -> None:
     folder = tmp_path / "kernels"

@@ -11,6 +11,7 @@ import argparse
 import math
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -91,6 +92,9 @@ def main(words: Sequence[str]) -> int:
     from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
+    if comm.size > 1:
+        # The launcher hands Ctrl-C on as this signal.
+        signal.signal(signal.SIGUSR2, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
