@@ -102,7 +102,7 @@ def effort(run: gx.Simulation) -> dict[str, float]:
 
 
 def dissipation(run: gx.Simulation) -> dict[str, float]:
-    """Energy that a run has dissipated [J]: in all, and by each part of the scene that
+    """Energy that a run has dissipated [J]: in all, and by each item of the scene that
     dissipates."""
     by_part = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **by_part}

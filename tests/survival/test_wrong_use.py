@@ -1423,14 +1423,6 @@ ANALYSES: dict[str, Case] = {
     "a sweep over 1e12 runs": lambda at: swept(
         at, lambda comm, folder, **values: {"y": 1.0}, {f"a{k}": list(range(10)) for k in range(12)}
     ),
-    "a sweep of 20 factors": lambda at: gx.sweep.RobustDesign(
-        lambda comm, folder, **v: {"y": 1.0},
-        {f"a{k}": [1, 2, 3] for k in range(20)},
-        {"y": "smaller"},
-    ),
-    "a goal of no name": lambda at: gx.sweep.RobustDesign(
-        lambda comm, folder, **v: {"y": 1.0}, {"a": [1, 2]}, {"y": "best"}
-    ),
 }
 
 # ---- folds and orbits ----------------------------------------------------------------------------

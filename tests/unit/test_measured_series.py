@@ -20,6 +20,7 @@ from gossamer_fx.records.plot.measured_series import (
     rms_difference,
     unit_factor,
 )
+from tests.small_scenes import run_until
 
 G = 9.81
 DT = 0.01
@@ -35,12 +36,12 @@ def fall(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "speed [m/s]": lambda run: G * run.time,
         "turns": lambda run: 1.0,
     }
-    run = gx.Simulation(
-        gx.Scene(gx.Gravity(ball, (0.0, 0.0, -G))),
-        gx.Midpoint(dt=DT),
+    run_until(
+        20 * DT,
+        gx.Gravity(ball, (0.0, 0.0, -G)),
+        dt=DT,
         outputs=[gx.Recording(folder, every=1, probes=probes)],
     )
-    run.run(until=20 * DT)
     return folder
 
 

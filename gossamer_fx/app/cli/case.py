@@ -131,7 +131,7 @@ class Case:
             checkpoints: when and where states are saved for a restart; None: not at all.
             restart: folder of a checkpoint, or of several, of which the newest counts, from which
                 the run goes on; None: it starts at zero.
-            changes: names of the parts whose parameters may differ from those of the checkpoint.
+            changes: names of the items whose parameters may differ from those of the checkpoint.
 
         Raises:
             InputError: what is wrong with the scene, the outputs, `halvings` or the checkpoint, as

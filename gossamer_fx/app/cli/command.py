@@ -11,6 +11,7 @@ import argparse
 import math
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -92,6 +93,9 @@ def main(words: Sequence[str]) -> int:
     from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
+    if comm.size > 1:
+        # The launcher hands Ctrl-C on as this signal.
+        signal.signal(signal.SIGUSR2, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
@@ -227,7 +231,7 @@ def _parser() -> argparse.ArgumentParser:
         "design",
         type=Path,
         metavar="FILE",
-        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+        help="a scene file, with --over; or a file with a Factorial named SWEEP",
     )
     sweep.add_argument(
         "--over",
@@ -505,9 +509,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.app.cli.user_files import guarded, load
     from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
-    from gossamer_fx.app.sweep.robust_design import RobustDesign
-    from gossamer_fx.app.sweep.sweep_report import run_design
-    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.errors import InputError, check
 
     path: Path = wanted.design
     check(
@@ -528,18 +530,13 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         check_same_scene(comm, path, folder)
     else:
         design = getattr(module, "SWEEP", None)
-    check(
-        isinstance(design, RobustDesign | Factorial),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
-        "the arguments of a scene file with --over.",
-    )
-    if isinstance(design, Factorial):
-        sweep = design
-        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
-    else:
-        assert isinstance(design, RobustDesign)
-        robust = design
-        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
+    if not isinstance(design, Factorial):
+        raise InputError(
+            f"'{path}' has no SWEEP; let it be a gx.sweep.Factorial, or vary the arguments of a "
+            "scene file with --over."
+        )
+    sweep = design
+    text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
     if comm.rank == 0:
         print(f"{text}\nwritten to {folder}")
 

@@ -66,7 +66,7 @@ class InflatableTube:
         contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.
             Gradients of runs need a number.
         obstacles: solids that the film touches, too.
-        name: for messages and outputs; the parts have names that begin with it.
+        name: for messages and outputs; the items have names that begin with it.
 
     Attributes:
         film: the membrane.
@@ -79,7 +79,7 @@ class InflatableTube:
 
     Raises:
         InputError: obstacles without contact, creases without folds, a cap that is neither a rigid
-            body nor a positive mass, or what the parts refuse.
+            body nor a positive mass, or what the items refuse.
 
     Example:
         >>> from gossamer_fx.meshes.tube import flat_tube

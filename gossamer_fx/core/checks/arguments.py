@@ -56,7 +56,7 @@ _DESCRIPTIONS = {
     "StressRule": "a stress rule, e.g. PathAverage()",
     "Joint": "a joint, e.g. BallJoint",
     "State": "a Simulation or an Equilibrium",
-    "Item": "parts of a scene: bodies, gas, loads, constraints or connectors",
+    "Item": "items of a scene: bodies, gas, loads, constraints or connectors",
     "Holder": "a reservoir or surroundings",
     "Volume": "a chamber or tank",
     "Event": "an At or a When",
@@ -180,7 +180,7 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
             message = _wrong_call(signature(), args, kwargs, error)
             raise InputError(f"{name}: {message}.") from None
         given = bound.arguments
-        # Parts of a scene have names, which tell which of several is meant.
+        # Items of a scene have names, which tell which of several is meant.
         if isinstance(given.get("name"), str):
             name = f"{name} '{given['name']}'"
         for argument, value in given.items():

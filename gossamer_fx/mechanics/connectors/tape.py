@@ -102,26 +102,44 @@ class Tape:
         table = body.mesh.edges
         space = body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
-        chains = table.nodes(space, lines[lines < table.owned])
+        own_lines = lines[lines < table.owned]
+        chains = table.nodes(space, own_lines)
+        # Numbers of the mesh as it was read: bars have the same order on any number of ranks.
+        geometry = space.mesh.geometry
+        vertices_of_cells = space.mesh.topology.connectivity(2, 0).array
+        numbers_of_vertices = np.zeros(vertices_of_cells.max(initial=0) + 1, dtype=np.int64)
+        points_of_cells = geometry.dofmap[:, :3].ravel()
+        numbers_of_vertices[vertices_of_cells] = geometry.input_global_indices[points_of_cells]
+        numbers = numbers_of_vertices[table.vertices[own_lines]]
+        is_reversed = numbers[:, 0] > numbers[:, 1]
+        chains[is_reversed] = chains[is_reversed, ::-1]
+        edge_names = [tuple(row) for row in np.sort(numbers, axis=1).tolist()]
         x = space.tabulate_dof_coordinates()
         # An edge of order 2 is two bars, so that its middle node has a bar, too.
-        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
-        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        bars_per_edge = chains.shape[1] - 1
+        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(bars_per_edge)])
+        own_lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        nodes = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        # Bars have global nodes and are the same on every rank; a line is short compared with a
         # film.
-        own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
-        rows = body.comm.allgather(own_bars)
-        bars = [row for part in rows for row in part]
+        own_bars = [
+            (edge, *bar, length)
+            for edge, bar, length in zip(
+                bars_per_edge * edge_names, nodes.tolist(), own_lengths.tolist(), strict=True
+            )
+        ]
+        gathered = body.comm.allgather(own_bars)
+        # Sorted by edges; both bars of one edge are on one rank, and stay in their order.
+        bars = sorted((bar for of_rank in gathered for bar in of_rank), key=lambda bar: bar[0])
         check(
             len(bars) > 0,
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
             "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
-        _refuse_edges_without_length(body, edges, own, midpoints, name)
-        pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
-        lengths = [length_factor * length for _, _, length in bars]
+        _refuse_edges_without_length(body, edges, own_lengths, midpoints, name)
+        pairs = [(Port(body, (a,)), Port(body, (b,))) for _, a, b, _ in bars]
+        lengths = [length_factor * length for *_, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
@@ -193,9 +211,9 @@ class Tape:
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
-        # e = √(EA L) ε, so that the energy of every bar is ½ e²; with a table e = ε.
+        # e = √(EA L) ε, so that the energy of every bar is ½ e²; for laws of λ - 1 e = ε.
         # Equal energies are one array, evaluated at once.
-        scale = np.sqrt(law.EA * L) if isinstance(law, CableLaw) else np.ones(len(L))
+        scale = np.sqrt(law.EA * L) if _is_green(law) else np.ones(len(L))
         vectors = [
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
         ]
@@ -207,21 +225,28 @@ class Tape:
 
 def _density(law: BarLaw, lengths: Array) -> PointDensity:
     """The stored energy [J] of bars with natural lengths (n,) [m], as a function of the measure e
-    of each, which `Tape.terms` makes: ½ e² for laws with a constant axial stiffness, e = ε for a
-    table."""
-    if isinstance(law, TensionOnly):
-        return OneSided()
-    if isinstance(law, CableLaw):
-        return Quadratic(1.0)
+    of each, which `Tape.terms` makes: ½ e² for laws that are quadratic in ε, e = ε for others."""
+    if _is_green(law):
+        return OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
     # Imported here: a scene without tables does not load them.
-    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars, TabulatedCable
+    from gossamer_fx.mechanics.bodies.tabulated_cable import (
+        TabulatedBars,
+        TabulatedCable,
+        linear_corners,
+    )
 
+    if isinstance(law, CableLaw):
+        return TabulatedBars(linear_corners(law), lengths)
     check(
         isinstance(law, TabulatedCable),
         f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
     )
     assert isinstance(law, TabulatedCable)
     return TabulatedBars(law.corners, lengths)
+
+
+def _is_green(law: BarLaw) -> bool:
+    return isinstance(law, CableLaw) and law.strain == "green"
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:

@@ -1,4 +1,4 @@
-"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as
+"""Damping of films, cables and beams, off unless it is item of the scene; its loss counts as
 dissipated.
 
 Losses of a film that follow its state have its stiffness ψ''(e) at the start of each step.
@@ -123,7 +123,13 @@ class Damping:
             # potential of the Kelvin-Voigt stress β C ė.
             measure, energy = _unwrinkled(body)
             yield ViscousDissipation(
-                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx, factor
+                by_stiffness,
+                body,
+                measure,
+                lambda e_rate: β * energy(e_rate),
+                body.dx,
+                factor,
+                discrete_derivative=body.discrete_derivative,
             )
 
 

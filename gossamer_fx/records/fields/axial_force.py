@@ -16,21 +16,21 @@ from gossamer_fx.core.forms.compilation import compile_expression, compile_form,
 from gossamer_fx.core.forms.kinematics import Expr, line_derivative
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import Curve
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.solve.system.system import System
 
 
 def axial_strain(shape: BodyShape) -> Expr:
-    """The strain λ - 1 = √(1 + 2ε) - 1 of which the tension of a cable or beam is a function.
+    """The strain of which the tension is a function: λ - 1 of a cable, Γ of a beam.
 
     The initial strain is contained in it, the thermal strain is not.
     """
-    return ufl.sqrt(1 + 2 * shape.elastic_strain()[0]) - 1
+    return shape.body.axial_strain(shape.elastic_strain())
 
 
 def tension(shape: BodyShape) -> Expr:
     """The axial force [N] of a cable or beam, negative for compression."""
-    return shape.body.axial_force(shape.q, shape.elastic_strain())
+    return shape.body.axial_force(shape.q_acting, shape.stress())
 
 
 def stretch(shape: BodyShape) -> Expr:
@@ -53,9 +53,11 @@ class GaussValues:
         function: the quantity, set by `update`.
     """
 
-    def __init__(self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr]) -> None:
+    def __init__(
+        self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr], at: At
+    ) -> None:
         """Compile the quantity; `update` computes it.  Collective."""
-        self._shape = BodyShape(system, body)
+        self._shape = BodyShape(system, body, at)
         self._comm = system.comm
         mesh = body.mesh.domain
         element = basix.ufl.element(

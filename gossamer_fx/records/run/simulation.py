@@ -37,7 +37,14 @@ from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_o
 from gossamer_fx.records.run.log import LOGGER
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
+from gossamer_fx.solve.steppers.stepping import (
+    Carrier,
+    Control,
+    EqualSteps,
+    Stepper,
+    Stepping,
+    even_step,
+)
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import TIME, Account, ClosingErrors
 
@@ -139,7 +146,10 @@ class Simulation:
         if control is not None:
             self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
-        self.history = History(self.system, [self.solver, self.stepping])
+        carriers: list[Carrier] = [self.solver]
+        if isinstance(self.stepping, Carrier):
+            carriers.append(self.stepping)
+        self.history = History(self.system, carriers)
         self.step = 0
         self.iterations = 0
         self.substeps = 0
@@ -389,7 +399,8 @@ class Simulation:
         if self._locks is not None:
             self._locks.acquire()
             self._locks.running = True
-        with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+        # Signals are noted until all files are closed.
+        with abort_on_lone_error(self.comm), Listener() as signals, ExitStack() as at_the_end:
             self._running = True
             at_the_end.callback(setattr, self, "_running", False)
             # Callbacks are called in reverse order: files are closed before they are released.
@@ -398,12 +409,13 @@ class Simulation:
                 at_the_end.callback(output.close, self)
             # Closing is collective: a rank that fails alone must end the program before it.
             with abort_on_lone_error(self.comm):
-                signal = self._start_and_go(until, signals)
+                self._start_and_go(until, signals)
+        signal = signals.heard(self.comm)
         if signal:
             self._leave(signal)
 
-    def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step to a time.  Collective.
+    def _start_and_go(self, until: float, signals: Listener) -> None:
+        """Record the start, and step to a time or until a signal comes.  Collective.
 
         Args:
             until: end time [s].
@@ -415,16 +427,16 @@ class Simulation:
         if not self.recorded:
             self._record(last=ended)
         if ended:
-            return 0
+            return
         times = {until}
         for output in self.outputs:
             times |= set(output.times)
         if self._monitor is not None:
             times |= set(self._monitor.times)
         milestones = sorted(t for t in times if self.time < t < until)
-        return self._go([*milestones, until], signals)
+        self._go([*milestones, until], signals)
 
-    def _go(self, milestones: Sequence[float], signals: Listener) -> int:
+    def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.
 
         Args:
@@ -440,17 +452,15 @@ class Simulation:
                     # again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
-                    signal = signals.heard(self.comm)
-                    is_last = ended or signal > 0 or self.time == milestones[-1]
-                    self._record(last=is_last)
+                    ended = ended or signals.heard(self.comm) > 0
+                    self._record(last=ended or self.time == milestones[-1])
                 except Exception as error:
                     # `_save` is collective: all ranks must have the error.
                     agree_on_error(self.comm, error)
                     self._save()
                     raise
-                if ended or signal:
-                    return signal
-        return 0
+                if ended:
+                    return
 
     def _record(self, last: bool) -> None:
         """Let the outputs record the state, and write a checkpoint if it is due.  Collective."""
