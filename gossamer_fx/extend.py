@@ -1,4 +1,4 @@
-"""What an own part, load, law, probe, output or chamber is made of: the promised interface for
+"""What an own item, load, law, probe, output or chamber is made of: the promised interface for
 extensions.
 
 Names of this module do not change their meaning from one minor version to the next; everything else
@@ -16,7 +16,10 @@ General kinds of terms
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles
-    `FilmLaw`, the base of laws of films; `Obstacle`, that of what contact keeps films off;
+    `FilmLaw`, the base of laws of films, whose pieces of a path are `Piece` with `within_cone`, and
+    whose `BendingStiffness` a plate needs; `Obstacle`, that of what contact keeps films off: its
+    parts are `ObstacleWall` and `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own
+    ones (`WallStencil`, `PairStencil`), and its picture is a `DrawnSurface`;
     `line_derivative`, `area_vector` for measures in UFL
 Own kinds of terms
     `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;
@@ -24,8 +27,10 @@ Own kinds of terms
     `Differentiable`, `Shown`
 Gas
     `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
+Steppers
+    `Stepper`, `StepSolver`
 Runs
-    `StateView`, `Output`, `Probe`
+    `StateView`, `HasSystem`, `Output`, `Probe`
 Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
 """

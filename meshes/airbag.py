@@ -9,7 +9,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells, Length
+from .arrays import Cells, Length, check_cells
 
 CORNERS = ("corner", "right corner", "far corner", "left corner")
 
@@ -29,6 +29,7 @@ def airbag(comm: MPI.Intracomm, edge: Length, cells: Cells) -> Mesh:
     Raises:
         InputError: the edge is not positive, or there are no cells.
     """
+    check_cells("airbag", 4 * cells**2)
     # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 

@@ -21,6 +21,7 @@ from .arrays import (
     Numbers,
     Points,
     around_centres,
+    check_cells,
     mesh_of_arrays,
 )
 from .line import line
@@ -50,6 +51,7 @@ def film(comm: MPI.Intracomm, cells: Cells, side: Length) -> Mesh:
     Raises:
         InputError: there are no cells, or the side is not positive.
     """
+    check_cells("film", 4 * cells**2)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         ticks = _ticks(cells, side)
@@ -111,6 +113,7 @@ def boom(comm: MPI.Intracomm, elements: Cells, side: Length, diagonal: tuple[flo
     Raises:
         InputError: there are no elements, or the side is not positive.
     """
+    check_cells("boom", elements)
     # The booms cross in the middle of the film, which is the origin.
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.core.checks.errors import real_numbers
+from gossamer_fx.core.mesh.gmsh_reader import check_cells as check_cells
 from gossamer_fx.extend import Range, check, positive
 
 Points = npt.NDArray[np.float64]
@@ -44,6 +46,12 @@ def mesh_of_arrays(
 
     def build(model: Any) -> None:
         points, triangles, groups = arrays()
+        for name, array in {"points": points, "triangles": triangles, **groups}.items():
+            is_array = isinstance(array, np.ndarray) and array.dtype.kind in "iu"
+            check(
+                is_array or (name == "points" and real_numbers(array) is not None),
+                f"mesh_of_arrays: {name} is no array of numbers of points; give integers.",
+            )
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(
             2,

@@ -10,9 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from gossamer_fx.extend import check_arguments
+from gossamer_fx.extend import check, check_arguments
 
-from .arrays import Length, Numbers, Points, rim, sorted_sides
+from .arrays import Length, Numbers, Points, check_cells, rim, sorted_sides
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -37,6 +37,8 @@ def creased_film(
     Raises:
         InputError: a size of cells is not positive, or gmsh cannot mesh the polygon.
     """
+
+    _check_polygon("creased_film", corners, size)
 
     def build(model: Any) -> None:
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
@@ -77,6 +79,8 @@ def creased_tube(
         InputError: the size of cells is not positive, gmsh cannot mesh the polygon, or cells are so
             coarse that a triangle has all its nodes on the rim.
     """
+
+    _check_polygon("creased_tube", corners, [size] * len(corners))
 
     def build(model: Any) -> None:
         points, triangles = _triangulated(model, corners, lines, [size] * len(corners))
@@ -120,6 +124,28 @@ def creased_tube(
         _name_rim(model, points, edges, corners)
 
     return gmsh_mesh(build, comm)
+
+
+def _check_polygon(name: str, corners: Corners, size: Sequence[float]) -> None:
+    """Raise `InputError` unless corners are those of a convex polygon, counterclockwise, which
+    cells of the given sizes [m] at the corners can fill."""
+    points = np.array(corners, dtype=float)
+    sides = np.roll(points, -1, axis=0) - points
+    following = np.roll(sides, -1, axis=0)
+    sine = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
+    turns = np.arctan2(sine, (sides * following).sum(axis=1))
+    # A polygon that crosses itself turns round several times.
+    check(
+        bool((turns > -ON).all()) and bool(np.isclose(turns.sum(), 2 * np.pi)),
+        f"{name}: the corners are not those of a convex polygon, counterclockwise; give such ones.",
+    )
+    check(
+        len(size) == len(points),
+        f"{name}: size has {len(size)} numbers for {len(points)} corners; give one for each.",
+    )
+    x, y = points.T
+    area = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    check_cells(name, area / (max(size) ** 2 / 2))
 
 
 def _triangulated(

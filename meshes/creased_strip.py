@@ -15,6 +15,7 @@ from .arrays import (
     Numbers,
     Points,
     cell_corners,
+    check_cells,
     mesh_of_arrays,
     plane_grid,
     polyline,
@@ -37,6 +38,7 @@ def creased_strip(comm: MPI.Intracomm, nx: Cells, ny: Cells, length: Length, wid
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
+    check_cells("creased_strip", 4 * nx * ny)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         # 2 nx cells, so that the crease is a line of nodes.

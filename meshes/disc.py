@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells, Length, Order, require_ascending
+from .arrays import Cells, Length, Order, check_cells, require_ascending
 
 
 @check_arguments
@@ -30,6 +30,7 @@ def quarter_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0, order:
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
+    check_cells("quarter_disc", 6 * cells**2)
 
     def build(model: Any) -> None:
         geo = model.geo
@@ -113,6 +114,7 @@ def ring(
             cells, or the order is another one.
     """
     require_ascending("ring", ("inner", "outer"), (inner, outer))
+    check_cells("ring", 2 * radial * around)
 
     def build(model: Any) -> None:
         geo = model.geo

@@ -9,9 +9,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from gossamer_fx.extend import check, check_arguments
+from gossamer_fx.core.checks.errors import InputError, check, real_numbers
+from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells
+from .arrays import Cells, check_cells
 
 
 @check_arguments
@@ -48,14 +49,27 @@ def line(
         counts = list(elements)
     else:
         counts = [elements] * segments
+    check_cells("line", sum(counts))
+    check(
+        len(counts) == segments,
+        f"line: elements has {len(counts)} numbers for {segments} segments; give one for each.",
+    )
+    vertices = real_numbers(points)
+    if vertices is None or vertices.shape != (len(points), 3):
+        raise InputError("line: points has points that are not three numbers; give x, y and z.")
+    ends = vertices if not closed else np.vstack([vertices, vertices[:1]])
+    lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    check(
+        bool((lengths > 0).all()),
+        "line: two points that follow each other are the same; give each point once.",
+    )
 
     def build(model: Any) -> None:
         geo = model.geo
         # Neighbouring segments share the point between them, so that the line is connected there.
         tags = []
-        for point in points:
-            x, y, z = (float(coordinate) for coordinate in point)
-            tags.append(geo.addPoint(x, y, z))
+        for point in vertices:
+            tags.append(geo.addPoint(*point))
         lines = []
         for i in range(segments):
             following = tags[(i + 1) % len(tags)]

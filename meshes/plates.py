@@ -16,6 +16,7 @@ from .arrays import (
     Cells,
     Length,
     cell_corners,
+    check_cells,
     mesh_of_arrays,
     polyline,
     require_ascending,
@@ -43,6 +44,7 @@ def irregular_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
+    check_cells("irregular_sheet", 2 * nx * ny)
     random = np.random.default_rng(seed)
     # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
     unit_square = _displaced(nx, ny, random)
@@ -80,6 +82,7 @@ def leaning_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
+    check_cells("leaning_sheet", 2 * nx * ny)
     unit_square = _displaced(nx, ny, None)
     x = width * unit_square[..., 0]
     y = height * unit_square[..., 1]
@@ -109,6 +112,7 @@ def slit_ring(
             cells.
     """
     require_ascending("slit_ring", ("inner", "outer"), (inner, outer))
+    check_cells("slit_ring", 2 * radial * around)
     # Coordinates (radial + 1, around + 1) of the nodes from 0 to 1, outwards and around.
     unit_square = _displaced(radial, around, None)
     # Diagonals alternate, so that the mesh has no sense of rotation.
@@ -136,6 +140,7 @@ def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Leng
         InputError: a length is not positive, or the inner radius is not the smaller one.
     """
     require_ascending("free_slit_ring", ("inner", "outer"), (inner, outer))
+    check_cells("free_slit_ring", np.pi * (outer**2 - inner**2) / (size**2 / 2))
 
     def build(model: Any) -> None:
         import gmsh
@@ -186,6 +191,7 @@ def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
     Raises:
         InputError: there are no rings, or the radius is not positive.
     """
+    check_cells("whole_disc", 6 * cells**2)
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []

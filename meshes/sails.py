@@ -18,6 +18,7 @@ from .arrays import (
     Numbers,
     Points,
     cell_corners,
+    check_cells,
     joined,
     mesh_of_arrays,
     polyline,
@@ -53,6 +54,7 @@ def parallelograms(
         InputError: a side is not positive, there are no parallelograms or cells, or the angle is
             not between 0 and π/2.
     """
+    check_cells("parallelograms", 2 * columns * rows * cells**2)
     check(
         0 < gamma < math.pi / 2,
         f"parallelograms: gamma is {gamma!r} rad; give an angle between 0 and π/2.",
@@ -118,6 +120,7 @@ def trapezoids(
             edge, or no edges between rows, or the pitch is not positive.
     """
     require_ascending("trapezoids", ("inner", "outer"), (inner, outer))
+    check_cells("trapezoids", 2 * n * (outer * refine) ** 2)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         slope = math.tan(math.pi / n)
@@ -177,6 +180,7 @@ def pinwheel(
         InputError: the polygon has fewer than three sides, there are no columns, or the side is not
             positive.
     """
+    check_cells("pinwheel", 2 * n * (columns + reach) * reach)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         h = side / columns

@@ -18,6 +18,7 @@ from .arrays import (
     Points,
     around_centres,
     cell_corners,
+    check_cells,
     mesh_of_arrays,
     plane_grid,
     polyline,
@@ -49,6 +50,7 @@ def sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
+    check_cells("sheet", 4 * nx * ny)
 
     def build(model: Any) -> None:
         geo = model.geo
@@ -98,6 +100,7 @@ def crossed_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
+    check_cells("crossed_sheet", 4 * nx * ny)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         corners = plane_grid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells, Length, Order
+from .arrays import Cells, Length, Order, check_cells
 
 
 @check_arguments
@@ -25,6 +25,7 @@ def sphere(comm: MPI.Intracomm, radius: Length, cells: Cells, order: Order = 1) 
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
+    check_cells("sphere", cells**2)
 
     def build(model: Any) -> None:
         import gmsh

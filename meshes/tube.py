@@ -11,7 +11,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells, Length
+from .arrays import Cells, Length, check_cells
 
 
 @check_arguments
@@ -41,6 +41,7 @@ def flat_tube(
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
     across = 2 * max(round(cells / 2), 1)
     along = 2 * max(round(across * length / compartments / width / 2), 1)
+    check_cells("flat_tube", 4 * across * along * compartments)
 
     def build(model: Any) -> None:
         geo = model.geo

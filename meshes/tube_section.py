@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check_arguments
 
-from .arrays import Cells, Length, Order
+from .arrays import Cells, Length, Order, check_cells
 
 
 def capped_cylinder(
@@ -60,6 +60,7 @@ def cylinder(
     Raises:
         InputError: a length is not positive, there are no edges, or the order is another one.
     """
+    check_cells("cylinder", 2 * around * along)
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:

@@ -1,6 +1,8 @@
-"""The film and the gas of most small scenes."""
+"""The film and the gas of most small scenes, and scenes that are brought to rest or moved."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -19,3 +21,42 @@ def three_sheets() -> gx.Mesh:
     points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)], dtype=float)
     triangles = np.array([(0, 1, 2), (0, 1, 3), (0, 1, 4)])
     return mesh_of_arrays(MPI.COMM_SELF, lambda: (points, triangles, {"seam": np.array([[0, 1]])}))
+
+
+def at_rest(*items: Any, search: gx.analysis.Continuation | None = None) -> gx.Equilibrium:
+    """The equilibrium of a scene of these items."""
+    equilibrium = gx.Equilibrium(gx.Scene(*items), search or gx.analysis.Continuation())
+    equilibrium.find()
+    return equilibrium
+
+
+def run_until(
+    until: float,
+    *items: Any,
+    dt: float,
+    tolerances: gx.Tolerances | None = None,
+    **options: Any,
+) -> gx.Simulation:
+    """The run of a scene of these items to a time [s], by the midpoint rule with steps of dt [s].
+
+    Args:
+        tolerances: of the steps, instead of the usual ones.
+        options: further arguments of the simulation.
+    """
+    stepper = gx.Midpoint(dt=dt, tolerances=tolerances or gx.Tolerances())
+    run = gx.Simulation(gx.Scene(*items), stepper, **options)
+    run.run(until=until)
+    return run
+
+
+def momentum_changes(run: gx.Simulation) -> tuple[float, float]:
+    """Largest changes of momentum [kg m/s] and angular momentum [kg m²/s] since the start."""
+    linear = run.totals.momentum - run.first.momentum
+    angular = run.totals.angular_momentum - run.first.angular_momentum
+    return float(np.abs(linear).max()), float(np.abs(angular).max())
+
+
+def spin_drift(run: gx.Simulation) -> float:
+    """Largest change of the angular momentum over its largest component at the start."""
+    _, angular = momentum_changes(run)
+    return angular / float(np.abs(run.first.angular_momentum).max())

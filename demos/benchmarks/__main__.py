@@ -2,8 +2,8 @@
 runs every problem.
 
 `contact` runs `contact_cost`, too.  `errors` runs all problems whose name begins with it: error
-against CPU time on several meshes.  `model` predicts scaling from parts that it measures.  With
---store their results are those that docs/benchmark.md shows.
+against CPU time on several meshes; with --store their results are those that docs/benchmark.md
+shows.
 
 The contestants take turns, one thread each; of every figure the median over the runs is shown,
 times next to results.  Writes runs.csv, NAME.md and pictures to out/benchmarks/NAME, and prints a
@@ -20,10 +20,8 @@ import sys
 from pathlib import Path
 
 from bench import PAGE, page_part, ratios, solve_errors, turns
-from error_problems import ERROR_PROBLEMS
 from mpi4py import MPI
-from problems import PROBLEMS
-from scaling_model import predict
+from problems import ERROR_PROBLEMS, PROBLEMS
 
 from gossamer_fx.analysis.cases.case_set import run_cases, verdict
 
@@ -35,7 +33,7 @@ def main() -> int:
     """Solve the problems that the command line names; returns 1 if one falls short."""
     about = (__doc__ or "").splitlines()[0]
     parser = argparse.ArgumentParser(prog="gossamer bench", description=about)
-    names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "model", "all"]
+    names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "all"]
     parser.add_argument("name", choices=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--quick", action="store_true", help="one small case")
     parser.add_argument("--runs", type=int, default=3, help="of which the median is taken")
@@ -57,8 +55,6 @@ def main() -> int:
     if wanted.store:
         text = PAGE.read_text(encoding="utf-8")
         PAGE.write_text(BETWEEN.sub(lambda _: page_part(), text), encoding="utf-8")
-    if wanted.name in ("model", "all"):
-        judgements["model"] = predict(wanted.quick, wanted.out)
     for name, problem in PROBLEMS.items():
         if wanted.name in (name, name.split("_")[0], "all"):
             cases = turns(name, problem, wanted.runs, wanted.quick)

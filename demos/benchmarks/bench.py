@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 from contestants import HERE, PACKAGES, SELF, Failed, run
-from error_problems import ERROR_PROBLEMS, ErrorProblem
 from mpi4py import MPI
-from problems import Figures, Problem, Words
+from problems import ERROR_PROBLEMS, ErrorProblem, Figures, Problem, Words
 
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement, run_cases
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves
@@ -70,7 +69,7 @@ def turns(name: str, problem: Problem, runs: int, quick: bool) -> CaseSet:
 
     def outcome(comm: MPI.Intracomm, folder: Path, **values: Any) -> Figures:
         figures = solved(problem.script or name, values, problem.seconds)
-        return figures | {"cost": problem.cost(figures)}
+        return figures | {"cost": problem.cost_of(figures)}
 
     def judge(results: list[Result]) -> Iterator[Judgement]:
         yield from _own_failures(results)
@@ -233,7 +232,7 @@ def points_of(problem: ErrorProblem, results: list[Result]) -> list[Result]:
         if not failed:
             # Errors are the same in every run; times are not.
             numbers["cpu"] = _rounded(median(one.numbers["cpu"] for one in found))
-            numbers["error"] = _rounded(problem.error(first.numbers, answer))
+            numbers["error"] = _rounded(problem.error_of(first.numbers, answer))
             numbers["unknowns"] = first.numbers["dofs"]
             numbers["runs"] = len(found)
             for name in ("unconverged", "penetrations"):
@@ -326,12 +325,20 @@ def page_part() -> str:
             f"![{problem.title}: {problem.measure} over CPU "
             f"time](../demos/benchmarks/results/{name}.png)"
         )
-        numbers = markdown_table(point_rows(problem, points)).strip()
         parts += [
             f"## {problem.title}",
             f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",
             picture,
-            # Folded on the site, where the picture is enough at first.
-            f":::{{dropdown}} Numbers\n{numbers}\n:::",
         ]
     return "\n" + "\n\n".join(parts) + "\n\n"
+
+
+def tables_of_points() -> str:
+    """All stored points as tables, which the site has on a separate page."""
+    parts = []
+    for name, problem in ERROR_PROBLEMS.items():
+        points = read_results(STORED / f"{name}.json", name)
+        if points:
+            numbers = markdown_table(point_rows(problem, points)).strip()
+            parts.append(f"## {problem.title}\n\n{numbers}\n")
+    return "\n".join(parts)

@@ -1,7 +1,7 @@
 """This program as a contestant: own_program.py PROBLEM [key=value ...] solves one problem.
 
-`HOMES` is the registry: in which module the function of a problem is.  Its keyword arguments are
-the words of the problem, and it returns figures by name.  The last line that is printed is a JSON
+The function of a problem has its name.  Its keyword arguments are the words of the problem, and it
+returns figures by name.  The last line that is printed is a JSON
 object with the figures, and with the warnings of the program.
 """
 
@@ -18,27 +18,20 @@ from mpi4py import MPI
 
 from gossamer_fx.analysis.cases.results import recorded_warnings
 
-HOMES = {
-    "sheet": "own_problems",
-    "airbag": "own_problems",
-    "plate": "own_problems",
-    "pendulum": "own_problems",
-    "tube": "own_problems",
-    "antenna": "own_problems",
-    "contact": "own_problems",
-    "orthotropic": "own_problems",
+# Modules of problems that are not in `own_problems`.
+MODULES = {
     "limit": "newton_times",
     "profile": "newton_times",
     "gradient": "gradient_cost",
     "contact_cost": "contact_cost",
-    "parts": "iteration_parts",
 }
 
 
 def main() -> None:
     """Solve the problem that the command line names, and print its figures."""
     problem = sys.argv.pop(1)
-    solve = getattr(importlib.import_module(HOMES[problem]), problem)
+    module = importlib.import_module(MODULES.get(problem, "own_problems"))
+    solve = getattr(module, problem)
     defaults = {name: one.default for name, one in inspect.signature(solve).parameters.items()}
     with recorded_warnings() as own_warnings:
         figures = solve(**words(defaults))

@@ -59,6 +59,8 @@ def run_case(
             outputs.append(gx.plot.Picture(folder / f"{name}.png", times, title=case.title, **look))
     run = replace(case, stepper=stepper or case.stepper).simulation(outputs)
     run.run(until=case.until)
+    if output is not None and fractions and run.comm.rank == 0:
+        print(f"picture written to {Path(output) / name}.png")
     return run, series
 
 
@@ -100,7 +102,7 @@ def effort(run: gx.Simulation) -> dict[str, float]:
 
 
 def dissipation(run: gx.Simulation) -> dict[str, float]:
-    """Energy that a run has dissipated [J]: in all, and by each part of the scene that
+    """Energy that a run has dissipated [J]: in all, and by each item of the scene that
     dissipates."""
     by_part = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **by_part}

@@ -31,6 +31,7 @@ def save(figure: Figure, path: Path, title: str = "") -> None:
         figure.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
+    print(f"picture written to {path}")
 
 
 def finish(axes: Any, xlabel: str, ylabel: str, **legend: Any) -> None:

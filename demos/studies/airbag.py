@@ -121,5 +121,5 @@ STUDY = Study(
         Measure("σ1_M", 3.92e6, 4e-2),
     ),
     quick={"law": ["Miyazaki 1e-6", "Elastica 0.4 m"], "cells": [4, 8]},
-    columns=("wrinkled", "slack", "iterations", "residual", "seconds"),
+    columns="wrinkled, slack, iterations, residual, seconds",
 )

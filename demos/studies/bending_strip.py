@@ -144,5 +144,5 @@ STUDY = Study(
         ),
     ),
     quick={"law": ["Miyazaki 1e-6"], "K": [2.0], "nodes": [6, 12]},
-    columns=("m", "P/P0", "b/H", "b/H error", "iterations", "seconds"),
+    columns="m, P/P0, b/H, b/H error, iterations, seconds",
 )

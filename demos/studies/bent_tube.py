@@ -22,6 +22,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import cylinder
@@ -85,17 +86,11 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
     held += [gx.Fixed(film, point, components=(2,)) for point in ("first left", "first right")]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, P), middle, end, *held))
     fractions = AreaFractions([film])
-    iterations = 0
-    seconds = 0.0
-    residual = 0.0
+    effort = Effort()
 
     def bend(ratio: float) -> tuple[float, float]:
         """(M, wrinkled and slack part of the area)."""
-        nonlocal iterations, seconds, residual
-        found = search.find(at=ratio)
-        iterations = iterations + found.iterations
-        seconds = seconds + found.seconds
-        residual = max(residual, found.residual)
+        effort.add(search.find(at=ratio))
         slack, wrinkled, _ = fractions(search.system)
         return abs(float(search.reaction(middle)[1][1])), slack + wrinkled
 
@@ -118,9 +113,7 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
         results[f"M({ratio:g}κ_w)/exact"] = M / moment(ratio)
         results[f"θ0({ratio:g}κ_w)/exact"] = share * math.pi / wrinkled_angle(ratio)
     return results | {
-        "iterations": iterations,
-        "residual": residual,
-        "seconds": seconds,
+        **vars(effort),
         "compile_seconds": search.compile_seconds,
     }
 
@@ -137,10 +130,8 @@ STUDY = Study(
     ),
     quick={"sides": [16, 32]},
     columns=(
-        "M(½κ_w)/exact",
-        *(f"θ0({ratio:g}κ_w)/exact" for ratio in BENT),
-        "iterations",
-        "residual",
-        "seconds",
+        "M(½κ_w)/exact, "
+        + "".join(f"θ0({ratio:g}κ_w)/exact, " for ratio in BENT)
+        + "iterations, residual, seconds"
     ),
 )

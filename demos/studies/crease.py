@@ -115,5 +115,5 @@ STUDY = Study(
     ),
     quick={"force": [0.05], "cells": [4, 8]},
     expected_warnings=ROUND_OFF,
-    columns=("angle [deg]", "d [mm]", "iterations", "seconds"),
+    columns="angle [deg], d [mm], iterations, seconds",
 )

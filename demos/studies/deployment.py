@@ -61,15 +61,8 @@ STUDY = Study(
     quick_shows=("p2/p1 at 3 ms", "distance [mm]"),
     limits={"energy_error": 1e-8, "penetrations": 0},
     columns=(
-        *(
-            "opened1 [ms]",
-            "opened2 [ms]",
-            "p2/p1 at 3 ms",
-            "p1 at the end [Pa]",
-            "distance [mm]",
-            "mean speed [m/s]",
-        ),
-        *("penetrations", "energy_error", "iterations", "rejected", "unknowns", "seconds"),
+        "opened1 [ms], opened2 [ms], p2/p1 at 3 ms, p1 at the end [Pa], distance [mm], "
+        "mean speed [m/s], penetrations, energy_error, iterations, rejected, unknowns, seconds"
     ),
     may_fail=True,
 )

@@ -117,15 +117,7 @@ STUDY = Study(
     shows=("at rest", "force", "height [mm]"),
     expected_warnings=NOT_REGULAR,
     columns=(
-        "cell [mm]",
-        "unstable",
-        "at rest",
-        "iterations",
-        "force",
-        "energy",
-        "free energy",
-        "height [mm]",
-        "plane iterations",
-        "seconds",
+        "cell [mm], unstable, at rest, iterations, force, energy, free energy, height [mm], "
+        "plane iterations, seconds"
     ),
 )

@@ -234,17 +234,8 @@ STUDY = Study(
     quick={"thickness": [400e-6], "model": ["plate", "Elastica"]},
     shows=("force error", "energy error"),
     columns=(
-        "λ [mm]",
-        "plate's λ [mm]",
-        "r",
-        "force",
-        "force error",
-        "energy",
-        "energy error",
-        "unknowns",
-        "iterations",
-        "residual",
-        "seconds",
+        "λ [mm], plate's λ [mm], r, force, force error, energy, energy error, unknowns, "
+        "iterations, residual, seconds"
     ),
     # The free film with a compressive stress has no equilibrium on fine meshes: that is the result.
     may_fail=True,

@@ -330,20 +330,8 @@ STUDY = Study(
     quick={"thickness": [200e-6], "model": ["plate", "tension field", WITH_TENSION]},
     shows=("excess", "error"),
     columns=(
-        "λ [mm]",
-        "plate's λ [mm]",
-        "least λ [mm]",
-        "largest λ [mm]",
-        "s/σ0",
-        "m",
-        "K",
-        "excess",
-        "excess by hand",
-        "error",
-        "unknowns",
-        "iterations",
-        "residual",
-        "seconds",
+        "λ [mm], plate's λ [mm], least λ [mm], largest λ [mm], s/σ0, m, K, excess, excess by hand, "
+        "error, unknowns, iterations, residual, seconds"
     ),
     draw=draw,
 )

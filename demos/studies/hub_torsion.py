@@ -246,5 +246,5 @@ STUDY = Study(
         Measure("σ1/exact", 1.0, 3e-2, quick_tolerance=0.08),
     ),
     quick={"law": ["Miyazaki 1e-6"], "torque": [1.5], "nodes": [6, 12]},
-    columns=("T/exact", "iterations", "seconds"),
+    columns="T/exact, iterations, seconds",
 )

@@ -29,6 +29,6 @@ STUDY = Study(
     shows=("opened", "spin_of_hub", "spin_of_sail"),
     quick_shows=("spin_of_hub", "spin_of_sail"),
     limits={"energy_error": 1e-8, "penetrations": 0},
-    columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *LEDGER),
+    columns=f"opened, largest_radius, radius, spin_of_hub, spin_of_sail, {LEDGER}",
     may_fail=True,
 )

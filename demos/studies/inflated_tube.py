@@ -114,5 +114,5 @@ STUDY = Study(
         "nothing resists translation x, translation y": "the tube floats; stretches count"
     },
     quick={"q": [5e-2], "sides": [12, 24]},
-    columns=("iterations", "residual", "seconds"),
+    columns="iterations, residual, seconds",
 )

@@ -258,5 +258,5 @@ STUDY = Study(
     (Measure("result/exact", 1.0, 1e-3, lambda case: 2.0),),
     quick={"scene": list(SWINGS), "h": [60.0, 30.0]},
     shows=("energy", "momentum"),
-    columns=("energy", "momentum", "iterations", "seconds"),
+    columns="energy, momentum, iterations, seconds",
 )

@@ -69,11 +69,5 @@ STUDY = Study(
     quick={"law": ["TensionField", "braid"], "steps": [20]},
     shows=("newton_per_step",),
     limits={"energy_error": 1e-8, "momentum_error": 1e-8, "angular_momentum_error": 1e-8},
-    columns=(
-        "newton_per_step",
-        "substeps",
-        "energy_error",
-        "momentum_error",
-        "angular_momentum_error",
-    ),
+    columns="newton_per_step, substeps, energy_error, momentum_error, angular_momentum_error",
 )

@@ -37,6 +37,6 @@ STUDY = Study(
     quick_options={"until": 0.05},
     shows=("largest_radius", "spin_of_hub", "spin_of_sail"),
     limits={"energy_error": 1e-8, "penetrations": 0},
-    columns=("largest_radius", "when", "spin_of_hub", "spin_of_sail", *LEDGER),
+    columns=f"largest_radius, when, spin_of_hub, spin_of_sail, {LEDGER}",
     may_fail=True,
 )

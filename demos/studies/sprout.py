@@ -49,6 +49,6 @@ STUDY = Study(
     quick_options={"until": 5e-3},
     shows=("span", "reach", "spin"),
     limits={"energy_error": 1e-8, "penetrations": 0},
-    columns=("span", "reach", "spin", "least pressure", "largest pressure", *LEDGER),
+    columns=f"span, reach, spin, least pressure, largest pressure, {LEDGER}",
     may_fail=True,
 )

@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.sheet import sheet
 
@@ -151,8 +152,7 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     )
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
     energies = []
-    iterations = 0
-    seconds = 0.0
+    effort = Effort()
     # First guess of the axial stiffness [N/m]: that of a straight strip.
     stiffness = STEEL.E * STEEL.thickness * WIDTH / HALF
     for φ in TURNS:
@@ -160,9 +160,7 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
         step = 0.0
         # A secant iteration for the shift [m] without axial force.
         for _ in range(MAX_SECANT_STEPS):
-            found = equilibrium.find(at=float(φ))
-            iterations += found.iterations
-            seconds += found.seconds
+            found = effort.add(equilibrium.find(at=float(φ)))
             force = equilibrium.reaction(end)[0][0]
             if before is not None and before != force:
                 secant = (force - before) / step
@@ -183,8 +181,7 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
         "peak/section's": float(moments.max()) / peak_of_section(),
         "plateau/(1+ν)Dα": plateau / PLATEAU,
         "peak [N m]": float(moments.max()),
-        "iterations": iterations,
-        "seconds": seconds,
+        **vars(effort),
     }
 
 
@@ -199,5 +196,5 @@ STUDY = Study(
         Measure("plateau/(1+ν)Dα", 1.0, 0.05, quick_tolerance=0.3),
     ),
     quick={"cells": [4]},
-    columns=("peak [N m]", "iterations", "seconds"),
+    columns="peak [N m], iterations, seconds",
 )

@@ -93,18 +93,8 @@ STUDY = Study(
     quick={"rpm": [2.5], "build": ["neither bending nor tapes", "no bending"]},
     shows=("warp", "spin change"),
     columns=(
-        "rms height",
-        "warp",
-        "rms tilt",
-        "taut",
-        "slack tethers",
-        "J",
-        "spin change",
-        "torque",
-        "iterations",
-        "residual",
-        "unknowns",
-        "seconds",
+        "rms height, warp, rms tilt, taut, slack tethers, J, spin change, torque, iterations, "
+        "residual, unknowns, seconds"
     ),
     # Where the film is slack there may be no equilibrium within the iterations.
     may_fail=True,

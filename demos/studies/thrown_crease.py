@@ -87,5 +87,5 @@ STUDY = Study(
     ),
     quick={"stiffness": [1.0], "speed": [1.0], "h": [2e-4]},
     quick_options={"until": 4e-3},
-    columns=("least angle", "largest angle", "iterations", "seconds"),
+    columns="least angle, largest angle, iterations, seconds",
 )

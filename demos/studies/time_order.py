@@ -205,5 +205,5 @@ STUDY = Study(
     lambda case: COARSEST[case["scene"]] / 2 ** case["level"],
     (Measure("positions", 0.0, rate=expected_order),),
     quick={"scene": ["sheet"], "level": [0, 1]},
-    columns=("h", "energy", "newton_per_step", "substeps", "seconds"),
+    columns="h, energy, newton_per_step, substeps, seconds",
 )

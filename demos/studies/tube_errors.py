@@ -97,5 +97,5 @@ STUDY = Study(
     # The flat ends leave the tube oval by a few percent, see the module of the bending.
     (Measure("EI/closed form", 1.0, 0.06),),
     quick={"errors": ["none", "diameter"], "cells": [4, 8]},
-    columns=("mean EI", "spread", "closed form", "spread of it", "specimens", "seconds"),
+    columns="mean EI, spread, closed form, spread of it, specimens, seconds",
 )

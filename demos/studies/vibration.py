@@ -121,5 +121,5 @@ STUDY = Study(
         Measure("others/exact", 1.0, 2e-2, second_order),
     ),
     quick={"scene": ["square", "hub"], "nodes": [8, 16]},
-    columns=("growth", "iterations", "seconds"),
+    columns="growth, iterations, seconds",
 )

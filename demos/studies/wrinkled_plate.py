@@ -198,14 +198,7 @@ STUDY = Study(
     quick={"start": ["theory"], "cells": [1]},
     expected_warnings=NOT_REGULAR,
     columns=(
-        "counted",
-        "force [N]",
-        "film's force [N]",
-        "energy [J]",
-        "unknowns",
-        "film's unknowns",
-        "iterations",
-        "seconds",
-        "film's seconds",
+        "counted, force [N], film's force [N], energy [J], unknowns, film's unknowns, iterations, "
+        "seconds, film's seconds"
     ),
 )

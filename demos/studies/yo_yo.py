@@ -27,7 +27,7 @@ STUDY = Study(
     (Measure("error_half", 0.0, 5e-3),),
     quick={"h": [1e-3], "cells": [12, 18]},
     columns=(
-        *("error_whole", "energy_error", "angular_momentum_drift", "penetrations"),
-        *("rejected", "steps", "iterations", "seconds"),
+        "error_whole, energy_error, angular_momentum_drift, penetrations, rejected, steps, "
+        "iterations, seconds"
     ),
 )

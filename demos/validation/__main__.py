@@ -10,7 +10,7 @@ With --set the tests have other inputs; with --sensitivity each input is changed
 errors are printed.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
-and the table of the page is made again from all that is there.
+and the table of the page, a row for each quantity, is made again from all that is there.
 On two ranks: ./gossamer mpi 2 demos/validation NAME.
 """
 
@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.comparison import results_by_test
-from demos.validation.engine.report import figure, rows
+from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
 from gossamer_fx.analysis.cases.case_set import Judgement, run_cases, verdict
@@ -161,13 +161,23 @@ def _paths(name: str) -> list[Path]:
     return [Path(name)]
 
 
-def page_table() -> str:
-    """The table of the page, from the stored results of all cases."""
+def stored() -> list[tuple[Case, list[Result]]]:
+    """All cases with their stored results."""
     found = []
     for name in NAMES:
         case = read_case(CASES / f"{name}.toml", MODELS)
         found.append((case, read_results(STORED / f"{name}.json", name)))
-    return markdown_table(rows(found))
+    return found
+
+
+def page_table() -> str:
+    """The table of the page: one row for each quantity of a case."""
+    return markdown_table(summary(stored()))
+
+
+def table_of_tests() -> str:
+    """The table of all tests, which the site has on a separate page."""
+    return markdown_table(rows(stored()))
 
 
 def write_page() -> None:

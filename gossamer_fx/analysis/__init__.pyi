@@ -20,13 +20,13 @@ from .design.sensitivities import gradient as gradient
 from .mesh_convergence import Convergence as Convergence
 from .mesh_convergence import convergence as convergence
 from .sensitivity.objectives import ChamberPressure as ChamberPressure
-from .statics.equilibrium import Continuation as Continuation
+from .statics.continuation import Continuation as Continuation
 from .statics.equilibrium import Equilibrium as Equilibrium
-from .statics.equilibrium import EquilibriumResult as EquilibriumResult
 from .statics.form_finding import EdgeCable as EdgeCable
 from .statics.form_finding import Prestress as Prestress
 from .statics.form_finding import find_form as find_form
 from .statics.prestress import ReachedPrestress as ReachedPrestress
+from .statics.result import EquilibriumResult as EquilibriumResult
 from .vibration.mode_sensitivity import Frequency as Frequency
 from .vibration.mode_shapes import ModeShapes as ModeShapes
 from .vibration.natural_modes import Mode as Mode

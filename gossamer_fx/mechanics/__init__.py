@@ -1,1 +1,1 @@
-"""The parts of a scene, and the terms that they add to the equations of motion."""
+"""The items of a scene, and the terms that they add to the equations of motion."""

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
+from tests.small_scenes import run_until
 
 LAW = gx.Linear(
     E=1e6,
@@ -52,53 +53,6 @@ def conserved(run, energy=1e-10, momentum=1e-10):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("order", [1, 2])
-def test_two_halves_move_as_the_whole(comm, order: int) -> None:
-    """A sheet that is cut and tied vibrates and turns as the uncut one does."""
-    whole = gx.Membrane(
-        sheet(comm, 8, 2, 0.4, 0.1),
-        LAW,
-        order=order,
-        displacement=lambda X: np.vstack([0.01 * (X[0] - 0.2), 0 * X[0], 0 * X[0]]),
-    )
-    halves = [
-        gx.Membrane(
-            sheet(comm, 4, 2, 0.2, 0.1),
-            LAW,
-            order=order,
-            name=name,
-            displacement=lambda X, shift=shift: np.vstack(
-                [shift + 0.01 * (X[0] + shift - 0.2), 0 * X[0], 0 * X[0]]
-            ),
-        )
-        for name, shift in (("left", 0.0), ("right", 0.2))
-    ]
-    spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
-    one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
-    two = gx.Simulation(
-        gx.Scene(
-            *halves,
-            gx.Tie(
-                halves[0],
-                halves[1],
-                group_a="right",
-                group_b="left",
-            ),
-            spin,
-        ),
-        gx.Midpoint(dt=1e-3),
-    )
-    for run in (one, two):
-        run.run(until=5e-3)
-        conserved(run)
-    for group, half in (("top left", halves[0]), ("bottom right", halves[1])):
-        for axis in "xyz":
-            there = gx.probes.Position(half.port(group), axis)(two)
-            expected = gx.probes.Position(whole.port(group), axis)(one)
-            assert there == pytest.approx(expected, abs=1e-8)
-
-
-@pytest.mark.mpi
 def test_three_films_of_different_meshes_on_a_line(comm) -> None:
     films = [
         strip(
@@ -119,10 +73,7 @@ def test_three_films_of_different_meshes_on_a_line(comm) -> None:
         )
         for film in films[1:]
     ]
-    run = gx.Simulation(
-        gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3)
-    )
-    run.run(until=5e-3)
+    run = run_until(5e-3, *films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0)), dt=1e-3)
     conserved(run)
     for corner in ("bottom left", "top left"):
         places = [
@@ -139,16 +90,14 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
         gx.CableLaw(EA=100.0, line_density=0.1),
         name="cable",
     )
-    run = gx.Simulation(
-        gx.Scene(
-            film,
-            cable,
-            gx.Tie(cable, film, group_a=None, group_b="left"),
-            gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
-        ),
-        gx.Midpoint(dt=1e-3),
+    run = run_until(
+        3e-3,
+        film,
+        cable,
+        gx.Tie(cable, film, group_a=None, group_b="left"),
+        gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
+        dt=1e-3,
     )
-    run.run(until=3e-3)
     conserved(run)
     end = [gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"]
     expected = [gx.probes.Position(film.port("top left"), axis)(run) for axis in "xyz"]

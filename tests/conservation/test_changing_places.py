@@ -10,6 +10,7 @@ import pytest
 
 import gossamer_fx as gx
 from tests.conservation.colliding_spheres import CollidingSpheres, Collisions
+from tests.small_scenes import run_until
 
 
 def cloud(foresight: float = 1.0, dt: float = 2e-3, **options) -> gx.Simulation:
@@ -87,8 +88,7 @@ def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
         name="b",
     )
     spheres = CollidingSpheres((a.port(), b.port()), 0.1, 1e8)
-    run = gx.Simulation(gx.Scene(a, b, spheres), gx.Midpoint(dt=1e-2))
-    run.run(until=3e-2)
+    run = run_until(3e-2, a, b, spheres, dt=1e-2)
     x = run.system.state.vectors(spheres.ports)
     assert run.substeps > 0 and x[0, 0] < x[1, 0]
     assert abs(run.energy_error) < 1e-10

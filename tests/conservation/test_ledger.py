@@ -19,6 +19,7 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.records.outputs.run_file import read_run_file
+from tests.small_scenes import run_until
 
 LAW = gx.Miyazaki(
     E=1e9,
@@ -85,18 +86,15 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
         pressure=1e5,
         temperature=293.0,
     )
-    run = gx.Simulation(gx.Scene(film, bag, gx.Orifice(tank, bag, area=1e-7)), gx.Midpoint(dt=2e-4))
-    run.run(until=1e-2)
+    run = run_until(1e-2, film, bag, gx.Orifice(tank, bag, area=1e-7), dt=2e-4)
     first = run.first
     last = run.totals
     # 50 steps in which the gas flows in: the film must move by the gas alone.
     assert abs(run.energy_error) < 1e-12
     error = np.abs(last.momentum - first.momentum).max()
-    limit = 1e-12 * np.abs(first.momentum).max()
-    assert error < limit
+    assert error < 1e-12 * np.abs(first.momentum).max()
     error = np.abs(last.angular_momentum - first.angular_momentum).max()
-    limit = 1e-11 * np.abs(first.angular_momentum).max()
-    assert error < limit
+    assert error < 1e-11 * np.abs(first.angular_momentum).max()
 
 
 @pytest.mark.mpi
@@ -139,9 +137,8 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
     errors = gx.Series({"error": lambda run: run.energy_error, "size": lambda run: run.totals.size})
     watched = fall(errors)
     alone = fall()
-    limit = 1e-2 * errors["size"].max()
     # At the end the energies are almost zero, below 1 % of the largest.
-    assert alone.totals.size < limit
+    assert alone.totals.size < 1e-2 * errors["size"].max()
     assert alone.energy_error == errors["error"][-1] == watched.energy_error != 0
 
 
@@ -183,17 +180,11 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
     if comm.rank == 0:
         rows = list(csv.DictReader((folder / "ledger.csv").open()))
         assert len(rows) == run.step + 1
-        measured = float(rows[-1]["time"])
-        assert measured == pytest.approx(run.time)
+        assert float(rows[-1]["time"]) == pytest.approx(run.time)
 
 
 def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
-    run = gx.Simulation(
-        gx.Scene(gx.PointMass(1.0)),
-        gx.Midpoint(dt=0.1),
-        outputs=[gx.Ledger(folder / "ledger.csv")],
-    )
-    run.run(until=0.2)
+    run = run_until(0.2, gx.PointMass(1.0), dt=0.1, outputs=[gx.Ledger(folder / "ledger.csv")])
     run.run(until=0.5)
     times = [float(row["time"]) for row in csv.DictReader((folder / "ledger.csv").open())]
     assert np.allclose(times, np.arange(6) * 0.1)
@@ -205,12 +196,7 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
     words = StringIO()
     recording = gx.Recording(folder)
     outputs = [recording, gx.outputs.Progress(words, seconds=0.0)]
-    run = gx.Simulation(
-        gx.Scene(film, gx.Fixed(film, "left")),
-        gx.Midpoint(dt=1e-3),
-        outputs=outputs,
-    )
-    run.run(until=0.03)
+    run = run_until(0.03, film, gx.Fixed(film, "left"), dt=1e-3, outputs=outputs)
     # what there is, is round-off, of which any share is without meaning
     # Round-off of 36 cells: squares of 1e-16 times the stiffness.
     assert 0 < run.totals.energy < 1e-20
@@ -235,8 +221,7 @@ def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
         LAW,
         displacement=lambda X: 1e-10 * X,
     )
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
-    run.run(until=0.03)
+    run = run_until(0.03, film, dt=1e-3)
     assert not run.at_rest
     # 1e-10 of strain leaves 6 digits of the energy above round-off.
     assert 0 < abs(run.energy_error) < 1e-2

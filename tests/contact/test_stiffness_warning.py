@@ -50,8 +50,20 @@ def test_films_that_do_not_meet_are_not_reported(caplog) -> None:
 
 
 def test_without_pairs_there_is_no_warning() -> None:
-    warning = StiffnessWarning(1.0, 1.0, ["a", "b"], COMM)
-    warning.check(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0))
+    warning = StiffnessWarning(1.0, ["a", "b"], COMM)
+    warning.check(1.0, np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0))
     assert not warning.was_given
-    warning.check(np.array([[0, 1]], np.int32), np.array([1.0]), np.array([1.0]))
+    warning.check(1.0, np.array([[0, 1]], np.int32), np.array([1.0]), np.array([1.0]))
     assert warning.was_given
+
+
+def test_a_stiffness_that_a_parameter_has_changed_is_the_one_that_is_reported(caplog) -> None:
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1.2e-3), normal=(0.0, 0.0, 1.0), name="floor")
+    contact = gx.Contact(film(COMM, 1, velocity=(0, 0, -2.0)), floor, distance=1e-3, stiffness=1e9)
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        (compiled,) = run.system.active_sets
+        (parameter,) = [one for one in contact._parameters() if one.name == "stiffness"]
+        compiled.set_number(compiled._term, str(parameter.source), np.array([2e5]))
+        run.run(until=3e-4)
+    assert "a stiffness of 2e+05 N/m³ is too soft" in caplog.text

@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from tests.rates import observed_order
+from tests.small_scenes import run_until
 
 # A taut film of 20 µm: no cell ever wrinkles at 5 % of stretch.
 FILM = {"E": 2.3e9, "nu": 0.3, "density": 1400.0, "thickness": 20e-6}
@@ -40,10 +41,7 @@ def drum(
             [0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]
         ),
     )
-    run = gx.Simulation(
-        gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)), gx.Midpoint(dt=dt)
-    )
-    run.run(until=UNTIL)
+    run = run_until(UNTIL, film, *(gx.Fixed(film, edge) for edge in EDGES), dt=dt)
     return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
 
 
@@ -65,9 +63,8 @@ def test_positions_and_velocities_converge_with_order_two(law, order):
         assert abs(run.energy_error) <= 1e-12
     print(np.array(errors))
     for position_or_velocity in np.array(errors).T:
-        measured = -np.diff(np.log2(position_or_velocity))
         # The order between each two steps, and over all of them.
-        assert measured == pytest.approx(np.full(3, 2.0), abs=0.2)
+        assert -np.diff(np.log2(position_or_velocity)) == pytest.approx(np.full(3, 2.0), abs=0.2)
         assert observed_order(steps, position_or_velocity) == pytest.approx(2, abs=0.1)
 
 
@@ -79,6 +76,5 @@ def test_taut_film_moves_as_one_that_cannot_wrinkle():
     )
     error = abs(linear - wrinkling).max()
     # Round-off of two code paths for one law.
-    limit = 1e-10 * abs(linear).max()
-    assert error <= limit
+    assert error <= 1e-10 * abs(linear).max()
     assert run_wrinkling.iterations <= run_linear.iterations + 5 and run_wrinkling.substeps == 0

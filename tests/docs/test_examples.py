@@ -18,6 +18,7 @@ from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_SELF
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
@@ -64,12 +65,13 @@ def recorded_fall(folder: Path) -> gx.plot.RunReader:
     """The record of a film that falls for two steps."""
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
     film = gx.Membrane(sheet(COMM, 4, 4), law, name="film")
-    fall = gx.Simulation(
-        gx.Scene(film, gx.Gravity(film, (0.0, 0.0, -9.81))),
-        gx.Midpoint(dt=0.01),
+    run_until(
+        0.02,
+        film,
+        gx.Gravity(film, (0.0, 0.0, -9.81)),
+        dt=0.01,
         outputs=[gx.Recording(folder, every=1, title="A fall")],
     )
-    fall.run(until=0.02)
     return gx.plot.RunReader(folder)
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 SIZES = (0.1, 0.08, 0.05)
 INERTIA = 0.1 / 12 * (0.1**2 + 2e-3**2) + 0.1 * 0.05**2  # of the lid about its hinge
@@ -44,12 +45,7 @@ def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
         stiffness=0.1,
     )
     series = gx.Series({"angle": Angle(box)})
-    run = gx.Simulation(
-        gx.Scene(box),
-        gx.Midpoint(dt=5e-4),
-        outputs=[series],
-    )
-    run.run(until=0.08 if comm.size == 1 else 0.02)
+    run = run_until(0.08 if comm.size == 1 else 0.02, box, dt=5e-4, outputs=[series])
     held = series.time <= 0.01 + 1e-9
     error = np.abs(series["angle"][held]).max()
     assert error < 1e-9
@@ -70,12 +66,7 @@ def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy() -> None:
         stop_stiffness=1e5,
     )
     series = gx.Series({"angle": Angle(box)})
-    run = gx.Simulation(
-        gx.Scene(box),
-        gx.Midpoint(dt=4e-4),
-        outputs=[series],
-    )
-    run.run(until=0.06)
+    run = run_until(0.06, box, dt=4e-4, outputs=[series])
     assert 1.5 < series["angle"].max() < 1.55
     assert series["angle"][-1] < 1.4
     assert run.totals.dissipated > 0.01 * 0.5 * 0.2 * 2.5**2
@@ -173,8 +164,7 @@ def test_a_film_in_the_box_touches_it(comm) -> None:
     )
     contact = gx.Contact(film, *box.obstacles, distance=1e-3)
     angle = Angle(box)
-    run = gx.Simulation(gx.Scene(film, box, contact), gx.Midpoint(dt=1e-4))
-    run.run(until=3e-3 if comm.size == 1 else 5e-4)
+    run = run_until(3e-3 if comm.size == 1 else 5e-4, film, box, contact, dt=1e-4)
     assert gx.probes.Penetrations(contact)(run) == 0
     assert abs(run.energy_error) < 1e-9
     assert comm.size > 1 or angle(run) > 0.005

@@ -11,6 +11,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.mechanics.orbit.elements import elements_of
 from tests.orbit.test_orbit_loads import AIR, film, plate
+from tests.small_scenes import run_until
 
 A = 7e6
 
@@ -27,20 +28,18 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     )
     orbit = gx.orbit.Orbit(start, sun=(0.0, 0.0, 1.0))
     sail, (body, surface) = film(0.4), plate(0.0)
-    run = gx.Simulation(
-        gx.Scene(
-            gx.orbit.SolarPressure(sail, orbit, name="light"),
-            gx.orbit.Drag(
-                body,
-                orbit,
-                atmosphere=AIR,
-                surfaces=[surface],
-                name="drag",
-            ),
+    run = run_until(
+        2e-3,
+        gx.orbit.SolarPressure(sail, orbit, name="light"),
+        gx.orbit.Drag(
+            body,
+            orbit,
+            atmosphere=AIR,
+            surfaces=[surface],
+            name="drag",
         ),
-        gx.Midpoint(dt=1e-3),
+        dt=1e-3,
     )
-    run.run(until=2e-3)
     r, v = orbit.flight(run.system).state()
     found = elements_of(r, v, orbit.mu)
     for name in ("a", "e", "i", "node", "perigee", "anomaly"):
@@ -48,17 +47,13 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         # The probe reads the same state: only round-off separates the two.
         assert measured == pytest.approx(getattr(found, name), rel=1e-12)
     measured = gx.probes.OrbitState(orbit, "altitude")(run)
-    expected = np.linalg.norm(r) - orbit.radius
-    assert measured == pytest.approx(expected, rel=1e-12)
+    assert measured == pytest.approx(np.linalg.norm(r) - orbit.radius, rel=1e-12)
     assert gx.probes.OrbitState(orbit, "sunlit")(run) == 1.0
     assert gx.probes.OrbitState(orbit, "depth")(run) < 0
-    measured = gx.probes.SunAngle(orbit, sail)(run)
-    assert measured == pytest.approx(0.4, abs=1e-3)
+    assert gx.probes.SunAngle(orbit, sail)(run) == pytest.approx(0.4, abs=1e-3)
     normal = body.frame().directors[2]
-    measured = gx.probes.SunAngle(orbit, normal)(run)
-    assert measured == pytest.approx(0.0, abs=1e-3)
-    measured = gx.probes.Attitude(orbit, normal, axis="across")(run)
-    assert measured == pytest.approx(0.8, abs=1e-6)
+    assert gx.probes.SunAngle(orbit, normal)(run) == pytest.approx(0.0, abs=1e-3)
+    assert gx.probes.Attitude(orbit, normal, axis="across")(run) == pytest.approx(0.8, abs=1e-6)
     push = [
         gx.probes.LoadResultant(
             orbit,
@@ -69,8 +64,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         for axis in "xyz"
     ]
     # An ideal mirror of 1 m² at 0.4 rad: 2 P cos² α.
-    expected = 2 * 4.563e-6 * math.cos(0.4) ** 2
-    assert math.hypot(*push) == pytest.approx(expected, rel=1e-3)
+    assert math.hypot(*push) == pytest.approx(2 * 4.563e-6 * math.cos(0.4) ** 2, rel=1e-3)
     # light on the film at its own place turns the whole about the centre of mass of both
     torque = [
         gx.probes.LoadResultant(
@@ -111,8 +105,7 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
     )
     inertia = np.diag([3.0, 4.0, 2.0])
     body = gx.RigidBody(5.0, (3.0, 4.0, 2.0), attitude=attitude)
-    run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=1e-2))
-    run.run(until=1e-2)
+    run = run_until(1e-2, body, orbit, dt=1e-2)
     n2 = orbit.mu / A**3
     out = np.array([1.0, 0, 0])
     known = 3 * n2 * np.cross(out, attitude @ inertia @ attitude.T @ out)
@@ -169,11 +162,11 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
         probes=probes,
         title="a plate",
     )
-    run = gx.Simulation(
-        gx.Scene(gx.orbit.SolarPressure(body, orbit, surfaces=[surface]), film(0.3)),
-        gx.Midpoint(dt=0.1),
+    run_until(
+        0.5,
+        gx.orbit.SolarPressure(body, orbit, surfaces=[surface]),
+        film(0.3),
+        dt=0.1,
         outputs=[picture],
     )
-    run.run(until=0.5)
-    measured = (folder / "flight.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (folder / "flight.png").read_bytes()[1:4] == b"PNG"

@@ -23,6 +23,7 @@ from gossamer_fx.mechanics.orbit.radiation import (
 from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED, HeatedFilms
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from tests.rates import observed_order
+from tests.small_scenes import run_until
 
 # Material of the film: it matters little where only heat is tested.
 FILM = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-5)
@@ -57,8 +58,7 @@ def flight(
     items = [film, orbit, heating, gx.Damping(film, stiffness_factor=1e-2)]
     if spin:
         items.append(gx.RigidMotion(spin=(spin, 0.0, 0.0), centre=(0.5, 0.5, 0.0)))
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
-    run.run(until=until)
+    run = run_until(until, *items, dt=dt)
     return SimpleNamespace(
         run=run,
         film=film,
@@ -192,8 +192,7 @@ def test_groups_have_their_own_temperatures(comm) -> None:
     heating = gx.orbit.SolarHeating(
         film, orbit, ALUMINISED, groups={"dark": black}, initial_temperature=300.0
     )
-    run = gx.Simulation(gx.Scene(film, orbit, heating), gx.Midpoint(dt=5.0))
-    run.run(until=300.0)
+    run = run_until(300.0, film, orbit, heating, dt=5.0)
     heat = heating.balance(run)
     # Absorbed by one face, emitted by two, of the same value 0.9, which cancels.
     assert heat.highest == pytest.approx((flux() / (2 * STEFAN_BOLTZMANN)) ** 0.25, rel=1e-5)
@@ -237,9 +236,8 @@ def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     )
     height = RADIUS / gx.orbit.Orbit(gx.orbit.Elements(RADIUS)).radius
     share = float(view_factor(np.array([0.0]), height)[0])
-    expected = (share * 237.0 / STEFAN_BOLTZMANN) ** 0.25
     # 3000 s are some time constants of the film.
-    assert end.heat.mean == pytest.approx(expected, rel=1e-4)
+    assert end.heat.mean == pytest.approx((share * 237.0 / STEFAN_BOLTZMANN) ** 0.25, rel=1e-4)
 
 
 def test_albedo_adds_to_the_day_side_only(comm) -> None:
@@ -265,8 +263,7 @@ def test_albedo_adds_to_the_day_side_only(comm) -> None:
             space_temperature=0.0,
             albedo=albedo,
         )
-        run = gx.Simulation(gx.Scene(film, orbit, heating), gx.Midpoint(dt=0.5))
-        run.run(until=1.0)
+        run = run_until(1.0, film, orbit, heating, dt=0.5)
         temperatures.append(heating.balance(run).mean)
     height = RADIUS / orbit.radius
     # The whole Earth is seen: F = 1/H².

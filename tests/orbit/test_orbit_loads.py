@@ -27,6 +27,7 @@ from gossamer_fx.mechanics.orbit.surface_forces import (
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.orbit.test_flight import drift
+from tests.small_scenes import run_until
 
 A = 7e6
 LAW = {"E": 2.5e9, "nu": 0.3, "density": 1400.0, "thickness": 7.5e-6}
@@ -75,9 +76,7 @@ def pushed(run: gx.Simulation, name: str) -> np.ndarray:
 
 
 def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
-    run.run(until=dt)
-    return run
+    return run_until(dt, *items, dt=dt)
 
 
 @pytest.mark.mpi
@@ -163,12 +162,7 @@ def test_eclipse_begins_at_its_time() -> None:
         return orbit.depth(flight.origin.R0, run.time)
 
     enters = gx.When(depth, stop=True, tolerance=1e-4)
-    run = gx.Simulation(
-        gx.Scene(body, orbit),
-        gx.Midpoint(dt=10.0),
-        events=[enters],
-    )
-    run.run(until=2000.0)
+    run = run_until(2000.0, body, orbit, dt=10.0, events=[enters])
     # The shadow of a cylinder begins where the distance from its axis is the Earth's radius.
     angle = math.pi - math.asin(orbit.radius / A)
     n = math.sqrt(orbit.mu / A**3)
@@ -330,8 +324,7 @@ def test_derivatives_by_complex_steps(what: str) -> None:
     ).T
     # Relative truncation of the central difference.
     error = np.abs(K - slopes).max()
-    limit = 1e-6 * np.abs(K).max()
-    assert error < limit
+    assert error < 1e-6 * np.abs(K).max()
 
 
 @pytest.mark.mpi
@@ -409,8 +402,7 @@ def test_work_of_all_loads_closes_the_ledger() -> None:
     run.run(until=0.1)
     assert abs(run.totals.supplied) > 1e-2  # J: the origin goes 7.5 km/s
     assert abs(run.energy_error) < 1e-10
-    measured = np.linalg.norm(run.totals.angular_momentum - start)
-    assert measured > 100
+    assert np.linalg.norm(run.totals.angular_momentum - start) > 100
     # Relative: the loads act for 0.1 s only.
     assert drift(run) < 1e-6
 

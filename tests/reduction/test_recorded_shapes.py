@@ -11,6 +11,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
@@ -43,13 +44,7 @@ def flown(
     shapes = gx.reduction.Snapshots(film, every=2)
     outputs = [gx.Recording(folder / "run", every=2), shapes]
     points = gx.Checkpoints(folder / "points", every=4)
-    run = gx.Simulation(
-        gx.Scene(film),
-        gx.Midpoint(dt=DT),
-        outputs=outputs,
-        checkpoints=points,
-    )
-    run.run(until=4 * DT if halves else 8 * DT)
+    run_until(4 * DT if halves else 8 * DT, film, dt=DT, outputs=outputs, checkpoints=points)
     if halves:
         kept = list(shapes.positions)
         again = gx.Recording(folder / "run", every=2), gx.reduction.Snapshots(film, every=2)
@@ -87,13 +82,11 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
     WORLD.barrier()
     film = sail(WORLD)
     read = gx.reduction.RecordedShapes(film, folder / "run")
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
-    run.run(until=8 * DT)
+    run = run_until(8 * DT, film, dt=DT)
     error = np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0)
     # Runs on different numbers of ranks.
     assert error < 1e-8
-    measured = gx.reduction.reduce(film, [read], modes=2).basis.size
-    assert measured == 5
+    assert gx.reduction.reduce(film, [read], modes=2).basis.size == 5
 
 
 @pytest.mark.mpi

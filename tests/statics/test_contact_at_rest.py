@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube_section import cylinder
 from tests.contact.scenes import SIGMA, film
+from tests.small_scenes import at_rest
 
 # Activation distance [m] and gravity [m/s²].
 DISTANCE = 1e-3
@@ -69,7 +72,11 @@ STIFFNESS = 1e9 * 25e-6
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("law", "increments"), [("penalty", 8), ("barrier", 40)])
+@pytest.mark.parametrize(
+    ("law", "increments"),
+    # With one increment planes move by twenty times the distance at which contact begins.
+    [("penalty", 8), ("barrier", 40), ("penalty", 1), ("barrier", 1)],
+)
 def test_a_tube_between_two_planes(comm, law, increments):
     """A tube of the radius R, pressed to the height 2 H, lies flat on a width of π (R - H) on each
     side.
@@ -123,3 +130,70 @@ def test_a_tube_between_two_planes(comm, law, increments):
     # 1 %: the section has 32 sides.
     assert on_upper(equilibrium) == pytest.approx(force, rel=0.01)
     assert on_lower(equilibrium) == pytest.approx(-force, rel=0.01)
+
+
+# A strip between two clamps that a drum lifts: E t [N/m], width, span and radius [m].
+STRIP_STIFFNESS = 2.5e9 * 25e-6
+WIDTH = 0.02
+SPAN = 0.3
+DRUM_RADIUS = 0.05
+DRUM_DISTANCE = 5e-4
+LIFT = 0.02
+
+
+def force_of_drum(tension, gap):
+    """Force of a drum on a strip under a tension [N] that was flat, from the straight parts and the
+    arc, which is a gap [m] off the drum; without friction the tension is the same everywhere."""
+    radius = DRUM_RADIUS + gap
+    # Height of the axis above the clamps: the drum started two distances below the strip.
+    height = LIFT - DRUM_RADIUS - 2 * DRUM_DISTANCE
+    to_axis = math.hypot(SPAN / 2, height)
+    straight = math.sqrt(to_axis**2 - radius**2)
+    # Slope of the straight parts, and half of the angle of wrap.
+    slope = math.asin(radius / to_axis) + math.atan2(height, SPAN / 2)
+    stretch = 2 * (straight + radius * slope) / SPAN
+    strain = (stretch**2 - 1) / 2
+    return 2 * (tension + STRIP_STIFFNESS * WIDTH * strain) * stretch * math.sin(slope)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tension", [20.0, 0.0])
+def test_a_strip_without_loads_is_lifted_by_a_drum(comm, tension):
+    """Prestress, or the stretch itself, presses the strip on the drum, but not through it."""
+    mesh = sheet(comm, 40, 2, SPAN, WIDTH, crossed=True)
+    law = gx.Miyazaki(2.5e9, 0.0, density=1400.0, thickness=25e-6, residual_stiffness=1e-4)
+    stress = np.diag([tension / WIDTH / 25e-6, 0.0, 0.0])
+    strip = gx.Membrane(mesh, law, initial_stress=stress if tension else None, name="strip")
+    depth = -DRUM_RADIUS - 2 * DRUM_DISTANCE
+    drum = gx.contact.Cylinder(
+        start=(SPAN / 2, -WIDTH, depth),
+        end=(SPAN / 2, 2 * WIDTH, depth),
+        radius=DRUM_RADIUS,
+        motion=lambda t: (0.0, 0.0, t),
+    )
+    contact = gx.Contact(strip, drum, distance=DRUM_DISTANCE)
+    clamps = [gx.Fixed(strip, edge) for edge in ("left", "right")]
+    equilibrium = gx.Equilibrium(gx.Scene(contact, *clamps))
+    result = equilibrium.find(at=LIFT)
+    assert result.regular and result.within_tolerance
+    gap = gx.probes.ContactGap(contact)(equilibrium)
+    # It was closed to a hundredth of this, or passed through.
+    assert gap > 0.2 * DRUM_DISTANCE
+    force = gx.probes.ContactForce(contact, strip, axis="z")(equilibrium)
+    # 2.5 %: the arc has a corner at every 9 degrees.
+    assert force == pytest.approx(force_of_drum(tension, gap), rel=0.025)
+
+
+def test_an_obstacle_that_jumps_is_named(comm):
+    sheet_on_floor = film(comm, height=2 * DISTANCE)
+    floor = gx.contact.Plane(
+        point=(0.0, 0.0, 0.0),
+        normal=(0.0, 0.0, 1.0),
+        motion=lambda t: (0.0, 0.0, 0.0 if t <= 0 else 5 * DISTANCE),
+    )
+    contact = gx.Contact(sheet_on_floor, floor, distance=DISTANCE)
+    equilibrium = at_rest(contact, gx.Gravity(sheet_on_floor))
+    with pytest.raises(
+        gx.NoEquilibrium, match=r"no pseudo-step converged.*an obstacle moves by 0\.005 m"
+    ):
+        equilibrium.find(at=1.0)

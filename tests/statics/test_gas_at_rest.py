@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
+from tests.small_scenes import at_rest
 
 AIR = gx.IdealGas(gamma=1.4, R=287.05)
 AREA = 0.01
@@ -91,8 +92,7 @@ def drum(comm, thickness: float) -> tuple[gx.Equilibrium, gx.Chamber]:
     )
     held = [gx.Fixed(film, "seam"), gx.Fixed(film, "bottom")]
     search = gx.analysis.Continuation(tolerance=1e-10)
-    equilibrium = gx.Equilibrium(gx.Scene(chamber, *held), search)
-    equilibrium.find()
+    equilibrium = at_rest(chamber, *held, search=search)
     return equilibrium, chamber
 
 
@@ -123,8 +123,7 @@ def test_gradients_of_gas_that_flows_are_refused(comm):
     first = piston_on_a_spring(comm, 1e3, 0)
     tank = gx.Tank(volume=1e-3, gas=AIR, pressure=P0, temperature=300.0)
     orifice = gx.Orifice(tank, first[1], area=1e-6)
-    equilibrium = gx.Equilibrium(gx.Scene(*first, orifice))
-    equilibrium.find()
+    equilibrium = at_rest(*first, orifice)
     position = gx.probes.Position(first[0].port(), "x")
     with pytest.raises(gx.InputError, match="leave the openings out"):
         gx.analysis.gradient(equilibrium, of=position, by=["x 0.stiffness"])

@@ -17,8 +17,17 @@ from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 from gossamer_fx.meshes.tube_section import cylinder
+from tests.small_scenes import at_rest
 
 SIDE = 0.5  # m
+WRINKLING = gx.Miyazaki(
+    2.5e9,
+    0.34,
+    density=1420.0,
+    thickness=25e-6,
+    residual_stiffness=1e-2,
+)
+LINEAR = gx.Linear(2.5e9, 0.3, density=1400.0, thickness=25e-6)
 # Relative changes of a parameter for differences; the best of them is compared.
 CHANGES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # Best agreement over several sizes of the difference.
@@ -38,16 +47,9 @@ def sail(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
             ]
         )
 
-    law = gx.Miyazaki(
-        2.5e9,
-        0.34,
-        density=1420.0,
-        thickness=25e-6,
-        residual_stiffness=1e-2,
-    )
     film = gx.Membrane(
         crossed_sheet(comm, 4, 4, SIDE, SIDE),
-        law,
+        WRINKLING,
         displacement=sheared,
         # Not constant, so that a derivative by a uniform factor would fail.
         properties={"thickness": lambda x: 25e-6 * (1 + 0.2 * np.sin(9 * x[0]))},
@@ -221,44 +223,37 @@ def pendulum(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.probes.Position]]:
     return scene, [gx.probes.Position(body.port((0.3, 0.0, 0.0)), "z")]
 
 
+# A scene with results, and the parameters by which they have gradients.
 CASES = {
     "wrinkled sail": (
         sail,
-        [
-            "film.thickness",
-            "film.E",
-            "film.nu",
-            "film.residual_stiffness",
-            "film.shape",
-            "pressure.pressure",
-            "gravity of film.g",
-        ],
+        "film.thickness, film.E, film.nu, film.residual_stiffness, film.shape, pressure.pressure, "
+        "gravity of film.g",
     ),
-    "fabric": (
-        fabric,
-        ["film.E1", "film.E2", "film.nu12", "film.G12", "film.thickness", "film.shape"],
-    ),
-    "cushion": (cushion, ["film.shape", "film.E", "pressure.pressure"]),
+    "fabric": (fabric, "film.E1, film.E2, film.nu12, film.G12, film.thickness, film.shape"),
+    "cushion": (cushion, "film.shape, film.E, pressure.pressure"),
     "net": (
         net,
-        [
-            "ropes.lengths",
-            "ropes.stiffness",
-            "spring.length",
-            "spring.stiffness",
-            "force.force",
-            "cable.EA",
-            "cable.line_density",
-            "cable.shape",
-            "gravity of cable.g",
-        ],
+        "ropes.lengths, ropes.stiffness, spring.length, spring.stiffness, force.force, cable.EA, "
+        "cable.line_density, cable.shape, gravity of cable.g",
     ),
     "creased strip": (
         strip,
-        ["fold.stiffness", "fold.rest_angle", "strip.thickness", "strip.E", "right pull.force"],
+        "fold.stiffness, fold.rest_angle, strip.thickness, strip.E, right pull.force",
     ),
-    "pendulum": (pendulum, ["spiral.stiffness", "spiral.rest_angle_change", "push.force"]),
+    "pendulum": (pendulum, "spiral.stiffness, spiral.rest_angle_change, push.force"),
 }
+
+
+def square(comm: MPI.Intracomm, law, displacement, cells=2, **more) -> tuple[gx.Membrane, list]:
+    """A square film of 1 m, and the supports of its edges."""
+    mesh = crossed_sheet(comm, cells, cells, 1.0, 1.0)
+    film = gx.Membrane(mesh, law, displacement=displacement, **more)
+    return film, [gx.Fixed(film, edge) for edge in EDGES]
+
+
+def stretched(X):
+    return 1e-3 * X
 
 
 def direction(variable, seed: int) -> np.ndarray:
@@ -275,22 +270,23 @@ def direction(variable, seed: int) -> np.ndarray:
     return np.column_stack(waves[:size]).ravel()
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("case", CASES)
-def test_gradients_agree_with_differences(comm, case):
-    make, names = CASES[case]
-    scene, results = make(comm)
-    # The equilibrium must be more exact than the differences.
-    equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-11))
+def check_against_differences(equilibrium, names, results, changes, begin=lambda: None) -> None:
+    """Compare gradients of results at an equilibrium with central differences.
+
+    Args:
+        changes: relative changes of a parameter, of which the best is compared: truncation falls
+            and round-off grows with smaller ones.
+        begin: called before each search.
+    """
+    comm = equilibrium.system.comm
     equilibrium.find()
-    start = equilibrium.system.q0.copy()
     gradients = StaticGradients(equilibrium, names)
     gradients.factorise()
     found = [gradients.of(result) for result in results]
 
     def at(variable, values) -> np.ndarray:
         variable.set(values)
-        start.copy(equilibrium.system.q0)
+        begin()
         equilibrium.system.parameters_changed()
         equilibrium.find()
         return np.array([result(equilibrium) for result in results])
@@ -301,14 +297,28 @@ def test_gradients_agree_with_differences(comm, case):
         size = comm.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX) or 1.0
         exact = np.array([gradient[variable.name].along(change) for gradient in found])
         errors = []
-        for δ in CHANGES:
+        for δ in changes:
             step = δ * size
             difference = at(variable, values + step * change) - at(variable, values - step * change)
             errors.append(np.abs(difference / (2 * step) / exact - 1))
         at(variable, values)
-        measured = np.min(errors, axis=0).max()
-        # Truncation falls and round-off grows with smaller changes: the best of several.
-        assert measured < AGREEMENT, (variable.name, exact, errors)
+        assert np.min(errors, axis=0).max() < AGREEMENT, (variable.name, exact, errors)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_agree_with_differences(comm, case):
+    make, names = CASES[case]
+    scene, results = make(comm)
+    # The equilibrium must be more exact than the differences.
+    equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-11))
+    equilibrium.find()
+    start = equilibrium.system.q0.copy()
+
+    def begin() -> None:
+        start.copy(equilibrium.system.q0)
+
+    check_against_differences(equilibrium, names.split(", "), results, CHANGES, begin)
 
 
 @pytest.mark.mpi
@@ -333,13 +343,10 @@ def test_energy_of_a_loaded_spring(comm):
         by=names,
     )
     # ψ = F²/2k.
-    expected = force**2 / (2 * k)
-    assert found.value == pytest.approx(expected)
+    assert found.value == pytest.approx(force**2 / (2 * k))
     assert found.unit == "J"
-    expected = [0.0, 0.0, -force / k]
-    assert found["force.force"].values == pytest.approx(expected, abs=1e-12)
-    expected = [-(force**2) / (2 * k**2)]
-    assert found["spring.stiffness"].values == pytest.approx(expected)
+    assert found["force.force"].values == pytest.approx([0.0, 0.0, -force / k], abs=1e-12)
+    assert found["spring.stiffness"].values == pytest.approx([-(force**2) / (2 * k**2)])
     assert found["spring.stiffness"].unit == "J/(N/m)"
     assert found["spring.length"].values == pytest.approx([0.0], abs=1e-10)
 
@@ -347,18 +354,12 @@ def test_energy_of_a_loaded_spring(comm):
 def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     """A taut square held at its edges: W = E t ε²/(1-ν) A with ε of the stress-free size; exact
     derivatives."""
-    E = 2.5e9
-    nu = 0.3
-    t = 25e-6
+    E = LINEAR.E
+    nu = LINEAR.nu
+    t = LINEAR.thickness
     stretch = 1e-3
-    law = gx.Linear(E, nu, density=1400.0, thickness=t)
-    film = gx.Membrane(
-        crossed_sheet(comm, 2, 2, 1.0, 1.0),
-        law,
-        displacement=lambda X: stretch * X,
-    )
-    equilibrium = gx.Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
-    equilibrium.find()
+    film, held = square(comm, LINEAR, stretched)
+    equilibrium = at_rest(film, *held)
     found = gx.analysis.gradient(
         equilibrium,
         of=gx.analysis.Energy(),
@@ -375,8 +376,7 @@ def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     exact = 2 * energy - 2 * C * green * (1 + stretch) ** 2
     shape = found["film.shape"]
     nodes = shape.function.function_space.tabulate_dof_coordinates()
-    measured = shape.along(nodes[: len(shape.values) // 3].ravel())
-    assert measured == pytest.approx(exact)
+    assert shape.along(nodes[: len(shape.values) // 3].ravel()) == pytest.approx(exact)
     assert shape.unit == "J/m"
 
 
@@ -401,58 +401,22 @@ def test_a_functional_of_the_user_gives_what_the_probe_gives(comm):
 @pytest.mark.mpi
 def test_frequencies_of_a_wrinkled_sheet_agree_with_differences(comm):
     """The lowest modes of a sheared sheet, by thickness, E, density and the stress-free shape."""
-    law = gx.Miyazaki(
-        2.5e9,
-        0.34,
-        density=1420.0,
-        thickness=25e-6,
-        residual_stiffness=1e-2,
-    )
-    film = gx.Membrane(
-        crossed_sheet(comm, 4, 4, 1.0, 1.0),
-        law,
-        displacement=lambda X: np.vstack([1e-3 * X[0] + 2e-3 * X[1] * X[0], 8e-4 * X[1], 0 * X[0]]),
+    film, held = square(
+        comm,
+        WRINKLING,
+        lambda X: np.vstack([1e-3 * X[0] + 2e-3 * X[1] * X[0], 8e-4 * X[1], 0 * X[0]]),
+        cells=4,
         properties={"thickness": lambda x: np.full(x.shape[1], 25e-6)},
     )
-    held = [gx.Fixed(film, edge) for edge in EDGES]
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held), gx.analysis.Continuation(tolerance=1e-12))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held, search=gx.analysis.Continuation(tolerance=1e-12))
     names = ["film.thickness", "film.E", "film.density", "film.shape"]
-    gradients = StaticGradients(equilibrium, names)
-    gradients.factorise()
     modes = [gx.analysis.Frequency(equilibrium, number=k) for k in (0, 3)]
-    found = [gradients.of(mode) for mode in modes]
-    for k, variable in enumerate(gradients.variables):
-        values = variable.get()
-        change = direction(variable, k)
-        size = comm.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
-        exact = np.array([gradient[variable.name].along(change) for gradient in found])
-        errors = []
-        # From truncation to round-off.
-        for δ in (1e-4, 1e-5, 1e-6, 1e-7):
-            sides = []
-            for sign in (1, -1):
-                variable.set(values + sign * δ * size * change)
-                equilibrium.system.parameters_changed()
-                equilibrium.find()
-                sides.append(np.array([mode(equilibrium) for mode in modes]))
-            errors.append(np.abs((sides[0] - sides[1]) / (2 * δ * size) / exact - 1))
-        variable.set(values)
-        equilibrium.system.parameters_changed()
-        equilibrium.find()
-        measured = np.min(errors, axis=0).max()
-        assert measured < AGREEMENT, (variable.name, exact, errors)
+    check_against_differences(equilibrium, names, modes, CHANGES[1:])
 
 
 def test_a_frequency_that_two_modes_share_is_refused(comm):
-    law = gx.Linear(2.5e9, 0.3, density=1400.0, thickness=25e-6)
-    film = gx.Membrane(
-        crossed_sheet(comm, 4, 4, 1.0, 1.0),
-        law,
-        displacement=lambda X: 1e-3 * X,
-    )
-    equilibrium = gx.Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
-    equilibrium.find()
+    film, held = square(comm, LINEAR, stretched, cells=4)
+    equilibrium = at_rest(film, *held)
     with pytest.raises(gx.InputError, match="modes 1 and 2 have the same frequency"):
         gx.analysis.gradient(
             equilibrium,
@@ -539,8 +503,7 @@ def test_a_minimisation_keeps_bounds_and_limits_and_restarts(comm, tmp_path):
         restart=True,
     )
     # A search that is continued does not get worse.
-    bound = bounded.value * (1 + 1e-6)
-    assert continued.values[0] <= bound
+    assert continued.values[0] <= bounded.value * (1 + 1e-6)
     third, distance = hanging(comm)
     limit = gx.analysis.Limit(gx.analysis.Energy(), high=0.1)
     limited = gx.analysis.minimise(
@@ -551,9 +514,8 @@ def test_a_minimisation_keeps_bounds_and_limits_and_restarts(comm, tmp_path):
         limits=[limit],
         tolerance=1e-12,
     )
-    measured = gx.analysis.Energy()(third)
     # Constraints hold to their tolerance.
-    assert measured <= 0.1 * (1 + 1e-6)
+    assert gx.analysis.Energy()(third) <= 0.1 * (1 + 1e-6)
     assert limited.value < limited.values[0]
 
 
@@ -583,15 +545,8 @@ REFUSED: dict[str, tuple[Callable[[gx.Membrane], list], list[str], str]] = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_has_no_gradient_is_refused_by_name(comm, what):
     more, names, words = REFUSED[what]
-    law = gx.Linear(2.5e9, 0.3, density=1400.0, thickness=25e-6)
-    film = gx.Membrane(
-        crossed_sheet(comm, 2, 2, 1.0, 1.0),
-        law,
-        displacement=lambda X: 1e-3 * X,
-    )
-    held = [gx.Fixed(film, edge) for edge in EDGES]
-    equilibrium = gx.Equilibrium(gx.Scene(film, *held, *more(film)))
-    equilibrium.find()
+    film, held = square(comm, LINEAR, stretched)
+    equilibrium = at_rest(film, *held, *more(film))
     with pytest.raises(gx.InputError, match=words):
         gx.analysis.gradient(
             equilibrium,
@@ -629,8 +584,7 @@ def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     contact = gx.Contact(film, floor, distance=distance, stiffness=stiffness, law=law)
     # Nothing but contact holds the height.
     held = [gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES]
-    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(film), *held))
-    equilibrium.find()
+    equilibrium = at_rest(contact, gx.Gravity(film), *held)
     height = gx.analysis.Integral(film, lambda q: q[2] / 0.01 * film.dx, unit="m")
     found = gx.analysis.gradient(
         equilibrium, of=height, by=["film.thickness", "film.density", "gravity of film.g"]

@@ -10,6 +10,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest, run_until
 
 ROPE = gx.TensionOnly(1e4, 0.01)
 BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
@@ -36,10 +37,7 @@ def test_spring_bears_a_weight(comm):
     ):
         mass = gx.PointMass(2.0, (0.0, 0.0, -1.1), comm=comm)
         part = connect(mass.port())
-        equilibrium = gx.Equilibrium(
-            gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -load / 2.0)), part)
-        )
-        equilibrium.find()
+        equilibrium = at_rest(mass, gx.Gravity(mass, (0.0, 0.0, -load / 2.0)), part)
         assert values(part, equilibrium) == pytest.approx([load] * 3, rel=1e-7)
         length = gx.probes.Length(part)(equilibrium)
         assert length == pytest.approx(natural + load / k, rel=1e-9)
@@ -121,8 +119,7 @@ def test_hanging_cable(comm, order):
     )
     supports = [gx.Fixed(cable, "start"), gx.Fixed(cable, "end")]
     gravity = gx.Gravity(cable, (0.0, 0.0, -weight / 0.05))
-    hung = gx.Equilibrium(gx.Scene(cable, gravity, *supports))
-    hung.find()
+    hung = at_rest(cable, gravity, *supports)
     low, high = 0.1, 100.0
     for _ in range(200):
         a = math.sqrt(low * high)
@@ -161,8 +158,7 @@ def test_bent_beam_has_no_tension(comm):
     """A cantilever under a transverse force at its tip bears F sin φ; under an axial one F."""
     boom = gx.Beam(line(comm, [(0, 0, 0), (2, 0, 0)], 6), BOOM, name="boom")
     force = gx.loads.Force(boom.port("end"), (0.0, 5.0, 0.0))
-    bent = gx.Equilibrium(gx.Scene(boom, force, gx.Fixed(boom, "start", rotation=True)))
-    bent.find()
+    bent = at_rest(boom, force, gx.Fixed(boom, "start", rotation=True))
     least, mean, largest = values(boom, bent)
     # N = F sin φ with the slope φ = F (L s - s²/2)/EI, whose mean is F L²/3EI.
     assert mean == pytest.approx(5.0 * 5.0 * 2.0**2 / (3 * BOOM.EI2), rel=0.02)
@@ -170,8 +166,7 @@ def test_bent_beam_has_no_tension(comm):
     assert max(-least, largest) < 2e-8 * BOOM.EA
     boom = gx.Beam(line(comm, [(0, 0, 0), (2, 0, 0)], 6), BOOM, name="boom")
     force = gx.loads.Force(boom.port("end"), (-7.0, 0.0, 0.0))
-    pressed = gx.Equilibrium(gx.Scene(boom, force, gx.Fixed(boom, "start", rotation=True)))
-    pressed.find()
+    pressed = at_rest(boom, force, gx.Fixed(boom, "start", rotation=True))
     assert values(boom, pressed) == pytest.approx([-7.0] * 3, rel=1e-6)
 
 
@@ -183,8 +178,7 @@ def test_curve_along_a_cable(comm, order):
     law = gx.CableLaw(1e6, μ)
     hanging = gx.Cable(line(comm, [(0, 0, 0), (0, 0, -3)], 12), law, order=order)
     gravity = gx.Gravity(hanging, (0.0, 0.0, -10.0))
-    statics = gx.Equilibrium(gx.Scene(hanging, gravity, gx.Fixed(hanging, "start")))
-    statics.find()
+    statics = at_rest(hanging, gravity, gx.Fixed(hanging, "start"))
     found = gx.fields.line_values(statics, hanging)
     assert found.distance == pytest.approx((np.arange(12) + 0.5) / 4, rel=1e-4)
     assert found.tension == pytest.approx(μ * 10.0 * (3.0 - found.distance), rel=1e-4)
@@ -282,8 +276,5 @@ def test_pictures_colour_lines_by_their_tension(comm, tmp_path):
 
 def test_a_scene_without_lines_has_no_table_of_tensions(comm, tmp_path):
     mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=comm)
-    run = gx.Simulation(
-        gx.Scene(mass), gx.Midpoint(dt=1e-3), outputs=[gx.Recording(tmp_path / "run")]
-    )
-    run.run(until=2e-3)
+    run_until(2e-3, mass, dt=1e-3, outputs=[gx.Recording(tmp_path / "run")])
     assert not (tmp_path / "run" / "tensions.csv").exists()

@@ -19,6 +19,7 @@ from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.fields.film_states import AreaFractions
+from tests.small_scenes import at_rest
 
 # N/m, m, Pa
 N0 = 10.0
@@ -52,15 +53,12 @@ def test_square_film_under_tension(comm, order, cells, tolerance):
         order=order,
         displacement=stretched,
     )
-    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
-    equilibrium.find()
+    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in EDGES))
     found = modes(equilibrium, 4)
     measured = [mode.frequency for mode in found]
-    expected = [6.363363, 10.06136, 10.06136, 12.726726]
-    assert measured == pytest.approx(expected, rel=tolerance)
+    assert measured == pytest.approx([6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance)
     assert max(mode.growth for mode in found) < 1e-6
-    measured = len(found[0].shape)
-    assert measured == equilibrium.system.numbering.size_local
+    assert len(found[0].shape) == equilibrium.system.numbering.size_local
 
 
 def test_round_film_under_tension(comm):
@@ -76,8 +74,7 @@ def test_round_film_under_tension(comm):
         gx.Fixed(film, "x axis", components=(1,)),
         gx.Fixed(film, "y axis", components=(0,)),
     ]
-    equilibrium = Equilibrium(gx.Scene(film, *held))
-    equilibrium.find()
+    equilibrium = at_rest(film, *held)
     frequencies = [mode.frequency for mode in modes(equilibrium, 3)]
     assert frequencies == pytest.approx([7.233104, 15.446646, 16.602991], rel=1e-3)
 
@@ -98,8 +95,7 @@ def test_disc_that_spins_about_a_hub(comm, turning):
     """
     film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
     spin = (0.0, 0.0, SPIN)
-    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
-    equilibrium.find()
+    equilibrium = at_rest(film, gx.Fixed(film, "hub"), Centrifugal(film, spin))
     found = modes(equilibrium, 7, spin=spin) if turning else modes(equilibrium, 7)
     squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
     exact = [0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137]
@@ -121,8 +117,7 @@ def test_disc_that_spins_freely(comm):
     squares = [
         (2 * np.pi * mode.frequency / SPIN) ** 2 for mode in modes(equilibrium, 4, above=0.1)
     ]
-    expected = [0.0, 2.35, 3.3, 6.1]
-    assert squares == pytest.approx(expected, abs=1e-2)
+    assert squares == pytest.approx([0.0, 2.35, 3.3, 6.1], abs=1e-2)
 
 
 def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
@@ -141,14 +136,12 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
         )
         for axis in axes
     ]
-    equilibrium = Equilibrium(gx.Scene(point, *springs))
-    equilibrium.find()
+    equilibrium = at_rest(point, *springs)
     ω0 = (k / mass) ** 0.5
     found = modes(equilibrium, 3, spin=(0.0, 0.0, Ω))
     root = (Ω**2 + ω0**2) ** 0.5
     measured = [2 * np.pi * mode.frequency for mode in found]
-    expected = [root - Ω, ω0, root + Ω]
-    assert measured == pytest.approx(expected, rel=1e-8)
+    assert measured == pytest.approx([root - Ω, ω0, root + Ω], rel=1e-8)
 
 
 def test_coriolis_matrix_of_a_film(comm):
@@ -201,8 +194,7 @@ def test_a_mass_on_a_gas_spring(comm):
         (k / mass) ** 0.5,
         (1.4 * pressure * area**2 / mass / volume) ** 0.5,
     ]
-    measured = [2 * np.pi * mode.frequency for mode in found]
-    assert measured == pytest.approx(exact, rel=1e-9)
+    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(exact, rel=1e-9)
     assert found[2].effective_mass == pytest.approx([0.0, 0.0, mass], abs=1e-9)
     with pytest.raises(gx.InputError, match="in a turning frame"):
         modes(equilibrium, 1, spin=(0.0, 0.0, 1.0))
@@ -231,8 +223,7 @@ def test_a_drum_over_closed_air(comm):
                     outside=gx.gas.Ambient(1e3),
                 )
             )
-        equilibrium = Equilibrium(gx.Scene(*items))
-        equilibrium.find()
+        equilibrium = at_rest(*items)
         frequencies[closed] = [mode.frequency for mode in modes(equilibrium, 4)]
     drum = frequencies[False]
     with_gas = frequencies[True]
@@ -263,11 +254,9 @@ def test_effective_masses(comm):
         initial_stress=N0 / THICKNESS,
         name="drum",
     )
-    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
-    equilibrium.find()
+    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in EDGES))
     first = modes(equilibrium, 1)[0]
-    expected = [0, 0, 64 / np.pi**4 * 0.028]
-    assert first.effective_mass == pytest.approx(expected, rel=1e-3, abs=1e-9)
+    assert first.effective_mass == pytest.approx([0, 0, 64 / np.pi**4 * 0.028], rel=1e-3, abs=1e-9)
     φ = first.displacements["drum"]
     assert φ.shape == (film.block.index_map.size_local, 3)
     largest = comm.allreduce(float(φ.real.max(initial=0.0)), MPI.MAX)
@@ -337,12 +326,10 @@ def test_cantilever(comm):
         density=1000.0,
     )
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
-    equilibrium = Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True)))
-    equilibrium.find()
+    equilibrium = at_rest(beam, gx.Fixed(beam, "start", rotation=True))
     scale = (section.line_density / section.EI2) ** 0.5
     βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]
-    expected = np.repeat((1.87510407, 4.69409113), 2)
-    assert βL == pytest.approx(expected, rel=1e-3)
+    assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
 
 
 @pytest.mark.mpi
@@ -406,8 +393,7 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
     """Those of the disc with two nodal diameters, (ω/Ω)² = 2.276136, without those below."""
     film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
     spin = (0.0, 0.0, SPIN)
-    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
-    equilibrium.find()
+    equilibrium = at_rest(film, gx.Fixed(film, "hub"), Centrifugal(film, spin))
     found = modes(
         equilibrium,
         2,
@@ -464,8 +450,7 @@ def test_an_unstable_equilibrium_is_reported(caplog):
         )
         for x in (-1.0, 1.0)
     ]
-    equilibrium = Equilibrium(gx.Scene(mass, *springs))
-    equilibrium.find()
+    equilibrium = at_rest(mass, *springs)
     caplog.clear()
     found = modes(equilibrium, 3)
     assert [mode.growth for mode in found[:2]] == pytest.approx([40.0**0.5] * 2, rel=1e-9)
@@ -488,8 +473,7 @@ def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
         name="boom",
     )
     ends = [gx.Fixed(boom, "start"), gx.Fixed(boom, "end")]
-    equilibrium = Equilibrium(gx.Scene(boom, *ends))
-    equilibrium.find()
+    equilibrium = at_rest(boom, *ends)
     caplog.clear()
     found = modes(equilibrium, 3)
     growth = (np.pi / length) ** 2 * np.sqrt(0.5 * section.EI2 / section.line_density)
@@ -504,8 +488,7 @@ def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
 def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     law = gx.Linear(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
     film = gx.Membrane(sheet(comm, 8, 8), law, initial_stress=-1e5)
-    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
-    equilibrium.find()
+    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in EDGES))
     caplog.clear()
     modes(equilibrium, 2)
     assert "Film 'film' resists compression with its full stiffness" in caplog.text
@@ -554,8 +537,7 @@ def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
     effective masses add up only if these are orthogonal."""
     section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
     free = gx.Beam(line(comm, [(0, 0, 0), (2.0, 0.5, 0)], 6), section, name="free")
-    equilibrium = Equilibrium(gx.Scene(free))
-    equilibrium.find()
+    equilibrium = at_rest(free)
     found = modes(equilibrium, 8)
     mass = section.line_density * np.hypot(2.0, 0.5)
     total = sum(mode.effective_mass for mode in found[:6])
@@ -621,8 +603,7 @@ def test_pairs_of_symmetric_films_are_whole(comm, shape):
         mesh = ring(comm, 0.2, 1.0, 4, 24)
         edges = ("hub", "rim")
     film = gx.Membrane(mesh, TENSIONED, displacement=stretched)
-    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in edges)))
-    equilibrium.find()
+    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in edges))
     many = [mode.frequency for mode in modes(equilibrium, 20)]
     pairs = sum(b / a - 1 < 1e-6 for a, b in pairwise(many))
     assert pairs >= 5

@@ -9,6 +9,7 @@ import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 LAW = gx.Miyazaki(
     E=1e9,
@@ -96,8 +97,7 @@ def test_parts_are_free_apart(comm):
         f"{kind} {axis} of 'other'" for kind in ("translation", "rotation") for axis in "xyz"
     ]
     measured = [words.split(" about")[0] for words in found.free]
-    expected = [m.split(" about")[0] for m in motions]
-    assert measured == expected
+    assert measured == [m.split(" about")[0] for m in motions]
     assert not found.regular
 
 
@@ -187,8 +187,7 @@ def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
 
 def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
     body = film(comm)
-    equilibrium = Equilibrium(gx.Scene(gx.Fixed(body, "left"), gx.Gravity(body)))
-    equilibrium.find()
+    equilibrium = at_rest(gx.Fixed(body, "left"), gx.Gravity(body))
     with pytest.raises(gx.InputError, match="not a support of this scene"):
         equilibrium.reaction(gx.Fixed(body, "right"))
     with pytest.raises(gx.InputError, match="three numbers"):

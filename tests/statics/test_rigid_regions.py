@@ -14,6 +14,7 @@ from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube_section import cylinder
+from tests.small_scenes import at_rest, run_until
 
 # Pa, m and kg/m³.
 E = 1e9
@@ -58,17 +59,13 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     )
     held = [left, gx.Fixed(film, "bottom", components=(1,))] if sliding else [left]
     pull = gx.loads.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
-    equilibrium = gx.Equilibrium(gx.Scene(flat, edge, pull, *held))
-    equilibrium.find()
-    measured = gx.probes.Position(edge.port(), "x")(equilibrium)
-    assert measured == pytest.approx(2 * λ, rel=1e-9)
+    equilibrium = at_rest(flat, edge, pull, *held)
+    assert gx.probes.Position(edge.port(), "x")(equilibrium) == pytest.approx(2 * λ, rel=1e-9)
     measured = gx.probes.Position(edge.port(), "y")(equilibrium)
     # Half the width of 1 m, shrunk.
-    expected = math.sqrt(1 - 2 * nu * ε) / 2
-    assert measured == pytest.approx(expected, rel=1e-9)
+    assert measured == pytest.approx(math.sqrt(1 - 2 * nu * ε) / 2, rel=1e-9)
     measured = equilibrium.joint_force(edge)[0]
-    expected = [-E * THICKNESS * λ * ε, 0, 0]
-    assert measured == pytest.approx(expected, rel=1e-7, abs=1e-3)
+    assert measured == pytest.approx([-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3)
 
 
 @pytest.mark.mpi
@@ -81,17 +78,14 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     inertia = THICKNESS / 12
     # M = E I θ/L with L = 2 m.
     moment = gx.loads.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
-    equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
-    equilibrium.find()
+    equilibrium = at_rest(flat, gx.Fixed(film, "left"), edge, moment)
     corners = [
         gx.probes.Displacement(film.port(f"{side} right"), "x")(equilibrium)
         for side in ("bottom", "top")
     ]
-    measured = corners[0] - corners[1]
     # Displacement of the end by θ L/2 = θ.
-    assert measured == pytest.approx(θ, rel=1e-4)
-    measured = gx.probes.Displacement(edge.port(), "y")(equilibrium)
-    assert measured == pytest.approx(θ, rel=1e-4)
+    assert corners[0] - corners[1] == pytest.approx(θ, rel=1e-4)
+    assert gx.probes.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
 
 
 @pytest.mark.mpi
@@ -114,10 +108,9 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     G = E / 2.6
     T = 0.5
     load = gx.loads.Torque(region.frame, (0.0, 0.0, T))
-    equilibrium = gx.Equilibrium(
-        gx.Scene(gx.Fixed(film, "film", components=(2,)), gx.Fixed(film, "rim"), region, load)
+    equilibrium = at_rest(
+        gx.Fixed(film, "film", components=(2,)), gx.Fixed(film, "rim"), region, load
     )
-    equilibrium.find()
     d = [gx.probes.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
     exact = T / (4 * math.pi * G * THICKNESS) * (1 / 0.3**2 - 1)
     # Eight quadratic rings.
@@ -142,15 +135,12 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     turned = film()
     T = 500.0
     region = gx.RigidRegion(loaded, "hub", fixed_components=(2,))
-    found = gx.Equilibrium(
-        gx.Scene(
-            gx.Fixed(loaded, "film", components=(2,)),
-            gx.Fixed(loaded, "rim"),
-            region,
-            gx.loads.Torque(region.frame, (0, 0, T)),
-        )
+    found = at_rest(
+        gx.Fixed(loaded, "film", components=(2,)),
+        gx.Fixed(loaded, "rim"),
+        region,
+        gx.loads.Torque(region.frame, (0, 0, T)),
     )
-    found.find()
     p = region.frame.directors[0]
     x, y = (gx.probes.Displacement(p, axis)(found) for axis in "xy")
     # Angle from the chord of a unit director.
@@ -165,14 +155,10 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
         ),
         components=(0, 1),
     )
-    check = gx.Equilibrium(
-        gx.Scene(gx.Fixed(turned, "film", components=(2,)), gx.Fixed(turned, "rim"), turn)
-    )
-    check.find()
+    check = at_rest(gx.Fixed(turned, "film", components=(2,)), gx.Fixed(turned, "rim"), turn)
     # The film is wrinkled over most of its area.
     assert φ > 0.01 and gx.probes.AreaFraction(loaded, "wrinkled")(found) > 0.5
-    measured = check.reaction(turn)[1][2]
-    assert measured == pytest.approx(T, rel=1e-6)
+    assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
 
 
 @pytest.mark.mpi
@@ -206,16 +192,7 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
         gx.loads.Force(plate.port(), (axial, 0.0, 0.0)),
         gx.loads.Torque(plate.frame, (0.0, M, 0.0)),
     )
-    equilibrium = gx.Equilibrium(
-        gx.Scene(
-            film,
-            gx.Pressure(film, tube.P),
-            plate,
-            *held,
-            *loads,
-        )
-    )
-    equilibrium.find()
+    equilibrium = at_rest(film, gx.Pressure(film, tube.P), plate, *held, *loads)
     n = [gx.probes.Displacement(plate.frame.directors[2], axis)(equilibrium) for axis in "xz"]
     κ = math.asin(math.hypot(*n) / 2) * 2 / tube.LENGTH
     # 1 %, as in the test of the bent tube.
@@ -268,10 +245,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
         frame = region.frame
     T = np.array([0.0, 0.0, 0.2])
     motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
-    run = gx.Simulation(
-        gx.Scene(film, region, gx.loads.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3)
-    )
-    run.run(until=0.05)
+    run = run_until(0.05, film, region, gx.loads.Torque(frame, tuple(T)), motion, dt=1e-3)
     first = run.first
     last = run.totals
     # No force acts; the torque grows the angular momentum.

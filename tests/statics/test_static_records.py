@@ -3,6 +3,7 @@ asked."""
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 
@@ -18,6 +19,7 @@ from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot.curve_panels import run_curves
+from tests.small_scenes import at_rest
 
 LAW = gx.Miyazaki(
     E=1e9,
@@ -130,12 +132,10 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
     for frame in range(4):
         largest.append(max(values.max() for values in reader.values("mode_amplitude", frame)))
     # A cosine at quarters of its period: the absolute amplitude is 3 cm, 0, 3 cm, 0.
-    expected = [0.03, 0.0, 0.03, 0.0]
-    assert largest == pytest.approx(expected, abs=1e-12)
+    assert largest == pytest.approx([0.03, 0.0, 0.03, 0.0], abs=1e-12)
     ledger = reader.table("ledger.csv")
-    measured = ledger["kinetic"] + ledger["stored mode"]
     # Energy of the vibration, half kinetic and half stored in the mean.
-    assert measured == pytest.approx(ledger["kinetic"].max())
+    assert ledger["kinetic"] + ledger["stored mode"] == pytest.approx(ledger["kinetic"].max())
     if comm.rank == 0:
         gx.plot.modes(folders, folder / "modes.png")
         gx.plot.animate(
@@ -221,6 +221,25 @@ def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
         assert words in lines[0]
 
 
+def test_before_the_first_pseudo_step_progress_tells_no_residual(comm, capsys, monkeypatch):
+    monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
+    progress = SearchProgress(comm, unknowns=870, is_wanted=True)
+    state = SearchState(
+        iterations=25,
+        limit=1000,
+        steps=1,
+        step=1e-3,
+        pseudo_time=0.0,
+        residual=math.inf,
+        tolerance=1e-8,
+    )
+    progress.update(state)
+    progress.close()
+    line = capsys.readouterr().err
+    assert "no pseudo-step has converged yet" in line
+    assert "inf" not in line
+
+
 def test_what_is_not_regular_is_warned_of(comm, caplog):
     film = gx.Membrane(airbag(comm, 1.0, 4), LAW)
     gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 100.0))).find()
@@ -265,14 +284,12 @@ def test_isothermal_gas_in_air(comm):
     assert gas.pressure * gas.volume == pytest.approx((OUTSIDE + 200) * 0.2, rel=1e-9)
     assert gas.pressure > OUTSIDE
     # Heat keeps the gas warm: the energy is that of the start.
-    expected = (OUTSIDE + 200) * 0.2 / 0.4
-    assert gas.internal_energy == pytest.approx(expected, rel=1e-9)
+    assert gas.internal_energy == pytest.approx((OUTSIDE + 200) * 0.2 / 0.4, rel=1e-9)
 
 
 def test_held_pressure_is_that_of_a_load(comm):
     film = gx.Membrane(airbag(comm, 1.0, 6), LAW)
-    loaded = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 200.0)))
-    loaded.find()
+    loaded = at_rest(film, gx.Pressure(film, 200.0))
     bag = gx.Membrane(airbag(comm, 1.0, 6), LAW)
     gas = gx.Chamber(
         bag,
@@ -286,11 +303,9 @@ def test_held_pressure_is_that_of_a_load(comm):
     blown.find()
     held = blown.chamber("chamber")
     assert held.pressure == pytest.approx(OUTSIDE + 200.0, rel=1e-12)
-    expected = held.pressure * held.volume / AIR.R / 300.0
-    assert held.mass == pytest.approx(expected, rel=1e-9)
-    measured = blown.totals.stored["film"]
+    assert held.mass == pytest.approx(held.pressure * held.volume / AIR.R / 300.0, rel=1e-9)
     # Two paths to one equilibrium.
-    assert measured == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
+    assert blown.totals.stored["film"] == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
     assert blown.totals.mass_supplied > 0
 
 

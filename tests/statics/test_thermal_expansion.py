@@ -12,6 +12,7 @@ from dolfinx.mesh import locate_entities
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
+from tests.small_scenes import at_rest
 
 ThermalExpansion = gx.materials.ThermalExpansion
 ALPHA = 2e-5  # 1/K
@@ -98,8 +99,7 @@ def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None
     equilibrium.find()
     force = equilibrium.reaction(end)[0][0]
     # No strain along, so that the whole thermal strain is stress.
-    expected = -100e9 * metric(1 - 80e-6) * THICKNESS * WIDTH
-    assert force == pytest.approx(expected, rel=1e-6)
+    assert force == pytest.approx(-100e9 * metric(1 - 80e-6) * THICKNESS * WIDTH, rel=1e-6)
     strain = gx.fields.field_values(equilibrium, scene.bodies[0], field="strain1")[1]
     # Across the fibres it is free.
     np.testing.assert_allclose(strain, metric(1 + 30e-6 * 80), rtol=1e-6)
@@ -116,8 +116,7 @@ def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
         sheet(comm, 2, 2), law, thermal=ThermalExpansion((1e-5, 4e-5), T0 + 100.0, reference=T0)
     )
     drag = gx.Damping(film, mass_factor=1.0)
-    run = gx.Equilibrium(gx.Scene(film, drag, gx.Fixed(film, "bottom", components=(2,))))
-    run.find()
+    run = at_rest(film, drag, gx.Fixed(film, "bottom", components=(2,)))
     both = [gx.fields.field_values(run, film, field=name)[1] for name in ("strain1", "strain2")]
     # Larger and smaller principal strain, whatever the axes.
     np.testing.assert_allclose(both[0], metric(1 + 4e-3), rtol=1e-6)
@@ -134,8 +133,7 @@ def test_cables_and_beams_between_clamps(comm) -> None:
     cooled = ThermalExpansion(ALPHA, T0 - 40.0, reference=T0)
     cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01), thermal=cooled)
     ends = [gx.Fixed(cable, group) for group in ("start", "end")]
-    equilibrium = gx.Equilibrium(gx.Scene(cable, *ends))
-    equilibrium.find()
+    equilibrium = at_rest(cable, *ends)
     assert equilibrium.reaction(ends[1])[0][0] == pytest.approx(-1e4 * thermal(-40.0), rel=1e-6)
 
     section = gx.sections.tube(
@@ -151,8 +149,7 @@ def test_cables_and_beams_between_clamps(comm) -> None:
         thermal=ThermalExpansion(ALPHA, T0 + 40.0, reference=T0),
     )
     ends = [gx.Fixed(beam, group) for group in ("start", "end")]
-    equilibrium = gx.Equilibrium(gx.Scene(beam, *ends))
-    equilibrium.find()
+    equilibrium = at_rest(beam, *ends)
     force = equilibrium.reaction(ends[1])[0][0]
     # The strain of a beam is its elongation, not that of Green: α ΔT.
     assert force == pytest.approx(-section.EA * ALPHA * 40.0, rel=1e-8)
@@ -175,8 +172,7 @@ def test_a_group_that_is_hot_relieves_the_others(comm) -> None:
         gx.Fixed(film, "left"),
         gx.Fixed(film, "bottom", components=(2,)),
     ]
-    equilibrium = gx.Equilibrium(gx.Scene(film, end, *others))
-    equilibrium.find()
+    equilibrium = at_rest(film, end, *others)
     # Two springs in series; both halves shrink across as well, which changes their widths by 1e-3.
     force = equilibrium.reaction(end)[0][0]
     # Half of the strip shrinks by 60 K: 30 K in the mean.
@@ -201,10 +197,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
             thermal=ThermalExpansion(ALPHA, T0 + ΔT, reference=T0),
             displacement=lambda X: (stretch - 1) * X,
         )
-        equilibrium = gx.Equilibrium(
-            gx.Scene(string, gx.Fixed(string, "start"), gx.Fixed(string, "end"))
-        )
-        equilibrium.find()
+        equilibrium = at_rest(string, gx.Fixed(string, "start"), gx.Fixed(string, "end"))
         tension = 1e4 * (metric(stretch) - thermal(ΔT)) * stretch
         # The mass belongs to the natural length, the wave to the stretched one.
         line_density = 0.01 / stretch
@@ -305,14 +298,9 @@ def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
         order=2,
         thermal=expansion,
     )
-    equilibrium = gx.Equilibrium(
-        gx.Scene(
-            film,
-            gx.Fixed(film, "bottom", components=(1, 2)),
-            gx.Fixed(film, "top", components=(2,)),
-        )
+    equilibrium = at_rest(
+        film, gx.Fixed(film, "bottom", components=(1, 2)), gx.Fixed(film, "top", components=(2,))
     )
-    equilibrium.find()
     stress = gx.fields.field_values(equilibrium, film, field="stress1")[1]
     assert abs(stress).max(initial=0.0) < 2 * ALPHA * 50.0 * (2e9 * ALPHA * 50.0)
 
@@ -331,8 +319,7 @@ def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
         thermal=expansion,
     )
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
-    equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 50.0), *rim))
-    equilibrium.find()
+    equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
     volume = gx.analysis.EnclosedVolume(film)
     result = gx.analysis.gradient(equilibrium, of=volume, by=[f"film.{name}"])
     derivative = float(result[f"film.{name}"].values.sum())
@@ -359,8 +346,7 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
         thermal=expansion,
     )
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
-    equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 50.0), *rim))
-    equilibrium.find()
+    equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
     volume = gx.analysis.EnclosedVolume(film)
     names = ["film.temperature", "film.reference_temperature"]
     result = gx.analysis.gradient(equilibrium, of=volume, by=names)

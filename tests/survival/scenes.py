@@ -10,7 +10,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
-from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
@@ -100,16 +99,3 @@ def numbers(run: gx.Simulation) -> np.ndarray:
     works = [totals.supplied, *totals.losses.values()]
     momenta = [*totals.momentum, *totals.angular_momentum]
     return np.array([totals.time, *energies, *works, *momenta, totals.mass])
-
-
-def clamped_plate(comm: MPI.Comm) -> gx.Scene:
-    """A plate with rest curvature and a hinge, whose clamp turns."""
-
-    def direction(X: np.ndarray, t: float) -> np.ndarray:
-        return np.stack([np.cos(30 * t) + 0 * X[0], 0 * X[0], np.sin(30 * t) + 0 * X[0]])
-
-    law = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
-    mesh = irregular_sheet(comm, 6, 2, 0.3, 0.1)
-    rest_curvature = np.diag((1.0, 0.0, 0.0))
-    plate = gx.Plate(mesh, law, rest_curvature=rest_curvature, hinges=("middle",))
-    return gx.Scene(plate, gx.Fixed(plate, "left", rotation=True, direction=direction))

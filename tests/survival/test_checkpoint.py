@@ -17,61 +17,22 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
+from tests.small_scenes import run_until
 from tests.survival.scenes import (
     DT,
     Watch,
-    clamped_plate,
     filled_tube,
     fluttering_sheet,
     numbers,
-    turning_beam,
 )
 
 COMM = MPI.COMM_WORLD
-SCENES: dict[str, Callable[[MPI.Comm], gx.Scene]] = {
-    "film": fluttering_sheet,
-    "film of order 2": lambda comm: fluttering_sheet(comm, 3, order=2),
-    "film and gas": filled_tube,
-    "beam, hub and control": turning_beam,
-    "plate": clamped_plate,
-}
 
 
 def run_to(steps: int, scene: gx.Scene, **options: object) -> gx.Simulation:
     run = gx.Simulation(scene, gx.Midpoint(dt=DT), **options)
     run.run(until=steps * DT)
     return run
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("kind", SCENES)
-def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> None:
-    whole = run_to(9, SCENES[kind](COMM))
-    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder))
-    rest = run_to(9, SCENES[kind](COMM), restart=folder)
-    assert (rest.step, rest.time) == (9, whole.time)
-    assert rest.iterations == whole.iterations
-    assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
-    np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, rtol=0, atol=1e-10)
-    assert rest.energy_error == pytest.approx(whole.energy_error, abs=1e-12)
-    assert rest.first.energy == whole.first.energy
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("kind", SCENES)
-def test_other_number_of_ranks(folder: Path, kind: str) -> None:
-    """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under
-    mpirun -n 2."""
-    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder / "all"))
-    alone = run_to(
-        4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}")
-    )
-    alone.run(until=6 * DT)
-    COMM.barrier()
-    apart = run_to(6, SCENES[kind](MPI.COMM_SELF), restart=folder / "all")
-    joined = run_to(6, SCENES[kind](COMM), restart=folder / "own 0" / "step-00000004")
-    for run in (apart, joined):
-        assert numbers(run) == pytest.approx(numbers(alone), rel=1e-8, abs=1e-10)
 
 
 @pytest.mark.mpi
@@ -177,8 +138,7 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
         # The run and its two restarts
         assert len(parts) == 3
         measured = np.concatenate([part.times for part in parts]) / DT
-        expected = [0, 2, 4, 6, 8, 10, 12, 14, 15]
-        assert measured == pytest.approx(expected, abs=1e-9)
+        assert measured == pytest.approx([0, 2, 4, 6, 8, 10, 12, 14, 15], abs=1e-9)
 
 
 @pytest.mark.mpi
@@ -188,9 +148,7 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
     run.run(until=4 * DT)
     COMM.barrier()
     if COMM.rank == 0:
-        measured = table(folder / "ledger.csv")[:, 1].tolist()
-        expected = [0, 1, 2, 3, 4]
-        assert measured == expected
+        assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2, 3, 4]
         [part] = read_records(folder / "film.pvd")
         assert part.times == pytest.approx([0, 2 * DT, 4 * DT])
 
@@ -227,10 +185,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     folder: Path, keep: int, steps: list[int]
 ) -> None:
     ball = gx.PointMass(1.0, comm=COMM)
-    run = gx.Simulation(
-        gx.Scene(ball), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=1, keep=keep)
-    )
-    run.run(until=5 * DT)
+    run_until(5 * DT, ball, dt=DT, checkpoints=gx.Checkpoints(folder, every=1, keep=keep))
     COMM.barrier()
     assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 

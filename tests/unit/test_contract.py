@@ -23,6 +23,7 @@ from gossamer_fx.extend import (
     State,
     Term,
 )
+from tests.small_scenes import run_until
 
 FACETS = (Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
 
@@ -80,9 +81,7 @@ def swing(*items: object) -> gx.Simulation:
     spring = gx.connectors.Spring(
         ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=50.0, length=0.2
     )
-    run = gx.Simulation(gx.Scene(ball, spring, *items), gx.Midpoint(dt=0.01))
-    run.run(until=0.1)
-    return run
+    return run_until(0.1, ball, spring, *items, dt=0.01)
 
 
 def test_a_kind_that_overrides_nothing_changes_nothing() -> None:
@@ -111,3 +110,9 @@ def test_names_of_methods_enrol_nothing() -> None:
 def test_the_contract_is_one_of_base_classes(kind: type) -> None:
     """A structural protocol would enrol whatever has methods of its names."""
     assert not getattr(kind, "_is_protocol", False)
+
+
+@pytest.mark.parametrize("name", ["add_tangents_", "work_by_numbers", "cell_value", "isreversible"])
+def test_a_slip_in_a_name_of_the_contract_is_told(name: str) -> None:
+    with pytest.raises(TypeError, match=f"Own.{name} is never called; call it "):
+        type("Own", (CompiledTerms,), {name: None})

@@ -17,7 +17,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers.factorisation import choose, replace
-from tests.small_scenes import WRINKLING
+from tests.small_scenes import WRINKLING, run_until
 
 
 def film(comm):
@@ -52,8 +52,7 @@ def test_a_run_is_freed(comm, parts):
     if parts is not film and PETSc.Sys.getVersion() >= (3, 23, 0):
         pytest.skip("preconditioners and couplings are kept there, why is not known")
     items = parts(comm)
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
-    run.run(until=1e-3)
+    run = run_until(1e-3, *items, dt=1e-3)
     left = [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)]
     ranks = run.comm
     del items, run
@@ -75,8 +74,7 @@ def kept(comm, capfd) -> list[int]:
 @pytest.mark.parametrize("parts", [film, gas, touching])
 def test_steps_leave_nothing_behind(comm, parts, capfd):
     items = parts(comm)
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
-    run.run(until=3e-3)
+    run = run_until(3e-3, *items, dt=1e-3)
     assert kept(run.comm, capfd) == [0] * comm.size
 
 

@@ -12,7 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.records.run.simulation import Simulation
-from tests.small_scenes import AIR
+from tests.small_scenes import AIR, run_until
 
 WORLD = MPI.COMM_WORLD
 FILM = gx.Linear(E=1e6, nu=0.3, density=1420.0, thickness=25e-6)
@@ -42,8 +42,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
         temperature=300.0,
         dead_volume=1e-3,
     )
-    run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-3))
-    run.run(until=2e-3)
+    run = run_until(2e-3, bag, dt=1e-3)
     n = film.block.index_map.size_local
     x = run.system.q0.array_r.reshape(-1, 3)
     sides = [film.nodes("top"), film.nodes("bottom")]

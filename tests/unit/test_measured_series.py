@@ -20,6 +20,7 @@ from gossamer_fx.records.plot.measured_series import (
     rms_difference,
     unit_factor,
 )
+from tests.small_scenes import run_until
 
 G = 9.81
 DT = 0.01
@@ -35,12 +36,12 @@ def fall(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "speed [m/s]": lambda run: G * run.time,
         "turns": lambda run: 1.0,
     }
-    run = gx.Simulation(
-        gx.Scene(gx.Gravity(ball, (0.0, 0.0, -G))),
-        gx.Midpoint(dt=DT),
+    run_until(
+        20 * DT,
+        gx.Gravity(ball, (0.0, 0.0, -G)),
+        dt=DT,
         outputs=[gx.Recording(folder, every=1, probes=probes)],
     )
-    run.run(until=20 * DT)
     return folder
 
 
@@ -136,7 +137,7 @@ def test_missing_files_and_two_pictures_at_a_time_are_refused(
 ) -> None:
     for words, culprit in (
         (["--with", str(tmp_path / "no.csv")], "no.csv"),
-        (["--with", str(tmp_path)], "Cannot read"),
+        (["--with", str(tmp_path)], "There is no table"),
         (["--with", "a.csv", "--curves"], "one of them"),
     ):
         assert main(["plot", str(fall), *words]) == 2

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -222,6 +225,40 @@ def test_what_stands_beside_or_behind_a_mesh_is_not_executed(tmp_path: Path) -> 
         with pytest.raises(InputError, match="no triangles"):
             read_mesh(tmp_path / name, MPI.COMM_SELF)
     assert not mark.exists()
+
+
+def bow_tie(model):
+    """An outline that crosses itself, on which gmsh hangs."""
+    points = [model.geo.addPoint(x, y, 0, 0.3) for x, y in ((0, 1), (1, 0), (1, 1), (0, 0))]
+    lines = [model.geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+    model.geo.addPlaneSurface([model.geo.addCurveLoop(lines)])
+    model.geo.synchronize()
+    model.mesh.generate(2)
+
+
+@pytest.mark.mpi
+def test_a_time_limit_ends_gmsh(comm):
+    with pytest.raises(InputError, match=r"function was not made within 2 s; .* larger time_limit"):
+        gmsh_mesh(bow_tie, comm, time_limit=2.0)
+
+
+def test_ctrl_c_ends_gmsh():
+    timer = threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        gmsh_mesh(bow_tie, MPI.COMM_SELF)
+    # Its process is gone, too.
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_what_a_function_raises_is_named_and_noted(tmp_path):
+    def build(model):
+        raise SystemExit("of the user")
+
+    with pytest.raises(InputError, match=r"SystemExit \(of the user\); correct it") as caught:
+        gmsh_mesh(build, MPI.COMM_SELF)
+    assert "in build" in caught.value.__cause__.__notes__[0]
 
 
 @pytest.mark.mpi

@@ -1,4 +1,4 @@
-"""The page "Your own part" of CONTRIBUTING: its code is run as a reader would, and conserves."""
+"""The page "Your own item" of CONTRIBUTING: its code is run as a reader would, and conserves."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from tests.small_scenes import run_until
 
 PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
@@ -99,10 +100,7 @@ def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
     ]
     a, b, c = (m.port() for m in masses)
     quarter = np.pi / 2 / np.sqrt(4 * 50.0)
-    run = gx.Simulation(
-        gx.Scene(own.BendingSpring((a, b, c), 50.0, 1.0)), gx.Midpoint(dt=quarter / 200)
-    )
-    run.run(until=quarter)
+    run = run_until(quarter, own.BendingSpring((a, b, c), 50.0, 1.0), dt=quarter / 200)
     assert run.totals.kinetic < 1e-6 * run.totals.energy
 
 

@@ -111,3 +111,22 @@ def test_a_film_that_never_wrinkles_needs_no_law_kernel(tmp_path: Path) -> None:
     seen = run_alone(tmp_path, TAUT)
     assert not [module for module in seen["modules"] if "law_kernel" in module]
     assert not list(tmp_path.rglob("gossamer_law_*"))
+
+
+def test_an_obstacle_loads_no_sparse_matrices() -> None:
+    """They take longer to load than all that describes an obstacle."""
+    program = """
+import sys
+import gossamer_fx as gx
+
+gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+print("scipy.sparse" in sys.modules)
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=HANG_TIMEOUT,
+    )
+    assert result.stdout.split() == ["False"]

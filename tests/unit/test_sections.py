@@ -8,7 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.plane_cut import PlaneCut, layers
-from tests.small_scenes import LINEAR
+from tests.small_scenes import LINEAR, run_until
 
 
 def polyline(points) -> np.ndarray:
@@ -52,8 +52,7 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     picture = gx.plot.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     fields = dict.fromkeys(("low", "high"), ("displacement", "group"))
     recording = gx.Recording(folder / "run", fields=fields)
-    run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), outputs=[picture, recording])
-    run.run(until=2e-3)
+    run_until(2e-3, low, high, dt=1e-3, outputs=[picture, recording])
     if comm.rank == 0:
         read = gx.plot.RunReader(folder / "run")
         section = PlaneCut(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))

@@ -19,6 +19,7 @@ from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
+from tests.small_scenes import at_rest
 
 LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
 DISTANCE = 1e-3
@@ -113,8 +114,7 @@ def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
     deflection = 1e-3
     line_force = 3 * 1e9 * thickness**3 / 12 * deflection
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
-    equilibrium.find()
+    equilibrium = at_rest(plate, load, gx.Fixed(plate, "left", rotation=True))
     tip = plate.nodes("right")
     return float(deflection / equilibrium.system.q0.array_r.reshape(-1, 3)[tip, 2].mean())
 

@@ -12,7 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from demos.validation.__main__ import CASES, MODELS, NAMES, PAGE, main, page_table
+from demos.validation.__main__ import (
+    CASES,
+    MODELS,
+    NAMES,
+    PAGE,
+    main,
+    page_table,
+    table_of_tests,
+)
 from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import Predicted, compare, comparisons
 from demos.validation.engine.report import rows
@@ -248,6 +256,13 @@ def test_the_cases_are_complete_and_have_results(name):
 
 def test_the_page_shows_the_stored_results():
     assert page_table() in PAGE.read_text(encoding="utf-8")
+
+
+def test_the_rows_of_the_page_count_every_test():
+    counted = re.findall(r"^\| \w+ \| [^|]+ \| (\d+) \|", page_table(), re.MULTILINE)
+    # The table of all tests has two further lines: its head, and the rule below it.
+    assert sum(map(int, counted)) == len(table_of_tests().splitlines()) - 2
+    assert "| hiad_71 | load | 8 | 1.2 % | 4.1 % |" in page_table()
 
 
 def test_the_page_names_every_input_of_a_specimen():

@@ -22,6 +22,7 @@ from gossamer_fx.records.outputs.vtu_format import (
     write_pvd,
     write_vtu,
 )
+from tests.small_scenes import run_until
 
 WORLD = MPI.COMM_WORLD
 ROOT = Path(__file__).parents[2]
@@ -284,8 +285,7 @@ def test_an_export_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
     ball = gx.PointMass(1.0, (0.0, 0.0, 1.0), comm=WORLD)
     film = gx.Membrane(sheet(WORLD, 3, 2), LAW, name="the film")
     recording = gx.Recording(tmp_path / "one film", every=1)
-    short = gx.Simulation(gx.Scene(film, ball), gx.Midpoint(dt=DT), outputs=[recording])
-    short.run(until=DT)
+    run_until(DT, film, ball, dt=DT, outputs=[recording])
     later = gx.plot.RunReader(tmp_path / "one film")
     gx.plot.export(gx.plot.RunReader(tmp_path / "two bodies"), tmp_path / "out")
     gx.plot.export(later, tmp_path / "out")

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
 from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
 from gossamer_fx.analysis.cases.results import Result, number_text, values_text
-from gossamer_fx.analysis.statics.equilibrium import EquilibriumResult
+from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.errors import check
 
 Trial = Mapping[str, Any]  # the values along the axes
@@ -102,7 +102,7 @@ class Study:
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
-        columns: further results that the table shows.
+        columns: names of further results that the table shows, divided by commas.
         shows: results of which at least one case must have a finite value other than zero.
         quick_shows: the same in quick runs; default: `shows`.
         limits: largest sizes of results in all cases that have them, such as errors of balances.
@@ -119,7 +119,7 @@ class Study:
     measures: tuple[Measure, ...] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
-    columns: tuple[str, ...] = ("iterations", "seconds")
+    columns: str = "iterations, seconds"
     shows: tuple[str, ...] = ()
     quick_shows: tuple[str, ...] | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -200,7 +200,8 @@ class Study:
         head = [*self.axes]
         for measure in self.measures:
             head += [measure.name, "error", "order"]
-        yield [*head, *self.columns]
+        columns = self.columns.split(", ")
+        yield [*head, *columns]
         for curve in self.curves(results).values():
             for previous, result in zip([None, *curve], curve, strict=False):
                 cells = [str(result.values[name]) for name in self.axes]
@@ -211,7 +212,7 @@ class Study:
                     cells.append(number_text(value, ".6g"))
                     cells.append(number_text(measure.error(result), ".2g"))
                     cells.append(number_text(slope, ".1f"))
-                for name in self.columns:
+                for name in columns:
                     cells.append(number_text(result.numbers.get(name, math.nan), ".4g"))
                 if result.failed:
                     cells[-1] += " (failed)"
@@ -239,14 +240,20 @@ class Study:
                     yield Judgement(f"{words}: order {overall:.2f}, expected {rate:.2g}", holds)
 
     def summary(self, results: list[Result]) -> Iterator[list[str]]:
-        """For every measure and element what the finest cases leave at worst, and the orders."""
+        """For every measure what the finest cases of each element leave, and the orders."""
         groups: dict[str, list[list[Result]]] = {}
         for name, curve in self.curves(results).items():
             done = [result for result in curve if not result.failed]
-            element = next((one for one in ("P2", "P1") if one in name), "")
+            # A study of bodies that have one element only counts as one of P1.
+            element = "P2" if "P2" in name else "P1"
             if done:
                 groups.setdefault(element, []).append(done)
+        if not groups:
+            return
+        finest = [curve[-1] for found in groups.values() for curve in found]
+        seconds = _span([result.numbers["seconds"] for result in finest], ".2g")
         for measure in self.measures:
+            cells = {"P1": "", "P2": ""}
             for element, found in groups.items():
                 orders = []
                 for curve in found:
@@ -254,14 +261,9 @@ class Study:
                     has_order = math.isfinite(measure.rate(curve[-1].values))
                     if has_order and len(curve) > 1:
                         orders.append(self.order(measure, curve[0], curve[-1]))
-                yield [
-                    self.name,
-                    measure.name,
-                    element,
-                    number_text(max(measure.error(curve[-1]) for curve in found), ".2g"),
-                    _span(orders, ".1f"),
-                    _span([curve[-1].numbers["seconds"] for curve in found], ".2g"),
-                ]
+                error = number_text(max(measure.error(curve[-1]) for curve in found), ".2g")
+                cells[element] = f"{error}; {_span(orders, '.1f')}" if orders else error
+            yield [self.name, measure.name, cells["P1"], cells["P2"], seconds]
 
     def _draw_errors(self, results: list[Result], path: Path) -> None:
         """Errors against run time and against h, a row of panels for each measure."""
@@ -288,7 +290,7 @@ class Study:
         draw_error_curves(path, rows, self.title)
 
 
-SUMMARY_HEAD = ["study", "measure", "element", "largest error", "order", "CPU time [s]"]
+SUMMARY_HEAD = ["study", "measure", "largest error; order", "the same with P2", "CPU time [s]"]
 
 
 def _span(values: list[float], form: str) -> str:

@@ -30,6 +30,18 @@ HEAD = [
     "peer's error",
     "time [s]",
 ]
+SUMMARY_HEAD = [
+    "case",
+    "quantity",
+    "tests",
+    "least error",
+    "largest error",
+    "predicted there",
+    "measured",
+    "asked",
+    "within",
+    "peer's error",
+]
 # Least width of a panel, and width of the label of a value [in].
 PANEL_WIDTH = 3.2
 LABEL_WIDTH = 0.17
@@ -51,6 +63,36 @@ def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Ite
                 yield cells
                 # The time is that of the whole test.
                 seconds = ""
+
+
+def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
+    """Cells of a table with one row for each quantity of a case, with its best and worst test."""
+    yield SUMMARY_HEAD
+    groups: dict[tuple[str, str, str], list[Comparison]] = {}
+    for case, results in cases:
+        for test, result in results_by_test(case, results):
+            for comparison in comparisons(test, result):
+                measured = comparison.measured
+                key = (case.name, measured.quantity, asked(measured, quick=False))
+                groups.setdefault(key, []).append(comparison)
+    for (case_name, quantity, limit), group in groups.items():
+        ordered = sorted(group, key=lambda one: abs(one.error))
+        worst = _cells(ordered[-1], quick=False)
+        within = sum(one.is_accepted() for one in group)
+        peers = sorted(one.measured.peer_error for one in group)
+        peer = " to ".join(dict.fromkeys(_percent(error) for error in (peers[0], peers[-1])))
+        yield [
+            case_name,
+            quantity,
+            str(len(group)),
+            _cells(ordered[0], quick=False)[3],
+            worst[3] or "failed",
+            worst[1],
+            worst[2],
+            limit,
+            f"{within} of {len(group)}" if limit else "",
+            peer,
+        ]
 
 
 def _cells(comparison: Comparison, quick: bool) -> list[str]:

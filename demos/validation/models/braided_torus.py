@@ -40,15 +40,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from demos.validation.models.braided_tube import (
-    AREAL_MASS,
-    CORD_MASS,
-    LARGEST_STRAIN,
-    THICKNESS,
-    Tube,
-)
+from demos.validation.models.braided_tube import Tube, cords_of
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Port
@@ -132,11 +127,7 @@ class Torus:
             radius=radius,
             pressure=pressure,
             stiffnesses=(G / tangent_squared + E_L, G, G * tangent_squared, G),
-            cord_angles=np.mod(inputs.numbers("cord_angles", "rad"), 2 * math.pi),
-            cord_force=inputs.number("cord_force", "N", above=0),
-            cord_strain=inputs.numbers("cord_table_strain", "1"),
-            cord_table=inputs.numbers("cord_table_force", "N"),
-            cord_compression=inputs.number("cord_compression", "N", above=0),
+            **cords_of(inputs),
             deflection=0.0,
         )
         tube.check_cords(inputs.where)
@@ -286,7 +277,7 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
     return gx.gmsh_mesh(build, comm)
 
 
-# ---- parts of the scene --------------------------------------------------------------------------
+# ---- items of the scene --------------------------------------------------------------------------
 
 
 class Cable:
@@ -459,16 +450,7 @@ def build(
     inflated = surface(line, tube.radius, φ)
     columns = [round((angle - φ[0]) * around / math.pi) for angle in tube.cord_angles]
     mesh = torus_mesh(comm, stress_free, columns)
-    A11, A12, A22, A66 = tube.stiffnesses
-    law = gx.Orthotropic.from_stiffnesses(
-        A11,
-        A12,
-        A22,
-        A66,
-        thickness=THICKNESS,
-        density=AREAL_MASS / THICKNESS,
-        direction=gx.materials.AroundAxis((0.0, 0.0, 1.0)),
-    )
+    law = tube.wall(gx.materials.AroundAxis((0.0, 0.0, 1.0)))
     numbering = Numbering(stress_free)
     displacements = (inflated - stress_free).reshape(-1, 3)
 
@@ -484,17 +466,9 @@ def build(
     )
     # Cords have their force F_c after inflation, when their edges are longer by λ_L.
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
-    # Bonded to the wall, cords bear some compression: a straight branch before the table.
-    strain = np.concatenate([[-LARGEST_STRAIN, 0.0], tube.cord_strain])
-    force = np.concatenate([[-LARGEST_STRAIN * tube.cord_compression, 0.0], tube.cord_table])
-    cord_law = gx.TabulatedCable(
-        strain,
-        force,
-        line_density=CORD_MASS,
-    )
     cords = [
         gx.connectors.Tape.along_edges(
-            film, cord_law, edges=f"cord {j}", length_factor=factor, name=f"cord {j}"
+            film, tube.cord_law(1.0), edges=f"cord {j}", length_factor=factor, name=f"cord {j}"
         )
         for j in range(len(columns))
     ]
@@ -667,9 +641,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         torus.tube.pressure,
     )
     search = model.search
-    first = search.find(at=0.0)
-    iterations = first.iterations
-    seconds = first.seconds
+    effort = Effort()
+    effort.add(search.find(at=0.0))
     # From here on the cables are drawn in: forces that stay the same would buckle the ring.
     model.hold_cables()
     loads = [model.load()]
@@ -677,9 +650,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     shortening = 0.0
     while loads[-1] < torus.largest_load and shortening < LARGEST_SHORTENING:
         shortening += increment
-        found = search.find(at=shortening)
-        iterations += found.iterations
-        seconds += found.seconds
+        effort.add(search.find(at=shortening))
         loads.append(model.load())
         radii.append(model.line()[:, 0])
     wanted = torus.largest_load * np.array(LOAD_FRACTIONS)
@@ -695,8 +666,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     }
     details = {
         "unknowns": float(search.system.numbering.size),
-        "iterations": float(iterations),
-        "seconds": seconds,
+        "iterations": float(effort.iterations),
+        "seconds": effort.seconds,
         "shortening": shortening,
         "difference_before_the_last_correction": remaining,
     }

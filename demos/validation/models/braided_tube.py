@@ -32,6 +32,7 @@ from mpi4py import MPI
 from scipy.optimize import fsolve
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.algebra.point_measures import PointMeasure
@@ -64,6 +65,9 @@ AREAL_MASS = 0.4
 CORD_MASS = 0.02
 # Thickness [m] that splits stiffnesses per width into moduli; results do not depend on it.
 THICKNESS = 1e-3
+
+# Direction along the tube in each part of the mesh; the end is a plate in which none is special.
+AXIAL = {"wall": (1.0, 0.0, 0.0), "band": (1.0, 0.0, 0.0), "cap": (0.0, 0.0, 1.0)}
 
 # Cord tables end at a force; beyond it the last slope of the source holds.  Strain to which it is
 # drawn.
@@ -106,13 +110,6 @@ class Tube:
         """The tube of a case file."""
         names = ("A11", "A12", "A22", "A66")
         A11, A12, A22, A66 = (inputs.number(name, "N/m", above=0) for name in names)
-        strain = inputs.numbers("cord_table_strain", "1")
-        force = inputs.numbers("cord_table_force", "N")
-        check(
-            len(strain) == len(force) > 1,
-            f"{inputs.where}: cord_table_strain has {len(strain)} values and cord_table_force "
-            f"{len(force)}; give as many, two at least.",
-        )
         tube = Tube(
             half_span=inputs.number("half_span", "m", above=0),
             lever=inputs.number("lever", "m"),
@@ -120,11 +117,7 @@ class Tube:
             radius=inputs.number("diameter", "m", above=0) / 2,
             pressure=inputs.number("pressure", "Pa", above=0),
             stiffnesses=(A11, A12, A22, A66),
-            cord_angles=np.mod(inputs.numbers("cord_angles", "rad"), 2 * math.pi),
-            cord_force=inputs.number("cord_force", "N", above=0),
-            cord_strain=strain,
-            cord_table=force,
-            cord_compression=inputs.number("cord_compression", "N", above=0),
+            **cords_of(inputs),
             deflection=inputs.number("deflection", "m", above=0),
         )
         tube.check_angles(inputs.where)
@@ -159,8 +152,15 @@ class Tube:
         )
 
     def check_cords(self, where: str) -> None:
-        """Check that the wall bears a part of the pressure's axial force: film bears no
-        compression."""
+        """Check the table of the cords, and that the wall bears a part of the pressure's axial
+        force: film bears no compression."""
+        strains = len(self.cord_strain)
+        forces = len(self.cord_table)
+        check(
+            strains == forces > 1,
+            f"{where}: cord_table_strain has {strains} values and cord_table_force {forces}; give "
+            "as many, two at least.",
+        )
         end_force = self.pressure * math.pi * self.radius**2
         check(
             len(self.cord_angles) * self.cord_force < end_force,
@@ -175,18 +175,20 @@ class Tube:
         r = self.radius
         cords = len(self.cord_angles) * self.cord_force
         N_L = (self.pressure * math.pi * r**2 - cords) / (2 * math.pi * r)
-        N_H = self.pressure * r
+        return inflated_stretches((A11, A12, A22), N_L, self.pressure * r)
 
-        def excess(stretches: Array) -> Array:
-            λ_L, λ_H = stretches
-            E_L = (λ_L**2 - 1) / 2
-            E_H = (λ_H**2 - 1) / 2
-            S_L = A11 * E_L + A12 * E_H
-            S_H = A12 * E_L + A22 * E_H
-            return np.array([λ_L / λ_H * S_L - N_L, λ_H / λ_L * S_H - N_H]) / N_H
-
-        λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
-        return float(λ_L), float(λ_H)
+    def wall(self, direction: Any) -> gx.Orthotropic:
+        """The law of the wall, whose first axis is along the tube."""
+        A11, A12, A22, A66 = self.stiffnesses
+        return gx.Orthotropic.from_stiffnesses(
+            A11,
+            A12,
+            A22,
+            A66,
+            thickness=THICKNESS,
+            density=AREAL_MASS / THICKNESS,
+            direction=direction,
+        )
 
     def cord_law(self, share: float) -> gx.TabulatedCable:
         """The law of a share of a cord: one on the plane of symmetry counts half."""
@@ -203,6 +205,36 @@ class Tube:
         strain = np.concatenate([[0.0], self.cord_strain])
         force = np.concatenate([[0.0], self.cord_table])
         return float(np.interp(self.cord_force, force, strain))
+
+
+def inflated_stretches(
+    stiffnesses: tuple[float, float, float], N_L: float, N_H: float
+) -> tuple[float, float]:
+    """Stretches along and around a tube whose wall of stiffnesses A11, A12, A22 [N/m] bears the
+    forces N_L and N_H per width [N/m] of the inflated tube."""
+    A11, A12, A22 = stiffnesses
+
+    def excess(stretches: Array) -> Array:
+        λ_L, λ_H = stretches
+        E_L = (λ_L**2 - 1) / 2
+        E_H = (λ_H**2 - 1) / 2
+        S_L = A11 * E_L + A12 * E_H
+        S_H = A12 * E_L + A22 * E_H
+        return np.array([λ_L / λ_H * S_L - N_L, λ_H / λ_L * S_H - N_H]) / N_H
+
+    λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
+    return float(λ_L), float(λ_H)
+
+
+def cords_of(inputs: Inputs) -> dict[str, Any]:
+    """The cords of a case file, as `Tube` takes them."""
+    return {
+        "cord_angles": np.mod(inputs.numbers("cord_angles", "rad"), 2 * math.pi),
+        "cord_force": inputs.number("cord_force", "N", above=0),
+        "cord_strain": inputs.numbers("cord_table_strain", "1"),
+        "cord_table": inputs.numbers("cord_table_force", "N"),
+        "cord_compression": inputs.number("cord_compression", "N", above=0),
+    }
 
 
 # ---- mesh ----------------------------------------------------------------------------------------
@@ -346,7 +378,7 @@ def _add_line(model: Any, chains: list, name: str) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-# ---- parts of the scene --------------------------------------------------------------------------
+# ---- items of the scene --------------------------------------------------------------------------
 
 
 class End:
@@ -512,20 +544,9 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
         band,
     )
     inflate = inflation(tube.radius, λ_L, λ_H, around)
-    A11, A12, A22, A66 = tube.stiffnesses
-    axial = (1.0, 0.0, 0.0)
-    wall = gx.Orthotropic.from_stiffnesses(
-        A11,
-        A12,
-        A22,
-        A66,
-        thickness=THICKNESS,
-        density=AREAL_MASS / THICKNESS,
-        direction={"wall": axial, "band": axial, "cap": (0.0, 0.0, 1.0)},
-    )
     film = gx.Membrane(
         mesh,
-        wall,
+        tube.wall(AXIAL),
         order=2,
         displacement=inflate,
         name="wall",
@@ -595,14 +616,11 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
     search = gx.Equilibrium(model.scene)
     deflections: list[float] = []
     loads: list[float] = []
-    iterations = 0
-    seconds = 0.0
+    effort = Effort()
     first_height = float(model.middle.initial()[2])
     lowered = 0.0
     while not deflections or deflections[-1] < tube.deflection:
-        found = search.find(at=lowered)
-        iterations += found.iterations
-        seconds += found.seconds
+        effort.add(search.find(at=lowered))
         height = float(search.system.state.vector(model.middle)[2])
         deflections.append(first_height - height)
         # Two loads, and half of the section of each is modelled.
@@ -610,8 +628,8 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
         lowered += step
     details = {
         "unknowns": float(search.system.numbering.size),
-        "iterations": float(iterations),
-        "seconds": seconds,
+        "iterations": float(effort.iterations),
+        "seconds": effort.seconds,
     }
     return np.array(deflections), np.array(loads), details
 

@@ -41,6 +41,8 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from demos.common.figures import area_vectors
+from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.algebra.point_measures import PointMeasure
@@ -52,6 +54,7 @@ from gossamer_fx.mechanics.terms.point_energies import (
     one_sided_average,
     one_sided_energy,
 )
+from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, triangles_of
 from gossamer_fx.meshes.line import line
 
 GRAVITY = 9.81  # [m/s²], along z
@@ -204,15 +207,15 @@ class Kite:
     def read(inputs: Inputs) -> Kite:
         """The kite of a case file."""
         points = {}
-        for row in _mixed(inputs, "nodes", 4):
+        for row in inputs.table("nodes", "1", 4):
             points[int(row[0])] = row[1:]
         leading = []
-        for i, j, diameter in _mixed(inputs, "leading_edge", 3).tolist():
+        for i, j, diameter in inputs.table("leading_edge", "1", 3).tolist():
             leading.append(Tube((int(i), int(j)), diameter / 2))
         # A strut is one beam through all of its nodes, whose lines and canopy pull on it between
         # its ends.
         segments: dict[int, list[list[float]]] = {}
-        for row in _mixed(inputs, "struts", 5).tolist():
+        for row in inputs.table("struts", "1", 5).tolist():
             segments.setdefault(int(row[0]), []).append(row)
         struts = []
         for rows in segments.values():
@@ -223,11 +226,11 @@ class Kite:
             struts.append(Tube((first, *others), mean_diameter / 2))
         modulus = inputs.number("line_modulus", "Pa", above=0)
         ropes = []
-        for i, j, length, diameter in _mixed(inputs, "lines", 4).tolist():
+        for i, j, length, diameter in inputs.table("lines", "1", 4).tolist():
             stiffness = modulus * math.pi * diameter**2 / 4
             ropes.append((int(i), int(j), length, stiffness))
         pulley_lines = []
-        for i, pulley, j, length, diameter in _mixed(inputs, "pulley_lines", 5).tolist():
+        for i, pulley, j, length, diameter in inputs.table("pulley_lines", "1", 5).tolist():
             stiffness = modulus * math.pi * diameter**2 / 4
             pulley_lines.append((int(i), int(pulley), int(j), length, stiffness))
         loaded = inputs.numbers("loaded_nodes", "1")
@@ -289,11 +292,6 @@ class Kite:
     def tube_surface(self) -> float:
         """Surface of all tubes [m²]."""
         return sum(2 * math.pi * tube.radius * self.length(tube) for tube in self.tubes)
-
-
-def _mixed(inputs: Inputs, name: str, columns: int) -> Array:
-    """A table whose numbers are nodes and lengths [m]."""
-    return inputs.table(name, "1", columns)
 
 
 def _factor(inputs: Inputs, name: str) -> float:
@@ -403,10 +401,9 @@ class Hanging:
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
         self.unknowns = self._search.system.numbering.size
 
-    def find(self) -> tuple[int, float]:
-        """Find the equilibrium; returns iterations and CPU seconds."""
-        found = self._search.find()
-        return found.iterations, found.seconds
+    def find(self) -> gx.analysis.EquilibriumResult:
+        """Find the equilibrium."""
+        return self._search.find()
 
     def position(self, node: int) -> Array:
         """Present position [m] of a node of the kite."""
@@ -601,39 +598,14 @@ class Hanging:
     def _canopy(self) -> tuple[gx.Membrane, float]:
         """The film and its area."""
         grid = np.array([points for points, _ in self._ribs()])
-        spans = grid.shape[0]
-        rows = grid.shape[1]
-        number = np.arange(spans * rows).reshape(spans, rows) + 1
-        triangles = []
-        for i in range(spans - 1):
-            for k in range(rows - 1):
-                a = number[i, k]
-                b = number[i + 1, k]
-                c = number[i + 1, k + 1]
-                d = number[i, k + 1]
-                # Diagonals alternate: of one direction only, they would stiffen the film in that
-                # one.
-                if (i + k) % 2:
-                    triangles += [a, b, c, a, c, d]
-                else:
-                    triangles += [a, b, d, b, c, d]
-
-        def build(model: Any) -> None:
-            surface = model.addDiscreteEntity(2)
-            model.mesh.addNodes(
-                2,
-                surface,
-                number.ravel(),
-                grid.ravel(),
-            )
-            model.mesh.addElementsByType(
-                surface,
-                2,
-                [],
-                triangles,
-            )
-            model.addPhysicalGroup(2, [surface], name="canopy")
-
+        spans, rows, _ = grid.shape
+        points = grid.reshape(-1, 3)
+        a, d, c, b = cell_corners(np.arange(spans * rows).reshape(spans, rows))
+        # Diagonals alternate: of one direction only, they would stiffen the film in that one.
+        is_odd = np.indices(a.shape).sum(axis=0) % 2 == 1
+        first = triangles_of(a, b, np.where(is_odd, c, d))
+        second = triangles_of(np.where(is_odd, a, b), c, d)
+        triangles = np.vstack([first, second])
         Et = self.kite.canopy_stiffness
         thickness = 1e-4
         law = gx.Miyazaki(
@@ -644,19 +616,13 @@ class Hanging:
             residual_stiffness=1e-5,
         )
         film = gx.Membrane(
-            gx.gmsh_mesh(build, self._comm),
+            mesh_of_arrays(self._comm, lambda: (points, triangles, {})),
             law,
             name="canopy",
         )
         self._items.append(gx.Gravity(film, (0.0, 0.0, GRAVITY)))
-        # Nodes of gmsh begin at 1.
-        numbers = np.array(triangles).reshape(-1, 3) - 1
-        corners = grid.reshape(-1, 3)[numbers]
-        first_side = corners[:, 1] - corners[:, 0]
-        second_side = corners[:, 2] - corners[:, 0]
-        normals = np.cross(first_side, second_side)
-        area = np.linalg.norm(normals, axis=1).sum() / 2
-        return film, float(area)
+        areas = np.linalg.norm(area_vectors(points[triangles]), axis=1)
+        return film, float(areas.sum())
 
     def _attach(self, film: gx.Membrane) -> None:
         """The canopy on the leading edge and on the struts; its own nodes on the trailing edge."""
@@ -721,14 +687,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     """Distances [m] between points of the trailing edge, of the tips, and from the middle to a
     tip."""
     kite = Kite.read(inputs)
-    iterations = 0
-    seconds = 0.0
+    effort = Effort()
     rounds = 1 if quick else MAX_ITERATIONS
     for _ in range(rounds):
         hanging = Hanging(kite, comm)
-        found = hanging.find()
-        iterations += found[0]
-        seconds += found[1]
+        effort.add(hanging.find())
         if hanging.soften() < STIFFNESS_TOLERANCE:
             break
     lengths = []
@@ -738,8 +701,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         lengths.append((left + right) / 2)
     details = {
         "unknowns": float(hanging.unknowns),
-        "iterations": float(iterations),
-        "seconds": seconds,
+        "iterations": float(effort.iterations),
+        "seconds": effort.seconds,
         "smallest share of bending stiffness": min(tube.share for tube in kite.tubes),
         "smallest share of torsional stiffness": min(tube.torsion for tube in kite.tubes),
     }

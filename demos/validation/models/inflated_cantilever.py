@@ -25,12 +25,19 @@ from itertools import pairwise
 
 import numpy as np
 from mpi4py import MPI
-from scipy.optimize import fsolve
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh, inflation
+from demos.validation.models.braided_tube import (
+    AXIAL,
+    End,
+    Lowered,
+    half_tube_mesh,
+    inflated_stretches,
+    inflation,
+)
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.film_states import STATES
 
@@ -85,23 +92,10 @@ class Cantilever:
 
     def stretches(self) -> tuple[float, float]:
         """λ_L and λ_H of the inflated tube, equations (1) of the module."""
-        ν = self.poisson
-        plane = self.stiffness / (1 - ν**2)
+        plane = self.stiffness / (1 - self.poisson**2)
         hoop_force = self.pressure * self.radius
-
-        def excess(stretches: Array) -> Array:
-            λ_L, λ_H = stretches
-            E_L = (λ_L**2 - 1) / 2
-            E_H = (λ_H**2 - 1) / 2
-            S_L = plane * (E_L + ν * E_H)
-            S_H = plane * (E_H + ν * E_L)
-            return (
-                np.array([λ_L / λ_H * S_L - hoop_force / 2, λ_H / λ_L * S_H - hoop_force])
-                / hoop_force
-            )
-
-        λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
-        return float(λ_L), float(λ_H)
+        stiffnesses = (plane, self.poisson * plane, plane)
+        return inflated_stretches(stiffnesses, hoop_force / 2, hoop_force)
 
     def wall(self) -> gx.TensionField | gx.Orthotropic:
         """The film, which bears no compression."""
@@ -113,7 +107,6 @@ class Cantilever:
                 thickness=THICKNESS,
             )
         plane = self.stiffness / (1 - self.poisson**2)
-        axial = (1.0, 0.0, 0.0)
         return gx.Orthotropic.from_stiffnesses(
             plane,
             self.poisson * plane,
@@ -121,7 +114,7 @@ class Cantilever:
             self.shear_stiffness,
             thickness=THICKNESS,
             density=AREAL_MASS / THICKNESS,
-            direction={"wall": axial, "band": axial, "cap": (0.0, 0.0, 1.0)},
+            direction=AXIAL,
         )
 
 
@@ -151,15 +144,12 @@ class Bending:
         self._film = film
         zone = END_ZONE * tube.radius
         self._counted = (zone / λ_L, (tube.length - zone) / λ_L)
-        self.seconds = 0.0
-        self.iterations = 0
+        self.effort = Effort()
         self.unknowns = self._search.system.numbering.size
 
     def load(self, deflection: float) -> float:
         """The load of the whole tube [N] at a deflection of the tip [m], from the present state."""
-        found = self._search.find(at=deflection)
-        self.seconds += found.seconds
-        self.iterations += found.iterations
+        self.effort.add(self._search.find(at=deflection))
         return -2 * float(self._search.reaction(self._load)[0][2])
 
     def wrinkled_points(self) -> int:
@@ -282,7 +272,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     details = {
         "stiffness [N/m]": tube.stiffness,
         "unknowns": float(bending.unknowns),
-        "iterations": float(bending.iterations),
-        "seconds": bending.seconds,
+        "iterations": float(bending.effort.iterations),
+        "seconds": bending.effort.seconds,
     }
     return Prediction(quantities, details)

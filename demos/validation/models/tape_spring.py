@@ -24,6 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.searches import Effort
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx import Mesh
@@ -227,8 +228,7 @@ class FoldedTape:
         extra_shift: the one without axial force [m], after `solve`.
         stiffness: the last secant of axial force over displacement [N/m].
         unknowns: their number.
-        iterations: Newton's iterations so far.
-        seconds: CPU time of the searches so far [s].
+        effort: of the searches so far.
     """
 
     def __init__(
@@ -283,8 +283,7 @@ class FoldedTape:
         )
         self._search = gx.Equilibrium(gx.Scene(self.plate, middle, self._end), SEARCH)
         self.unknowns = self._search.system.numbering.size
-        self.iterations = 0
-        self.seconds = 0.0
+        self.effort = Effort()
 
     def solve(self) -> float:
         """Shift the end until the axial force vanishes; returns the stored energy of both halves
@@ -300,9 +299,7 @@ class FoldedTape:
         step = 0.0
         for _ in range(MAX_SECANT_STEPS):
             # The time of the scene is the turn.
-            found = self._search.find(at=self._turn)
-            self.iterations += found.iterations
-            self.seconds += found.seconds
+            found = self.effort.add(self._search.find(at=self._turn))
             force = float(self._search.reaction(self._end)[0][0])
             if math.isfinite(force_before) and force != force_before:
                 secant = (force - force_before) / step
@@ -380,8 +377,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         extra_shift = folded.extra_shift
         stiffness = folded.stiffness
         details["unknowns"] = float(folded.unknowns)
-        details["iterations"] += folded.iterations
-        details["seconds"] += folded.seconds
+        details["iterations"] += folded.effort.iterations
+        details["seconds"] += folded.effort.seconds
     # Each half turns by the change of φ.
     moment = (energies[-1] - energies[0]) / (2 * cell)
     quantities = {

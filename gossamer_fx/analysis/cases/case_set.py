@@ -32,6 +32,7 @@ from gossamer_fx.analysis.cases.results import (
 )
 from gossamer_fx.analysis.cases.shared_runs import SharedRuns, key_of
 from gossamer_fx.core.checks.errors import on_rank_zero
+from gossamer_fx.records.outputs.output import make_parent, replace_file
 
 Results = list[Result]
 
@@ -153,6 +154,8 @@ def run_cases(
         InputError: the folder cannot be written, the file of a result is damaged, or the outcome
             refuses values or returns something other than numbers.
     """
+    # A table that cannot be written is refused before the runs.
+    make_parent(comm, folder / "runs.csv", file=True)
     runs = folder / "runs"
     if fresh:
         on_rank_zero(comm, lambda: shutil.rmtree(runs, ignore_errors=True))
@@ -167,8 +170,8 @@ def run_cases(
 
     def write() -> None:
         text = cases.table(results)
-        (folder / "runs.csv").write_text(results_as_csv(results))
-        (folder / f"{cases.name}.md").write_text(text, encoding="utf-8")
+        replace_file(folder / "runs.csv", results_as_csv(results))
+        replace_file(folder / f"{cases.name}.md", text)
         if cases.draw is not None:
             cases.draw(results, folder / f"{cases.name}.png")
         if verbose:

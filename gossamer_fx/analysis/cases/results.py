@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, StepFailure, check
 from gossamer_fx.records.outputs.output import replace_file
 from gossamer_fx.version import VERSION
@@ -148,7 +149,7 @@ def read_result(path: Path) -> Result | None:
         return Result(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         return None
-    except (ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(
             f"'{path}' is not the result of a run; remove it, and the run is made again."
         ) from error
@@ -184,7 +185,14 @@ def read_results(path: Path, name: str) -> list[Result]:
         results = [Result(**one) for one in stored["results"]] if is_right else []
     except FileNotFoundError:
         return []
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         raise InputError(f"'{path}' does not hold results of '{name}'; remove it.") from error
     check(is_right, f"'{path}' does not hold results of '{name}'; remove it.")
     return results
@@ -202,11 +210,12 @@ def results_as_csv(results: Sequence[Result]) -> str:
         names |= dict.fromkeys(result.values)
     names |= dict.fromkeys([*number_names(results), "seconds", "failed"])
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(names), extrasaction="ignore")
-    writer.writeheader()
+    writer = csv.writer(text)
+    writer.writerow(safe_cells(names))
     for result in results:
         row = {"seconds": result.seconds, **result.values, **result.numbers}
-        writer.writerow(row | {"failed": result.failed})
+        row["failed"] = result.failed
+        writer.writerow(safe_cells(row.get(name, "") for name in names))
     return text.getvalue()
 
 

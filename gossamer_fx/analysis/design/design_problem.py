@@ -26,8 +26,10 @@ from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
+from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.outputs.output import make_parent
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -104,7 +106,10 @@ class RunSource:
         self._values = {}
         # Copies: the method must not change what the user gave.
         for name, value in start.items():
-            self._values[name] = np.array(np.atleast_1d(value), dtype=float)
+            numbers = real_numbers(value)
+            if numbers is None or numbers.ndim > 1 or not np.isfinite(numbers).all():
+                raise InputError(f"{self.who}: start['{name}'] is no number or list of numbers.")
+            self._values[name] = np.atleast_1d(numbers)
         self._found: Gradient | None = None
 
     def values(self) -> dict[str, Array]:
@@ -123,7 +128,7 @@ class RunSource:
         # Each gradient is a run: one that is known is not made again.
         if self._found is not None:
             return self._found
-        found = self._evaluate(self.values())
+        found = ask(self.comm, f"{self.who}: evaluate", lambda: self._evaluate(self.values()))
         check(
             isinstance(found, Gradient),
             f"{self.who}: evaluate returned a {type(found).__name__}; "
@@ -213,6 +218,9 @@ class DesignProblem:
         self._source = source
         self._of = of
         self._record = record
+        # Before anything is computed.
+        if record is not None:
+            make_parent(self.comm, record, file=True)
         present = source.values()
         for name in basis:
             check(name in present, f"{who}: basis has '{name}', which is not in by.")
@@ -407,10 +415,22 @@ class DesignProblem:
         )
         # For mypy: without a path the check has failed.
         assert path is not None
-        recorded = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        problem = ""
+        recorded: dict[str, Any] = {}
+        try:
+            recorded = dict(json.loads(path.read_text(encoding="utf-8"))["parameters"])
+        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+            problem = f"{type(error).__name__}: {error}"
+        check_on_all(
+            self.comm,
+            not problem,
+            f"{self.who}: '{path}' is not the record of a search ({problem}); give another one, or "
+            "restart=False.",
+        )
         found = {}
         for name, values in present.items():
-            found[name] = np.array(recorded.get(name, []), dtype=float)
+            numbers = real_numbers(recorded.get(name, []))
+            found[name] = np.zeros(0) if numbers is None else np.atleast_1d(numbers)
             check_on_all(
                 self.comm,
                 len(found[name]) == len(values),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from dataclasses import dataclass
@@ -68,9 +69,11 @@ class SearchProgress:
         """The line about a state after some wall time [s]."""
         seconds_per_iteration = elapsed / max(state.iterations, 1)
         remaining = seconds_per_iteration * max(state.limit - state.iterations, 0)
+        residual = f"residual {state.residual:.1e} of {state.tolerance:.0e}"
+        if math.isinf(state.residual):
+            residual = "no pseudo-step has converged yet"
         return (
-            f"equilibrium of {self._unknowns} unknowns: "
-            f"residual {state.residual:.1e} of {state.tolerance:.0e}, "
+            f"equilibrium of {self._unknowns} unknowns: {residual}, "
             f"iteration {state.iterations} of at most {state.limit}, "
             f"pseudo-step {state.steps} of {state.step:.1e} s, "
             f"pseudo-time {state.pseudo_time:.1e} s, "

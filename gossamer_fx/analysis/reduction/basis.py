@@ -82,16 +82,16 @@ class Basis:
     """The modes φ (nodes, r) of a reduced film of mass m [kg], at its owned and ghost nodes, see
     (1) and (2) of the module; φ_0 = 1.
 
-    The first `fixed` of them, 3 or for a film that is not plane 4, represent homogeneous motions.
-    `singular_values` are those of the scaled snapshots without the fixed modes, in the norm of the
-    mass, in falling order; `examples` coefficients (k, r, 3) [m] of some snapshots.
+    The first `fixed_count` of them, 3 or for a film that is not plane 4, represent homogeneous
+    motions.  `singular_values` are those of the scaled snapshots without the fixed modes, in the
+    norm of the mass, in falling order; `examples` coefficients (k, r, 3) [m] of some snapshots.
     """
 
     film: Membrane
     values: Array
     mass: float
     singular_values: Array
-    fixed: int
+    fixed_count: int
     examples: Array
 
     @property
@@ -164,11 +164,11 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     # Step 1 of the module
     X = film.space.tabulate_dof_coordinates()[:n]
     candidates = np.column_stack([np.ones(n), X])
-    fixed = mass**0.5 * _orthonormal(film, candidates, MIN_INDEPENDENT_SHARE)
+    fixed_modes = mass**0.5 * _orthonormal(film, candidates, MIN_INDEPENDENT_SHARE)
     # Without round-off: linear momentum is that of c_0.
-    fixed[:, 0] = 1.0
+    fixed_modes[:, 0] = 1.0
     # Step 2
-    A = _scaled(film, snapshots, fixed, mass)
+    A = _scaled(film, snapshots, fixed_modes, mass)
     # Step 3
     gram = comm.allreduce(A.T @ scalar_mass_times(film, A))
     squares, vectors = np.linalg.eigh((gram + gram.T) / 2)
@@ -183,14 +183,14 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     strongest = vectors[:, ::-1][:, :count]
     modes = A @ (strongest / singular_values[:count])
     # Step 4
-    modes = _orthonormalised(film, modes, fixed, mass)
-    values = np.column_stack([fixed, mass**0.5 * modes])
+    modes = _orthonormalised(film, modes, fixed_modes, mass)
+    values = np.column_stack([fixed_modes, mass**0.5 * modes])
     return Basis(
         film=film,
         values=_with_ghosts(film, values),
         mass=mass,
         singular_values=singular_values[:found],
-        fixed=fixed.shape[1],
+        fixed_count=fixed_modes.shape[1],
         examples=_examples(film, snapshots, values, mass),
     )
 
@@ -219,7 +219,7 @@ def _count_modes(singular_values: Array) -> int:
     return int((singular_values > MIN_SINGULAR_VALUE_RATIO * largest).sum())
 
 
-def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
+def _scaled(film: Membrane, snapshots: Sequence[Array], fixed_modes: Array, mass: float) -> Array:
     """Components (n, 3 · snapshots) [1/√kg] of the snapshots without the fixed modes, scaled: each
     snapshot's across the mean plane, and along two axes in it.  Collective.
 
@@ -230,11 +230,11 @@ def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: floa
     five times less accurately, and switch at random between taut and wrinkled.
     """
     times = len(snapshots)
-    product = scalar_mass_times(film, fixed)
+    product = scalar_mass_times(film, fixed_modes)
     shapes = np.stack(snapshots, axis=1)  # (n, times, 3)
     own_coefficients = np.einsum("ni,ntx->tix", product, shapes)
     coefficients = film.comm.allreduce(own_coefficients) / mass
-    remainder = shapes - np.einsum("ni,tix->ntx", fixed, coefficients)
+    remainder = shapes - np.einsum("ni,tix->ntx", fixed_modes, coefficients)
     parts = np.einsum("ntx,tax->nat", remainder, _mean_plane_axes(coefficients))
     across = slice(0, 1)
     in_plane = slice(1, 3)
@@ -282,12 +282,12 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     return np.column_stack(kept)
 
 
-def _orthonormalised(film: Membrane, modes: Array, fixed: Array, mass: float) -> Array:
+def _orthonormalised(film: Membrane, modes: Array, fixed_modes: Array, mass: float) -> Array:
     """Modes (n, k) made orthonormal to each other and orthogonal to the fixed ones (n, j), for
     which φ_iᵀMφ_j = m δ_ij.  Collective."""
     for _ in range(ORTHOGONALISATION_PASSES):
-        of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
-        modes = modes - fixed @ of_fixed
+        of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed_modes).T @ modes) / mass
+        modes = modes - fixed_modes @ of_fixed
         products = film.comm.allreduce(modes.T @ scalar_mass_times(film, modes))
         # φ L⁻ᵀ with LLᵀ = φᵀMφ
         L = np.linalg.cholesky((products + products.T) / 2)

@@ -168,10 +168,12 @@ class ReducedMembrane(Membrane):
     def describe(self, node: int) -> str:
         return "its modes"
 
+    @check_arguments
     def port(self, group: str) -> Port:
         node = global_node(self.full, group)
         return self._combined((node,), (1.0,))
 
+    @check_arguments
     def port_at(self, point: Sequence[float]) -> Port:
         on_film = interpolated(self.full, point)
         return self._combined(on_film.nodes, on_film.weights)

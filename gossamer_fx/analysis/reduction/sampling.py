@@ -164,12 +164,12 @@ def _equations(
     """
     r = basis.size
     cells.take(c)
-    K = basis.film.comm.allreduce(cells.stiffness(np.ones(cells.count)))
+    K = basis.film.comm.allreduce(cells.stiffness(np.ones(cells.cell_count)))
     L = _factor(K)
     # Forces are scaled by those that the waves of the shape would need, so that work and energy
     # have the same size.
     wave = c.copy()
-    wave[: basis.fixed] = 0
+    wave[: basis.fixed_count] = 0
     wave_energy = float(wave.ravel() @ K @ wave.ravel())
     size = max(wave_energy, TINY) ** 0.5
     for first in range(0, count, MOTIONS_AT_ONCE):
@@ -276,7 +276,7 @@ class CellEnergies:
         self._film = film
         self._modes = basis.values
         points, dA = points_and_areas(film)
-        self.count, self._points = dA.shape
+        self.cell_count, self._points_per_cell = dA.shape
         self.areas = dA.sum(axis=1)
         self._dA = dA.ravel()
         self._G = mode_gradients(film, basis.values, points)
@@ -285,18 +285,19 @@ class CellEnergies:
         F = film.deformation(self._x)
         S = ufl.diff(film.density(strain), strain)
         D = ufl.diff(S, strain)
-        # One expression for all that is needed at a point: F (6), S (3) and D (9)
+        # One expression for all that is needed at a point: F (2, 3) row by row, S (3) and
+        # D (3, 3)
         components = [F[i, a] for a in range(2) for i in range(3)]
         components += [S[i] for i in range(3)]
         components += [D[i, j] for i in range(3) for j in range(3)]
-        self._state = compile_expression(ufl.as_vector(components), points)
+        self._response = compile_expression(ufl.as_vector(components), points)
 
     def take(self, c: Array) -> None:
         """Evaluate the film in the shape of coefficients c (r, 3) [m]: at the points, the images
         `_F` (2, 3, q) of the frame vectors, and times the area the stress `_S` (3, q) [N m] and its
         derivatives `_D` (3, 3, q) [N m] by the strain."""
         self._x.x.array[:] = (self._modes @ c).ravel()
-        values = evaluate(self._state, self._film.space.mesh, own_cells(self._film))
+        values = evaluate(self._response, self._film.space.mesh, own_cells(self._film))
         by_component = values.reshape(-1, 18).T
         self._F = by_component[:6].reshape(2, 3, -1)
         # Stress and derivatives have the area in them from here on.
@@ -307,8 +308,8 @@ class CellEnergies:
         """Σ ξ_e k_e (3r, 3r) [N/m] for weights ξ of this rank's cells, in the shape that `take` has
         set."""
         # Only points of cells that count
-        on = np.repeat(weights > 0, self._points)
-        ξ = np.repeat(weights, self._points)[on]
+        on = np.repeat(weights > 0, self._points_per_cell)
+        ξ = np.repeat(weights, self._points_per_cell)[on]
         # B (3, 6, q): derivative of the strains by the gradients F. D and S (times area) are in N
         # m; `_G` (q, 2, r) [1/m] are the gradients of the modes.
         B = strain_operator(self._F[:, :, on])
@@ -340,8 +341,8 @@ class CellEnergies:
         return (self._G[:, a] @ columns).reshape(-1, k, 3)
 
     def _in_cells(self, values: Array) -> Array:
-        """Sums (k, count) over the points of each cell of values (k, q)."""
-        return values.reshape(len(values), self.count, self._points).sum(axis=2)
+        """Sums (k, cell_count) over the points of each cell of values (k, q)."""
+        return values.reshape(len(values), self.cell_count, self._points_per_cell).sum(axis=2)
 
 
 def _dot(F: Array, H: Array) -> Array:

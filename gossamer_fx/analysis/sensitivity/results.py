@@ -40,6 +40,7 @@ class Derivative:
     function: fem.Function | None
     comm: MPI.Intracomm | None = None
 
+    @check_arguments
     def along(self, change: Array | float) -> float:
         """The change of the result over all ranks, to first order, for a change of the parameter:
         of the entries of `values`, or of all of them alike."""
@@ -65,7 +66,7 @@ class Gradient:
         derivatives: in the order in which they were asked for.
         growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None
             for an equilibrium.  See `gx.analysis.gradient`.
-        notes: one sentence for each part of the scene that makes the result piecewise smooth, e.g.
+        notes: one sentence for each item of the scene that makes the result piecewise smooth, e.g.
             friction.
 
     Example:

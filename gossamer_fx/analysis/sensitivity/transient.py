@@ -59,8 +59,9 @@ class TransientGradients:
         self.variables = find_variables(
             system, by, self._adjoint, in_time=True, scalars=self.steps.scalars.parts
         )
-        self._a = system.numbering.vector()
-        self._b = system.numbering.vector()
+        # Adjoint of the state after the present step: derivatives of the result by it.
+        self._by_position = system.numbering.vector()
+        self._by_velocity = system.numbering.vector()
         self.norms: list[float] = []
 
     def of(self, objective: Objective) -> Gradient:
@@ -73,28 +74,28 @@ class TransientGradients:
         for variable in self.variables:
             variable.start()
         self.steps.start()
-        self._a.set(0.0)
-        self._b.set(0.0)
+        self._by_position.set(0.0)
+        self._by_velocity.set(0.0)
         last = max(shares)
         duration = 0.0
         for start, end in self._tape.backwards(last):
             if end.index == last:
                 self._add_result(observed, end, shares[last])
-                self.norms = [float(self._b.norm())]
+                self.norms = [float(self._by_velocity.norm())]
             duration += end.h
-            self.steps.solve(start, end, self._a, self._b)
+            self.steps.solve(start, end, self._by_position, self._by_velocity)
             self._adjoint.set(self.steps.μ)
             self._adjoint.set_inertia(self.steps.inertia)
             for variable in self.variables:
                 variable.add_residual(self.steps.μ, with_inertia=True)
-            self.steps.carry(start, end, self._a, self._b)
+            self.steps.carry(start, end, self._by_position, self._by_velocity)
             if start.index in shares:
                 self._add_result(observed, start, shares[start.index])
-            self.norms.append(float(self._b.norm()))
+            self.norms.append(float(self._by_velocity.norm()))
         self._finish_scalars()
         self._add_masses()
         for variable in self.variables:
-            variable.add_start(self._a, self._b)
+            variable.add_start(self._by_position, self._by_velocity)
         self._tape.restore(present)
         remainder.copy(system.increment.remainder)
         growth = growth_of(self.norms)
@@ -136,22 +137,22 @@ class TransientGradients:
         if not scalars.size:
             return
         self._tape.restore(self._tape.nodes[0])
-        with self._a as by_position:
+        with self._by_position as by_position:
             scalars.finish(by_position)
-        self.steps.clear(self._a)
+        self.steps.clear(self._by_position)
 
     def _add_result(self, objective: Objective, node: Node, share: float) -> None:
         """Add a share of the derivatives of a result in a state, also those by parameters.
         Collective."""
         system = self._system
         self._tape.restore(node)
-        by_position = system.numbering.vector()
-        by_velocity = system.numbering.vector()
-        objective.add_derivative(system, by_position, by_velocity)
-        self.steps.clear(by_position)
-        self.steps.clear(by_velocity)
-        self._a.axpy(share, by_position)
-        self._b.axpy(share, by_velocity)
+        result_by_position = system.numbering.vector()
+        result_by_velocity = system.numbering.vector()
+        objective.add_derivative(system, result_by_position, result_by_velocity)
+        self.steps.clear(result_by_position)
+        self.steps.clear(result_by_velocity)
+        self._by_position.axpy(share, result_by_position)
+        self._by_velocity.axpy(share, result_by_velocity)
         scalars = self.steps.scalars
         if scalars.size and isinstance(objective, ScalarObjective):
             by_scalars = np.zeros(scalars.size)

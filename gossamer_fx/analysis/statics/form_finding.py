@@ -28,7 +28,8 @@ from typing import Annotated, Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.statics.equilibrium import Equilibrium, EquilibriumResult
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import NoEquilibrium, check

@@ -28,6 +28,7 @@ from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.axial_force import tension
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -103,7 +104,7 @@ class ReachedPrestress:
 
 
 class PrestressOfScene:
-    """Compares the prestress of all parts of a scene with the accepted state."""
+    """Compares the prestress of all items of a scene with the accepted state."""
 
     def __init__(self, system: System) -> None:
         """Compile the comparison for each part with prestress; none for other parts.
@@ -112,6 +113,11 @@ class PrestressOfScene:
         for body in system.bodies:
             if is_on_mesh(body) and _asked(body.full) is not None:
                 self._parts[body.name] = _PrestressOfPart(system, body)
+
+    def tensions(self) -> dict[str, float]:
+        """The mean tension that was asked for by the names of parts: of films [N/m], of cables and
+        beams [N]; the same on every rank."""
+        return {name: part.tension for name, part in self._parts.items()}
 
     def reached(self) -> dict[str, ReachedPrestress]:
         """The prestress by the names of parts, the same on every rank.  Collective."""
@@ -131,8 +137,11 @@ class _PrestressOfPart:
         self._shape = BodyShape(system, body)
         part: Any = self._shape.body
         self._unit = "N"
+        # A film has a tension per width.
+        thickness = 1.0
         if isinstance(part, Membrane):
             self._unit = "Pa"
+            thickness = part.constants.thickness
         mesh = part.space.mesh
         self._cells = mesh.topology.index_map(mesh.topology.dim).size_local
         cellwise = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
@@ -144,6 +153,10 @@ class _PrestressOfPart:
         densities = (v, _principal(asked) * v, _product(asked, asked) * v)
         self._constant = [self._assembled(compile_form(one * part.dx)) for one in densities]
         self._form = compile_form(_product(reached, asked) * v * part.dx)
+        tension = self._assembled(compile_form(thickness * _principal(asked) * v * part.dx))
+        own_sums = np.array([tension.sum(), self._constant[0].sum()])
+        total, size = self._comm.allreduce(own_sums)
+        self.tension = float(total / size)
 
     def reached(self) -> ReachedPrestress | None:
         """The comparison in the accepted state; None without a mean that says anything."""
@@ -180,7 +193,7 @@ class _PrestressOfPart:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the parts that have lost more than a tenth of their prestress; else empty."""
+    """A warning of the items that have lost more than a tenth of their prestress; else empty."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""
@@ -217,10 +230,9 @@ def _asked(body: Any) -> Any:
 def _reached(shape: BodyShape) -> Expr:
     """The stress [Pa] of a film (3,) or tension [N] of a line (1,) in the accepted state."""
     body = shape.body
-    e = shape.elastic_strain()
     if isinstance(body, Membrane):
-        return _film_stress(body, e)
-    return ufl.as_vector([body.axial_force(shape.q, e)])
+        return _film_stress(body, shape.elastic_strain())
+    return ufl.as_vector([tension(shape)])
 
 
 def _film_stress(film: Any, e: Expr) -> Expr:

@@ -1,4 +1,4 @@
-"""Rigid motions of parts of a scene that nothing resists.
+"""Rigid motions of items of a scene that nothing resists.
 
 Problem.  An equilibrium is unique at most up to rigid motions that neither stiffness nor supports
 nor loads resist.  A scene may consist of several parts, each with its own rigid motions about any

@@ -92,6 +92,7 @@ class Case:
             f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
         )
 
+    @check_arguments
     def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
         """The output that writes the folder of the run: ledger, probes and fields at `frames`
         times.
@@ -114,6 +115,7 @@ class Case:
             overwrite=overwrite,
         )
 
+    @check_arguments
     def simulation(
         self,
         outputs: Sequence[Output] = (),
@@ -129,7 +131,7 @@ class Case:
             checkpoints: when and where states are saved for a restart; None: not at all.
             restart: folder of a checkpoint, or of several, of which the newest counts, from which
                 the run goes on; None: it starts at zero.
-            changes: names of the parts whose parameters may differ from those of the checkpoint.
+            changes: names of the items whose parameters may differ from those of the checkpoint.
 
         Raises:
             InputError: what is wrong with the scene, the outputs, `halvings` or the checkpoint, as

@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -59,7 +61,9 @@ def main(words: Sequence[str]) -> int:
         from gossamer_fx.app.cli.demo import validate
 
         return validate(words[1:])
-    wanted = _parser().parse_args(_with_values(words))
+    complete = _with_values(words)
+    wanted = _parser().parse_args(complete)
+    wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
 
@@ -89,6 +93,9 @@ def main(words: Sequence[str]) -> int:
     from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
+    if comm.size > 1:
+        # The launcher hands Ctrl-C on as this signal.
+        signal.signal(signal.SIGUSR2, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
@@ -102,6 +109,9 @@ def main(words: Sequence[str]) -> int:
             print(f"gossamer: {error}", file=sys.stderr, flush=True)
         # Scripts can tell wrong input from a computation that failed.
         return 2 if isinstance(error, InputError) else 1
+    # Ctrl-C before or after the steps of a run, which end by themselves.
+    except KeyboardInterrupt:
+        end_program(comm, "stopped by Ctrl-C; nothing is left to go on from.", 130)
     # These may happen on one rank only, so that the program is ended on all of them.
     except (MemoryError, OSError) as error:
         if wanted.debug:
@@ -221,7 +231,7 @@ def _parser() -> argparse.ArgumentParser:
         "design",
         type=Path,
         metavar="FILE",
-        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+        help="a scene file, with --over; or a file with a Factorial named SWEEP",
     )
     sweep.add_argument(
         "--over",
@@ -320,7 +330,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(word: str) -> int:
     """A positive whole number from a word of the command line."""
-    if not word.isdigit() or int(word) < 1:
+    if not word.isdecimal() or int(word) < 1:
         raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
 
@@ -340,6 +350,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         OutputFailure: a file could not be written.
     """
     from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.interruption import Interrupted
     from gossamer_fx.records.outputs.output import Output
     from gossamer_fx.records.outputs.progress import Progress
     from gossamer_fx.records.run.checkpoint import Checkpoints
@@ -372,13 +383,20 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     elif wanted.restart:
         restart = (
             saves / f"step-{int(wanted.restart):08d}"
-            if wanted.restart.isdigit()
+            if wanted.restart.isdecimal()
             else Path(wanted.restart)
         )
     run = case.simulation(
         outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name]
     )
-    run.run(until=case.until)
+    try:
+        run.run(until=case.until)
+    except Interrupted:
+        if comm.rank == 0:
+            given = [w for w in wanted.words if not w.startswith(("--restart", "--overwrite"))]
+            command = shlex.join(["./gossamer", *given, "--restart"])
+            print(f"gossamer: go on with: {command}", file=sys.stderr, flush=True)
+        raise
     if comm.rank == 0 and not wanted.quiet:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")
 
@@ -491,9 +509,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.app.cli.user_files import guarded, load
     from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
-    from gossamer_fx.app.sweep.robust_design import RobustDesign
-    from gossamer_fx.app.sweep.sweep_report import run_design
-    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.errors import InputError, check
 
     path: Path = wanted.design
     check(
@@ -514,18 +530,13 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         check_same_scene(comm, path, folder)
     else:
         design = getattr(module, "SWEEP", None)
-    check(
-        isinstance(design, RobustDesign | Factorial),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
-        "the arguments of a scene file with --over.",
-    )
-    if isinstance(design, Factorial):
-        sweep = design
-        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
-    else:
-        assert isinstance(design, RobustDesign)
-        robust = design
-        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
+    if not isinstance(design, Factorial):
+        raise InputError(
+            f"'{path}' has no SWEEP; let it be a gx.sweep.Factorial, or vary the arguments of a "
+            "scene file with --over."
+        )
+    sweep = design
+    text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
     if comm.rank == 0:
         print(f"{text}\nwritten to {folder}")
 

@@ -1,8 +1,9 @@
 """Start a program on several MPI ranks: python3 -m gossamer_fx.app.cli.launch RANKS PROGRAM ...
 
 Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for a step.
-So it does not get them: the first one is handed on as SIGUSR1, which mpirun passes to all ranks and
-at which a run ends with its step and a checkpoint; a second one has its usual effect.
+So it does not get them: the first one is handed on as SIGUSR1, or SIGUSR2 for Ctrl-C, which mpirun
+passes to all ranks and at which a run ends with its step and a checkpoint; a second one has its
+usual effect.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from gossamer_fx.app.cli.mpi_messages import copy_without_repetitions
 # numpy and the like.
 OWN_COMMAND = ("-P", "-m", "gossamer_fx")
 
-_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+# What is handed on as what.
+_HANDED_ON = {signal.SIGTERM: signal.SIGUSR1, signal.SIGINT: signal.SIGUSR2}
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
 # s that the last words of the ranks may take after mpirun has ended: one that it could not end may
@@ -55,8 +57,8 @@ def child_environment() -> dict[str, str]:
 def launch(ranks: int, program: Sequence[str]) -> int:
     """Run a Python program on several MPI ranks, and wait for its end.
 
-    The first SIGTERM or SIGINT is handed on as SIGUSR1, at which a run ends with its step; a second
-    one has its usual effect.
+    The first SIGTERM or SIGINT is handed on as `_HANDED_ON` says, and a run ends with its step; a
+    second one has its usual effect.
 
     Args:
         ranks: how many.
@@ -90,14 +92,14 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     heard: list[int] = []
 
     def hand_on(number: int, frame: FrameType | None) -> None:
-        """Pass a signal to mpirun: the first one as SIGUSR1, at which a run ends with its step."""
+        """Pass a signal to mpirun: the first one as one at which a run ends with its step."""
         heard.append(number)
         if len(heard) == 1:
-            run.send_signal(signal.SIGUSR1)
+            run.send_signal(_HANDED_ON[signal.Signals(number)])
         else:
             run.send_signal(number)
 
-    for number in _SIGNALS:
+    for number in _HANDED_ON:
         signal.signal(number, hand_on)
     streams = (cast(BinaryIO, run.stderr), sys.stderr.buffer)
     words = Thread(target=copy_without_repetitions, args=streams, daemon=True)

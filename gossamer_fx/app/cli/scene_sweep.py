@@ -16,7 +16,7 @@ from mpi4py import MPI
 from gossamer_fx.app.cli.case import Case
 from gossamer_fx.app.cli.user_files import unknown_arguments
 from gossamer_fx.app.sweep.factorial import Factorial
-from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.records.outputs.output import Output, make_parent, replace_file
 from gossamer_fx.records.run.checkpoint import Checkpoints
 
@@ -105,7 +105,10 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
         mark = folder / "scene.json"
         make_parent(MPI.COMM_SELF, mark)
         if mark.is_file():
-            about = json.loads(mark.read_text(encoding="utf-8"))
+            try:
+                about = dict(json.loads(mark.read_text(encoding="utf-8")))
+            except (ValueError, TypeError) as error:
+                raise InputError(f"'{mark}' is damaged ({error}); remove the folder.") from error
             check(
                 about.get("sha256") == digest,
                 f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of "

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
+# Attribute of modules that are files of users.
+_OF_USER = "__file_of_user__"
+
+
 def option(word: str) -> tuple[str, Any]:
     """Name and value of a word NAME=VALUE.
 
@@ -57,9 +61,16 @@ def load(path: Path) -> ModuleType:
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise InputError(f"'{path}' is not a Python file; give one with a function build(comm).")
+    # A file numpy.py would be taken for NumPy by everything that is imported later.
+    known = sys.modules.get(path.stem)
+    check(
+        known is None or getattr(known, _OF_USER, False),
+        f"'{path}' has the name of the Python module '{path.stem}', which is in use; rename it.",
+    )
     module = module_from_spec(spec)
     # Data classes look up the module in which they are defined.
     sys.modules[path.stem] = module
+    setattr(module, _OF_USER, True)
     spec.loader.exec_module(module)
     return module
 

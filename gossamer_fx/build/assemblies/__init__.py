@@ -1,4 +1,4 @@
-"""Assemblies: what takes several parts, in one call."""
+"""Assemblies: several items in one call."""
 
 from gossamer_fx.core.checks.lazy_names import lazy_names
 

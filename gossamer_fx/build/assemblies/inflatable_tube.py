@@ -66,7 +66,7 @@ class InflatableTube:
         contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.
             Gradients of runs need a number.
         obstacles: solids that the film touches, too.
-        name: for messages and outputs; the parts have names that begin with it.
+        name: for messages and outputs; the items have names that begin with it.
 
     Attributes:
         film: the membrane.
@@ -79,7 +79,7 @@ class InflatableTube:
 
     Raises:
         InputError: obstacles without contact, creases without folds, a cap that is neither a rigid
-            body nor a positive mass, or what the parts refuse.
+            body nor a positive mass, or what the items refuse.
 
     Example:
         >>> from gossamer_fx.meshes.tube import flat_tube
@@ -267,6 +267,7 @@ class InflatableTube:
             name=f"{self.name} contact",
         )
 
+    @check_arguments
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
         """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
         is a number or a function of time [s]."""
@@ -278,6 +279,7 @@ class InflatableTube:
             name=f"{self.name} inlet",
         )
 
+    @check_arguments
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
         """The hole from the last compartment to the surroundings, with an opening [m²] that is a
         number or a function of time [s]."""

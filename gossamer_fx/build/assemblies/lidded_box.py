@@ -53,11 +53,11 @@ class LiddedBox:
             walls counts as that of the body, the lid's is added.
         turn: rotation vector [rad] of the box about its centre; x, y, z above are the axes of the
             turned box.
-        name: for messages and outputs; the parts have names that begin with it.
+        name: for messages and outputs; the items have names that begin with it.
 
     Attributes:
         lid: the body that moves.
-        hinge, spring, damper, latch, stop: the parts between lid and space or body; None if not
+        hinge, spring, damper, latch, stop: the items between lid and space or body; None if not
             asked for.
         latch_reaction: the opposite moment on the body that carries the box; None for a box fixed
             in space.

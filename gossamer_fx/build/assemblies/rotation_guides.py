@@ -53,7 +53,7 @@ class RotationGuides:
         drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the
             start; None: the height of the ring is constant.
         reel_depth: of the reel below the ring [m]; `drawn` stays below it.
-        name: for messages and outputs; the parts have names that begin with it.
+        name: for messages and outputs; the items have names that begin with it.
 
     Attributes:
         ring: the body that turns.

@@ -101,23 +101,12 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
 
     X (n, 3) [m] are the points of the mesh on this rank, ghosts included; `shut` and `ajar` are
     their positions [m] on the closed map and on the map that is opened a little.  A mesh that
-    `_check_mesh` refuses, or that has triangles on both sides of a fold line, raises `InputError`.
+    `pressed_positions` refuses raises `InputError`.
     """
     domain = mesh.domain
-    _check_mesh(folds, mesh)
+    shut = pressed_positions(folds, mesh)
     X = domain.geometry.x
-    corners = domain.geometry.dofmap[:, :3]
-    # Step 1 of the module
-    one_sheet = np.zeros(len(X))
-    shut = folds.pressed().place(X, one_sheet)
-    ajar = folds.pressed().ajar().place(X, one_sheet)
-    check_on_all(
-        mesh.comm,
-        bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
-        f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; "
-        "mesh the film of the map.",
-    )
-    _refuse_cut_triangles(folds, mesh, X[corners], shut[corners])
+    ajar = folds.pressed().ajar().place(X, np.zeros(len(X)))
     # Steps 2 and 3
     edges, keys = _kinked_edges(folds, mesh, shut, ajar)
     of_ranks = mesh.comm.allgather(sorted(set(keys)))
@@ -137,6 +126,23 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
         )
         lines.append(line)
     return lines
+
+
+def pressed_positions(folds: Map, mesh: Mesh) -> Array:
+    """Positions (n, 3) [m] of this rank's points, ghosts included, with all layers on each other,
+    step 1 of the module; `InputError`: a triangle is not folded without strain.  Collective."""
+    _check_mesh(folds, mesh)
+    X = mesh.domain.geometry.x
+    corners = mesh.domain.geometry.dofmap[:, :3]
+    shut = folds.pressed().place(X, np.zeros(len(X)))
+    check_on_all(
+        mesh.comm,
+        bool(np.isfinite(shut).all()),
+        f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; "
+        "mesh the film of the map.",
+    )
+    _refuse_cut_triangles(folds, mesh, X[corners], shut[corners])
+    return shut
 
 
 def has_two_sheets(mesh: Mesh) -> bool:

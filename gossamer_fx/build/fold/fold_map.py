@@ -10,13 +10,19 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from dolfinx import fem
 
-from gossamer_fx.build.fold.fold_lines import SHEETS, FoldLine, Map, find_lines, has_two_sheets
+from gossamer_fx.build.fold.fold_lines import (
+    SHEETS,
+    FoldLine,
+    Map,
+    find_lines,
+    has_two_sheets,
+    pressed_positions,
+)
 from gossamer_fx.core.algebra.rotations import rotations
-from gossamer_fx.core.checks.arguments import not_negative, positive
-from gossamer_fx.core.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.mesh.quality import box
 from gossamer_fx.core.model.body import Array, Indices, Vector
 from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -41,18 +47,18 @@ class Folded:
     turn: tuple[float, ...] = (0.0, 0.0, 0.0)
     name: str = "folded"
 
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        for what, value in (("origin", self.origin), ("turn", self.turn)):
-            check(
-                is_vector(value),
-                f"Folded '{self.name}': {what} is {value!r}; give three finite numbers.",
-            )
-
     def requires(self) -> Iterable[Any]:
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
+        film = self.film
+        flat = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        check_on_all(
+            film.comm,
+            bool(np.allclose(start[film].positions(), flat, rtol=0, atol=FIT * np.ptp(flat))),
+            f"'{self.name}': '{film.name}' has a displacement or another start, which the folds "
+            "would replace; leave it out.",
+        )
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:
@@ -61,7 +67,8 @@ class Folded:
         `InputError` on all ranks."""
         owned = self.film.block.index_map.size_local
         X = self.film.space.tabulate_dof_coordinates()[:owned]
-        self.folds.check_fits(*box(self.film.comm, X))
+        # A mesh without the fold lines would begin with strains instead of folds.
+        pressed_positions(self.folds, self.film.mesh)
         folded = self.folds.place(X, self._sides()[:owned])
         check_on_all(
             self.film.comm,
@@ -172,6 +179,7 @@ class FoldMap(ABC):
         both sides of one.  Collective."""
         return find_lines(self, mesh)
 
+    @check_arguments
     def mark(self, mesh: Mesh) -> Mesh:
         """Return the mesh with its fold lines as additional groups of curves.  Collective.
 
@@ -189,6 +197,7 @@ class FoldMap(ABC):
         fold_lines = {line.name: (1, line.edges) for line in self.lines(mesh)}
         return replace(mesh, groups=mesh.groups | fold_lines)
 
+    @check_arguments
     def start(
         self, film: Membrane, origin: Vector = (0.0, 0.0, 0.0), turn: Vector = (0.0, 0.0, 0.0)
     ) -> Folded:
@@ -204,12 +213,13 @@ class FoldMap(ABC):
         """
         return Folded(film, self, tuple(origin), tuple(turn), f"{film.name} folded")
 
+    @check_arguments
     def creases(
         self,
         film: Membrane,
         *,
         stiffness: float,
-        set_angle_ratio: float = 1.0,
+        set_angle_ratio: Annotated[float, Range(0, 1)] = 1.0,
         yield_angle: float | None = None,
     ) -> Sequence[Crease]:
         """Return a `Crease`, a rotational spring along edges, for every group that `mark` has made.
@@ -227,11 +237,6 @@ class FoldMap(ABC):
             InputError: the mesh does not have the groups, the ratio is out of its range, or
                 `Crease` refuses an argument.
         """
-        check(
-            0 <= set_angle_ratio <= 1,
-            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; "
-            "give a number from 0 (flat at rest) to 1.",
-        )
         lines = self.lines(film.mesh)
         for line in lines:
             check(

@@ -129,6 +129,10 @@ class Strip(FoldMap):
         return np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
 
 
+# Most panels: beyond a million a film of one metre has folds of a micrometre.
+MAX_FOLDS = 10**6
+
+
 @check_arguments
 @dataclass(frozen=True)
 class Zigzag(Strip):
@@ -164,7 +168,7 @@ class Zigzag(Strip):
     """
 
     called: ClassVar[str] = "fold.Zigzag"
-    panels: Annotated[int, Range(2)] = 2
+    panels: Annotated[int, Range(2, MAX_FOLDS)] = 2
     _: KW_ONLY
     # At π/2 panels are pressed shut.
     angle: Annotated[float, Range(0.0, math.pi / 2, "rad", above=True)] = 1.4

@@ -29,7 +29,8 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check, real_numbers
+from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -59,7 +60,7 @@ class Gores:
     """
 
     profile: Array
-    count: int
+    count: Annotated[int, Range(3)]
 
     @cached_property
     def arc_lengths(self) -> Array:
@@ -86,7 +87,14 @@ class Gores:
         """Distance [m] of the middle lines of panels in the mesh."""
         return PITCH * float(self.width(self.arc_lengths).max())
 
-    def mesh(self, comm: MPI.Intracomm, *, along: int, across: int) -> Mesh:
+    @check_arguments
+    def mesh(
+        self,
+        comm: MPI.Intracomm,
+        *,
+        along: Annotated[int, Range(2)],
+        across: Annotated[int, Range(1)],
+    ) -> Mesh:
         """All gores, the flat panels of a body of revolution, in one mesh, side by side in the
         plane z = 0.
 
@@ -103,13 +111,10 @@ class Gores:
         Raises:
             InputError: too few cells.
         """
-        check(
-            along >= 2 and across >= 1,
-            f"Gores: along is {along!r} and across {across!r}; "
-            "give 2 cells along and 1 across or more.",
-        )
+        check_cells("Gores.mesh", 2 * self.count * along * across)
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
+    @check_arguments
     def placed(self, X: Array, apart: float = 0.0) -> Array:
         """Displacement (3, n) [m] of mesh points that moves each gore to its position without
         strain.
@@ -133,6 +138,7 @@ class Gores:
         x2 = radius * np.sin(angle) + y * np.cos(angle)
         return np.stack([x1, x2, height]) - X
 
+    @check_arguments
     def seams(
         self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)
     ) -> list[Seam]:
@@ -226,11 +232,9 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: Annotated[int, Range(3)
         >>> round(sphere.length, 2), round(float(sphere.width(sphere.length / 2)), 3)
         (3.14, 0.524)
     """
-    points = np.array(profile, dtype=float)
-    check(
-        points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3,
-        f"gores: profile has the shape {points.shape}; give three points (radius, height) or more.",
-    )
+    points = real_numbers(profile)
+    if points is None or points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise InputError("gores: profile is no list of three points (radius, height) or more.")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     repeated = np.flatnonzero(steps <= 0)
     check(

@@ -9,10 +9,10 @@ are not straight. Measure yours, and give `TabulatedCable` what you measure.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.mechanics.bodies.cable import CableLaw
 
 # Of a makers' unit of the modulus: cN/dtex times g/cm³ is this many Pa.
@@ -41,7 +41,8 @@ class Fibre:
     density: float
     source: str
 
-    def law(self, *, linear_density: float) -> CableLaw:
+    @check_arguments
+    def law(self, *, linear_density: Annotated[float, positive("kg/m")]) -> CableLaw:
         """The law of a cable of straight fibres.
 
         EA = (E/ρ) μ, so that the gaps between the fibres do not matter.
@@ -52,10 +53,6 @@ class Fibre:
         Raises:
             InputError: a linear density that is not positive.
         """
-        check(
-            math.isfinite(linear_density) and linear_density > 0,
-            f"{self.name}: linear_density is {linear_density!r} kg/m; give a positive number.",
-        )
         return CableLaw(EA=self.E / self.density * linear_density, line_density=linear_density)
 
 

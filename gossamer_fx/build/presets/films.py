@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.mechanics.materials.film import IsotropicFilm, Miyazaki
 
 
@@ -35,6 +35,7 @@ class FilmMaterial:
     source: str
     yield_stress: float | None = None
 
+    @check_arguments
     def law(
         self, thickness: float, kind: type[IsotropicFilm] = Miyazaki, **numbers: Any
     ) -> IsotropicFilm:
@@ -49,10 +50,6 @@ class FilmMaterial:
             InputError: a thickness that is not positive, `kind` is not such a class, or what the
                 law refuses.
         """
-        check(
-            isinstance(kind, type) and issubclass(kind, IsotropicFilm),
-            f"{self.name}: {kind!r} is not a law of a film; give a class, e.g. Miyazaki.",
-        )
         return kind(E=self.E, nu=self.nu, density=self.density, thickness=thickness, **numbers)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.mechanics.materials.orthotropic import LinearOrthotropic, Orthotropic
 
 
@@ -39,6 +39,7 @@ class Lamina:
     density: float
     source: str
 
+    @check_arguments
     def law(
         self,
         thickness: float,
@@ -56,11 +57,6 @@ class Lamina:
         Raises:
             InputError: a thickness that is not positive, another `kind`, or what the law refuses.
         """
-        check(
-            kind in (LinearOrthotropic, Orthotropic),
-            f"{self.name}: {kind!r} is not a law of orthotropic films; "
-            "give LinearOrthotropic or Orthotropic.",
-        )
         return kind(
             self.E1,
             self.E2,

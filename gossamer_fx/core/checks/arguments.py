@@ -56,7 +56,7 @@ _DESCRIPTIONS = {
     "StressRule": "a stress rule, e.g. PathAverage()",
     "Joint": "a joint, e.g. BallJoint",
     "State": "a Simulation or an Equilibrium",
-    "Item": "parts of a scene: bodies, gas, loads, constraints or connectors",
+    "Item": "items of a scene: bodies, gas, loads, constraints or connectors",
     "Holder": "a reservoir or surroundings",
     "Volume": "a chamber or tank",
     "Event": "an At or a When",
@@ -70,6 +70,11 @@ _DESCRIPTIONS = {
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 _CALLABLE: Any = Callable  # compared with the origin of an annotation
 _MAX_SHOWN = 40  # characters of a value in a message
+# Bytes of a path and of a name in it that file systems take.
+MAX_PATH = 4095
+MAX_FILE_NAME = 255
+# First arguments of methods, which no user gives.
+RECEIVERS = frozenset({"self", "cls"})
 
 
 @dataclass(frozen=True)
@@ -167,17 +172,23 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
         name = function.__name__
         if name == "__init__":
             name = type(args[0]).__name__
+        elif next(iter(signature().parameters), "") == "self":
+            name = f"{type(args[0]).__name__}.{name}"
         try:
-            given = signature().bind(*args, **kwargs).arguments
+            bound = signature().bind(*args, **kwargs)
         except TypeError as error:
             message = _wrong_call(signature(), args, kwargs, error)
             raise InputError(f"{name}: {message}.") from None
-        # Parts of a scene have names, which tell which of several is meant.
+        given = bound.arguments
+        # Items of a scene have names, which tell which of several is meant.
         if isinstance(given.get("name"), str):
             name = f"{name} '{given['name']}'"
         for argument, value in given.items():
-            if argument == "self":
+            if argument in RECEIVERS:
                 continue
+            # A later change of the array would change what is made of it.
+            if isinstance(value, np.ndarray):
+                given[argument] = value.copy()
             parameter = signature().parameters[argument]
             # A default needs no check, and no import of what its annotation names.
             if value is parameter.default:
@@ -193,7 +204,7 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                 raise InputError(
                     f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
                 )
-        return function(*args, **kwargs)
+        return function(*bound.args, **bound.kwargs)
 
     return call
 
@@ -212,7 +223,7 @@ def _wrong_call(
 ) -> str:
     """Explain in one clause of a message why arguments do not fit a signature: unknown names first,
     then too many positional arguments, then missing ones."""
-    parameters = [p for p in signature.parameters.values() if p.name != "self"]
+    parameters = [p for p in signature.parameters.values() if p.name not in RECEIVERS]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"
     unknown = [argument for argument in kwargs if argument not in names]
@@ -224,7 +235,7 @@ def _wrong_call(
         if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
     ]
     given = len(args)
-    if "self" in signature.parameters:
+    if not RECEIVERS.isdisjoint(signature.parameters):
         given -= 1
     if given > len(positional):
         limit = "in all cases"
@@ -260,7 +271,8 @@ def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
     other modules."""
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
-    if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
+    is_constructor = function.__name__ == "__init__"
+    if is_constructor and isinstance(owner, type) and "__dataclass_params__" in vars(owner):
         for base in owner.__mro__:
             if argument in inspect.get_annotations(base):
                 return sys.modules[base.__module__]
@@ -401,9 +413,10 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
     if issubclass(origin, Mapping):
         return _mapping(arguments[0], arguments[1])
     if issubclass(origin, type):
+        names = " or ".join(one.__name__ for one in get_args(arguments[0]) or arguments)
         return Kind(
             lambda value: isinstance(value, type) and issubclass(value, arguments[0]),
-            f"a kind of {arguments[0].__name__}",
+            f"a kind of {names}",
         )
     if issubclass(origin, Collection):
         return _collection(arguments[0])
@@ -521,11 +534,15 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _is_path(value: Any) -> bool:
-    """Whether a value can be the name of a file: null characters cannot, nor what has no bytes."""
+    """Whether a value can be the name of a file: null characters cannot, nor what has no bytes or
+    too many for a file system."""
     if not isinstance(value, str | PathLike):
         return False
     try:
-        return b"\0" not in os.fsencode(value)
+        path = os.fsencode(value)
+        names = path.split(os.fsencode(os.sep))
+        is_short = len(path) <= MAX_PATH and max(map(len, names)) <= MAX_FILE_NAME
+        return b"\0" not in path and is_short
     except (TypeError, UnicodeEncodeError):
         return False
 
@@ -535,7 +552,7 @@ _SIMPLE: dict[Any, Kind] = {
     int: Kind(_is_whole_number, "a whole number"),
     bool: Kind(lambda value: isinstance(value, bool | np.bool_), "True or False"),
     str: Kind(lambda value: isinstance(value, str), "a word"),
-    Path: Kind(_is_path, "a path without null characters"),
+    Path: Kind(_is_path, "a path without null characters and of names up to 255 bytes"),
     None: Kind(lambda value: value is None, "None"),
     type(None): Kind(lambda value: value is None, "None"),
     typing.IO[str]: Kind(lambda value: hasattr(value, "write"), "an open file"),
@@ -546,6 +563,9 @@ _SIMPLE: dict[Any, Kind] = {
 def _shown(value: Any) -> str:
     """A value as a message shows it: itself if that is short, else its class."""
     text = repr(value)
+    # The end of a path is the name of the file.
+    if isinstance(value, str | PathLike) and len(text) > _MAX_SHOWN:
+        return f"'...{os.fspath(value)[-_MAX_SHOWN:]}'"
     # Objects show in angle brackets what they contain, which is not what is wrong with them.
     is_object = text.startswith("<")
     if "\n" in text or len(text) > _MAX_SHOWN or is_object or " object at " in text:

@@ -156,16 +156,16 @@ def check(condition: bool, message: str) -> None:
         raise InputError(message)
 
 
-def check_positive(item: Any, quantity: str, unit: str) -> None:
-    """Raise `InputError` unless an attribute of a named item is a finite, positive number.
+def check_positive(owner: Any, quantity: str, unit: str) -> None:
+    """Raise `InputError` unless an attribute of a named object is a finite, positive number.
 
     Args:
-        item: object with a `name`.
+        owner: object with a `name`.
         quantity: name of the attribute.
         unit: SI unit of the attribute, for the message.
     """
-    what = f"{type(item).__name__} '{item.name}': {quantity}"
-    require_positive(what, getattr(item, quantity), unit)
+    what = f"{type(owner).__name__} '{owner.name}': {quantity}"
+    require_positive(what, getattr(owner, quantity), unit)
 
 
 def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:

@@ -9,8 +9,9 @@ from typing import Any
 
 from mpi4py import MPI
 
-# mpirun passes SIGUSR1 on to its ranks; after the other two it kills them before a long step ends.
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
+# mpirun passes SIGUSR1 and SIGUSR2 on to its ranks; after the other two it kills them before a long
+# step ends.
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
 
 # The exit code of a program that a signal ends is this number plus that of the signal.
 EXIT_CODE_OFFSET = 128
@@ -22,7 +23,7 @@ class Interrupted(SystemExit):
     If it is not caught, it ends the program with the code 128 + number of the signal.
 
     Attributes:
-        signal: the signal.
+        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT.
 
     Example:
         >>> import signal
@@ -31,12 +32,14 @@ class Interrupted(SystemExit):
     """
 
     def __init__(self, number: int) -> None:
+        if number == signal.SIGUSR2:
+            number = signal.SIGINT
         super().__init__(EXIT_CODE_OFFSET + number)
         self.signal = signal.Signals(number)
 
 
 class Listener:
-    """Context in which SIGTERM, SIGINT and SIGUSR1 are noted instead of having their usual effect.
+    """Context in which `SIGNALS` are noted instead of having their usual effect.
     A second signal of the same kind has its usual effect, so that a step that never ends can be
     stopped."""
 

@@ -96,12 +96,13 @@ class Piece:
     state; empty where start = end.
 
     `stress(ea, eb)` is the stress (3,) [N/m] of that state, averaged along the path from the strain
-    ea (3,) to the strain eb (3,).
+    ea (3,) to the strain eb (3,); `state` is its number, of a law that has several.
     """
 
     start: Expr
     end: Expr
     stress: Callable[[Expr, Expr], Expr]
+    state: int = 0
 
 
 def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:

@@ -1,30 +1,39 @@
-"""Extraction of a mesh from gmsh as arrays, and reading of mesh files in a separate process.
+"""Extraction of a mesh from gmsh as arrays, in a process of its own.
 
-Files are read with two precautions:
+gmsh hangs on some geometry, where no signal handler of Python runs, and on some damaged files it
+ends the program.  So it works in a child process, a fork of this one, which returns the arrays or
+one sentence about what is wrong, and which a time limit or Ctrl-C ends.
 
-1. gmsh executes any file that it does not recognise as a mesh, and its geometry scripts may run
-   system commands.  So only files that begin as MSH files do are given to gmsh, under a name that
-   ends in .msh.
-2. gmsh ends the program in which it runs on some damaged files.  So a child process reads the file.
-   It prints one sentence about what is wrong, or writes the arrays to a file.
+gmsh executes any file that it does not recognise as a mesh, and its geometry scripts may run system
+commands.  So only files that begin as MSH files do are given to gmsh, under a name that ends in
+.msh.
 
 Nothing in this module needs MPI.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import re
-import subprocess
+import resource
+import select
+import signal
 import sys
 import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.lone_errors import end_with_launcher
 
 Integers = npt.NDArray[np.int64]
 
@@ -39,17 +48,24 @@ _KINDS = {
 # Largest coordinate [m].  Checks of the mesh compute squares, which must not overflow.
 _FARTHEST = 1e100
 
-# Exit code of the child process after it has printed what is wrong with the file.
-_REFUSED = 3
+# Largest round-off of coordinates over the size of the smallest cell: an error of its strains.
+_ROUND_OFF = 1e-6
+
+# Seconds after which gmsh is ended: a million triangles take it 20 s.
+TIME_LIMIT = 120.0
 
 # Bytes at the beginning of a file that are searched for the format.
 _HEAD = 200
 
-# Variables of MPI launchers.  A child process that inherits them takes itself for an MPI process.
-_LAUNCHER_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_")
-
 # The first two lines of an MSH file: the version, 0 for text or 1 for binary, bytes of a number.
 _MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
+
+
+# Most cells of a mesh that is made here: more than the solver takes on any machine of today.
+MAX_CELLS = 20_000_000
+
+# Bytes that are read from a pipe at once.
+_CHUNK = 1 << 20
 
 
 class BadMesh(ValueError):
@@ -119,12 +135,29 @@ def extract(model: Any) -> RawMesh:
         f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; "
         "mesh it again.",
     )
+    cells = np.searchsorted(used, cells)
+    sizes = np.ptp(points[cells], axis=1).max(axis=1)
+    farthest = float(np.abs(points).max())
+    smallest = float(sizes[sizes > 0].min(initial=np.inf))
+    _check(
+        np.spacing(farthest) <= _ROUND_OFF * smallest,
+        f"Cells of {smallest:.3g} m are up to {farthest:.3g} m from the origin, where coordinates "
+        f"are {np.spacing(farthest):.1g} m apart; move the mesh to the origin.",
+    )
     return RawMesh(
         kind=kind,
         order=order,
         points=points,
-        cells=np.searchsorted(used, cells),
+        cells=cells,
         groups=_groups(model, dim, used),
+    )
+
+
+def check_cells(what: str, cells: float) -> None:
+    """Raise `InputError` unless a mesh has so few cells that it can be made; before it is."""
+    check(
+        cells <= MAX_CELLS,
+        f"{what} has about {cells:.2g} cells; give larger ones, at most {MAX_CELLS:g} in all.",
     )
 
 
@@ -213,10 +246,122 @@ def _check(condition: bool, message: str) -> None:
         raise BadMesh(message)
 
 
+# ---- child processes -----------------------------------------------------------------------------
+
+
+def in_child(build: Callable[[], RawMesh], what: str, time_limit: float) -> RawMesh:
+    """Return the mesh that a function builds with gmsh in a fork of this process.
+
+    Args:
+        build: may raise `BadMesh`; of what it changes only files remain.
+        what: the work of gmsh in messages, "the mesh of ...".
+        time_limit: [s].
+
+    Raises:
+        BadMesh: what `build` raises, in one sentence and with its traceback as a note; gmsh breaks
+            off, or takes more than the time limit.
+    """
+    # Loaded here, so that forks need not do it again.
+    import gmsh  # noqa: F401
+
+    reader, writer = os.pipe()
+    # Else the child would write again what is buffered.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with warnings.catch_warnings():
+        # Python warns of threads, which are those of the linear algebra; they are idle.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if not child:
+        _answer(build, what, writer)
+    os.close(writer)
+    # Also Ctrl-C ends the child, here or by its own signal.
+    try:
+        answer = _received(reader, what, time_limit)
+    finally:
+        os.close(reader)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    if isinstance(answer, RawMesh):
+        return answer
+    words, trace = answer
+    error = BadMesh(words)
+    error.add_note(trace)
+    raise error
+
+
+def _answer(build: Callable[[], RawMesh], what: str, pipe: int) -> NoReturn:
+    """Send the mesh, or a sentence and a traceback, through a pipe, and end this fork."""
+    try:
+        end_with_launcher()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_DFL)
+        _limit_memory()
+        answer: RawMesh | tuple[str, str]
+        try:
+            answer = build()
+        except BaseException as error:
+            answer = _sentence(error, what), traceback.format_exc()
+        with os.fdopen(pipe, "wb") as file:
+            pickle.dump(answer, file, pickle.HIGHEST_PROTOCOL)
+        sys.stdout.flush()
+    finally:
+        # Handlers of this process's end, such as those of MPI, belong to its parent.
+        os._exit(0)
+
+
+def _limit_memory() -> None:
+    """Let this process fail alone when it takes half of the memory, not the machine."""
+    if sys.platform != "linux":
+        return
+    page = os.sysconf("SC_PAGE_SIZE")
+    pages_used = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = page * (pages_used + os.sysconf("SC_PHYS_PAGES") // 2)
+    _, allowed = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed == resource.RLIM_INFINITY or limit < allowed:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, allowed))
+
+
+def _sentence(error: BaseException, what: str) -> str:
+    """What is wrong, in one sentence."""
+    # Those of the package are sentences.
+    if isinstance(error, ValueError) and type(error).__module__.startswith("gossamer_fx."):
+        return str(error)
+    # gmsh has no words when memory runs out.
+    words = " ".join(str(error).split()) or "no words, as when memory runs out"
+    return f"{what} cannot be made: {type(error).__name__} ({words}); correct it."
+
+
+def _received(pipe: int, what: str, time_limit: float) -> RawMesh | tuple[str, str]:
+    """What a child process sends, a mesh or a sentence and a traceback; `BadMesh`: it ends without
+    an answer, or has none within the time limit [s]."""
+    deadline = time.monotonic() + time_limit
+    received = bytearray()
+    while True:
+        remaining = deadline - time.monotonic()
+        is_ready = select.select([pipe], [], [], max(remaining, 0.0))[0]
+        _check(
+            bool(is_ready),
+            f"{what} was not made within {time_limit:g} s; look for outlines that cross or for "
+            "cells that are too small, or give a larger time_limit.",
+        )
+        part = os.read(pipe, _CHUNK)
+        if not part:
+            break
+        received += part
+    _check(
+        bool(received),
+        f"gmsh broke off at {what[0].lower()}{what[1:]}; correct its geometry, or write a file "
+        "again as MSH 4.1.",
+    )
+    answer: RawMesh | tuple[str, str] = pickle.loads(received)
+    return answer
+
+
 # ---- files ---------------------------------------------------------------------------------------
 
 
-def read_file(path: Path) -> RawMesh:
+def read_file(path: Path, time_limit: float = TIME_LIMIT) -> RawMesh:
     """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of one
     rank.
 
@@ -225,52 +370,20 @@ def read_file(path: Path) -> RawMesh:
     """
     _check_format(path)
     with tempfile.TemporaryDirectory() as folder:
-        arrays = Path(folder) / "mesh.npz"
         # gmsh decides by the suffix before it looks into a file, and reads options from files next
         # to it; so it gets the file in an empty folder and with the right suffix.
-        mesh = Path(folder) / "mesh.msh"
-        mesh.symlink_to(path.resolve())
-        environment = {}
-        for name, value in os.environ.items():
-            if not name.startswith(_LAUNCHER_VARIABLES):
-                environment[name] = value
-        # Without -P a file gmsh.py in the current folder would be executed.  The package may be
-        # there, too: its folder is named.
-        home = str(Path(__file__).parents[3])
-        others = os.environ.get("PYTHONPATH", "")
-        environment["PYTHONPATH"] = os.pathsep.join(path for path in (home, others) if path)
-        module = "gossamer_fx.core.mesh.gmsh_reader"
-        child = subprocess.run(
-            [sys.executable, "-P", "-m", module, str(mesh), str(arrays)],
-            capture_output=True,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-        )
-        reason = child.stdout.decode(errors="replace").strip()
-        if child.returncode == _REFUSED and reason:
-            raise BadMesh(reason.replace(str(mesh), str(path)))
-        if child.returncode or not arrays.is_file():
-            raise BadMesh(
-                f"gmsh broke off when it read '{path}'; "
-                "the file is damaged, write it again as MSH 4.1."
-            )
-        return _load(arrays)
+        link = Path(folder) / "mesh.msh"
+        link.symlink_to(path.resolve())
 
+        def read() -> RawMesh:
+            import gmsh
 
-def _load(arrays: Path) -> RawMesh:
-    """Return the mesh in a file that the child process has written."""
-    with np.load(arrays) as file:
-        about = json.loads(str(file["about"]))
-        groups = {}
-        for number, (name, dim) in enumerate(about["groups"]):
-            groups[name] = dim, file[f"group {number}"]
-        return RawMesh(
-            kind=about["kind"],
-            order=about["order"],
-            points=file["points"],
-            cells=file["cells"],
-            groups=groups,
-        )
+            gmsh.initialize(readConfigFiles=False, interruptible=False)
+            gmsh.option.setNumber("General.Terminal", 0)
+            gmsh.merge(str(link))
+            return extract(gmsh.model)
+
+        return in_child(read, f"The mesh of the file '{path}'", time_limit)
 
 
 def _check_format(path: Path) -> None:
@@ -288,45 +401,3 @@ def _check_format(path: Path) -> None:
         f"'{path}' is not in MSH format 2.2 or 4.x; "
         "write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
     )
-
-
-def _read_here(path: str, arrays: str) -> None:
-    """Read a file with gmsh in this process, and write its mesh to an .npz file: points [m], cells,
-    and the nodes of each named group."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    try:
-        gmsh.merge(path)
-        raw = extract(gmsh.model)
-    except BadMesh:
-        raise
-    # gmsh raises plain Exception; names in a damaged file may raise UnicodeDecodeError.
-    except Exception as error:
-        words = " ".join(str(error).split())
-        raise BadMesh(f"gmsh cannot read '{path}' ({words}); write it again as MSH 4.1.") from error
-    about = {
-        "kind": raw.kind,
-        "order": raw.order,
-        "groups": [(name, d) for name, (d, _) in raw.groups.items()],
-    }
-    # Names of groups may contain any character; names inside the file are numbers.
-    entities = {}
-    for number, (_, nodes) in enumerate(raw.groups.values()):
-        entities[f"group {number}"] = nodes
-    contents: dict[str, Any] = {
-        "about": json.dumps(about),
-        "points": raw.points,
-        "cells": raw.cells,
-        **entities,
-    }
-    np.savez(arrays, **contents)
-
-
-if __name__ == "__main__":
-    try:
-        _read_here(sys.argv[1], sys.argv[2])
-    except BadMesh as error:
-        print(error)
-        sys.exit(_REFUSED)

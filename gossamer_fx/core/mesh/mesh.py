@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,18 @@ from dolfinx.graph import adjacencylist
 from dolfinx.io import distribute_entity_data
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
 from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
-from gossamer_fx.core.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
+from gossamer_fx.core.mesh.gmsh_reader import (
+    TIME_LIMIT,
+    BadMesh,
+    RawMesh,
+    extract,
+    in_child,
+    read_file,
+)
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -84,6 +91,7 @@ class Mesh:
         ]
         return f"groups: {', '.join(names) or 'none'}"
 
+    @check_arguments
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
         """Return dimension and local entities (owned and ghost) of a named group.
 
@@ -193,7 +201,13 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
 
 
 @check_arguments
-def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
+def gmsh_mesh(
+    build: Callable[[Any], None],
+    comm: MPI.Intracomm,
+    *,
+    orient: bool = False,
+    time_limit: Annotated[float, positive("s")] = TIME_LIMIT,
+) -> Mesh:
     """Generate a mesh with gmsh on rank 0 and distribute it over all ranks.  Collective.
 
     The cells are the elements of the highest dimension; physical groups, also those of curves and
@@ -201,14 +215,17 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool
 
     Args:
         build: function that takes `gmsh.model`, creates geometry [m] and physical groups, and calls
-            `model.mesh.generate`.
+            `model.mesh.generate`.  It runs in a child process: of what it changes, only the model
+            and files remain.
         comm: the ranks to which the mesh is distributed.
         orient: whether to turn triangles so that the normals of neighbours agree, and those of a
             closed surface, or of one whose rims are small, point outwards.
+        time_limit: [s] after which gmsh is ended, as it may hang on outlines that cross.
 
     Raises:
         InputError: the model has no elements, elements of several kinds or coordinates that are not
-            finite, `build` raises an error, or `orient` finds a surface with one side.
+            finite, `build` raises an error or takes too long, or `orient` finds a surface with one
+            side.
 
     >>> import gossamer_fx as gx
     >>> from mpi4py import MPI
@@ -220,7 +237,8 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool
     >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
     2
     """
-    return _distribute_mesh(comm, on_rank_zero(comm, lambda: _build(build, orient)))
+    what = "The mesh of your function"
+    return built(build, comm, what, orient=orient, time_limit=time_limit)
 
 
 def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
@@ -233,30 +251,33 @@ def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
     return oriented(raw)
 
 
-def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
-    """Call a user's function in a new gmsh session, and extract the mesh from it; on rank 0."""
-    # Most scenes read a file or run on other ranks; gmsh is loaded only here.
-    import gmsh
+def built(
+    build: Callable[[Any], None],
+    comm: MPI.Intracomm,
+    what: str,
+    *,
+    orient: bool = False,
+    time_limit: float = TIME_LIMIT,
+) -> Mesh:
+    """Distribute the mesh that a function builds in a new session of gmsh, see `gmsh_mesh`; `what`
+    names the mesh in messages.  Collective."""
 
-    gmsh.initialize(interruptible=False)
-    try:
+    def raw() -> RawMesh:
+        import gmsh
+
+        gmsh.initialize(interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
         build(gmsh.model)
         return _oriented_if(orient, extract(gmsh.model))
-    except InputError:
-        raise
-    except BadMesh as error:
-        raise InputError(str(error)) from error
-    # Any error of `build` becomes an error of all ranks; otherwise the others would wait for rank
-    # 0.
-    except Exception as error:
-        words = " ".join(str(error).split()) or "no words"
-        raise InputError(
-            f"The function that builds the mesh raises {type(error).__name__} ({words}); "
-            "correct it."
-        ) from error
-    finally:
-        gmsh.finalize()
+
+    def task() -> RawMesh:
+        # Any error becomes an error of all ranks; otherwise the others would wait for rank 0.
+        try:
+            return in_child(raw, what, time_limit)
+        except BadMesh as error:
+            raise InputError(str(error)) from error
+
+    return _distribute_mesh(comm, on_rank_zero(comm, task))
 
 
 def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:

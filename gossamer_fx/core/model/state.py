@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx import fem
@@ -29,13 +30,21 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, Attached, Body, Ground, is_on_mesh
 
 
+@runtime_checkable
+class HasSystem(Protocol):
+    """Something with a compiled scene, `system`: a `Simulation` or an `Equilibrium`."""
+
+    system: Any
+
+
 class BodyState:
     """One body in a state; what it returns is of this rank and read-only, unless stated
     otherwise."""
 
-    def __init__(self, body: Body, part: slice, q: PETSc.Vec, v: PETSc.Vec) -> None:
+    def __init__(self, body: Body, owned: slice, q: PETSc.Vec, v: PETSc.Vec) -> None:
         self.body = body
-        self.part = part
+        # Its rows in vectors of this rank.
+        self.owned = owned
         self._q = q
         self._v = v
 
@@ -70,7 +79,7 @@ class BodyState:
                 f"'{body.name}' has no mesh; ask for its coordinates instead of a function."
             )
         coordinates = fem.Function(body.full.space)
-        body.reconstruct(coordinates, self._q.array_r[self.part])
+        body.reconstruct(coordinates, self._q.array_r[self.owned])
         return coordinates
 
     def local_positions(self) -> Array:
@@ -93,7 +102,7 @@ class BodyState:
 
     def _vectors(self, vector: PETSc.Vec) -> Array:
         # `array_r` is a read-only view, so that readers cannot change the state.
-        values: Array = vector.array_r[self.part]
+        values: Array = vector.array_r[self.owned]
         return values.reshape(-1, self.body.block.size // 3, 3)
 
 
@@ -143,13 +152,19 @@ class State:
         """The state of the body with this name, if there is one."""
         return next((one for one in self if one.body.name == name), None)
 
+    def extent(self) -> float:
+        """The largest coordinate of a point of a body [m], 1 if all are zero: the round-off of
+        positions is a fraction of it.  Collective."""
+        largest = max((float(abs(one.positions()).max(initial=0.0)) for one in self), default=0.0)
+        return float(self.comm.allreduce(largest, op=MPI.MAX)) or 1.0
+
     def vector(self, port: Attached) -> Array:
         """The vector (3,) of a port: a point [m] or a director.  Collective, the same on every
         rank."""
         # A point of the ground is not among the unknowns.
         if isinstance(port, Ground):
             return port.initial()
-        return port.evaluate(self._q.array_r[self[port.body].part])
+        return port.evaluate(self._q.array_r[self[port.body].owned])
 
     def vectors(self, ports: Sequence[Attached]) -> Array:
         """The vectors (k, 3) of several ports.  Collective, the same on every rank."""
@@ -160,7 +175,7 @@ class State:
         rank."""
         if isinstance(port, Ground):
             return port.initial_rate()
-        return port.evaluate(self._v.array_r[self[port.body].part])
+        return port.evaluate(self._v.array_r[self[port.body].owned])
 
     def rates(self, ports: Sequence[Attached]) -> Array:
         """The rates (k, 3) of several ports.  Collective, the same on every rank."""
@@ -187,12 +202,12 @@ class InitialState(State):
 
     def place(self, body: Body, coordinates: Array) -> None:
         """Set the coordinates of a body's owned nodes, (n, s, 3) or flattened [m]."""
-        self._q.array[self[body].part] = np.ravel(coordinates)
+        self._q.array[self[body].owned] = np.ravel(coordinates)
 
     def set_in_motion(self, body: Body, rates: Array) -> None:
         """Set the rates of the coordinates of a body's owned nodes, (n, s, 3) or flattened
         [m/s]."""
-        self._v.array[self[body].part] = np.ravel(rates)
+        self._v.array[self[body].owned] = np.ravel(rates)
 
     def copy_to(self, q: PETSc.Vec, v: PETSc.Vec) -> None:
         """Write the coordinates and rates of all bodies to vectors that may have multipliers

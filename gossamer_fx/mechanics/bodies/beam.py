@@ -161,10 +161,10 @@ class Beam(Curve):
         """Axial strain Γ [-] of the strains e (6,) of `measure` less the thermal strain."""
         return e[0]
 
-    def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Axial force EA Γ [N] of the strains e (6,) of `measure` less the thermal strain: the
+    def axial_force(self, q: Expr, S: Expr) -> Expr:
+        """Axial force [N] of the stress S (6,) of the density, whatever the coordinates q (9,): the
         component along the normal of the section."""
-        return self.constants.EA * self.axial_strain(e)
+        return S[0]
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
@@ -188,6 +188,7 @@ class Beam(Curve):
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3
 
+    @check_arguments
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, group)

@@ -362,17 +362,18 @@ class Cable(Curve):
         if self.initial_strain is None and self.length_factor >= 1:
             return None
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        return self.axial_force(x, self.measure(x))
+        return self.axial_force(x, gradient(self.density, self.measure(x)))
 
-    def axial_force(self, q: Expr, e: Expr) -> Expr:
-        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ = |x'| by the natural
-        length and the strain e = (ε,) of `measure` less the thermal strain."""
+    def axial_force(self, q: Expr, S: Expr) -> Expr:
+        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ by the natural length
+        and the stress S (1,) [N] of the density: that of W, times the natural length over that of
+        the mesh."""
         dx = line_derivative(q)
         stretch = ufl.sqrt(ufl.dot(dx, dx))
         if self._length_ratio is not None:
-            stretch = stretch / self._length_ratio
-        stress = gradient(lambda strain: self.law.energy(strain, self.constants), e)
-        return stress[0] * stretch
+            # One ratio is that of the density, the other that of the stretch.
+            stretch = stretch / self._length_ratio**2
+        return S[0] * stretch
 
     def axial_strain(self, e: Expr) -> Expr:
         """Engineering strain λ - 1 of the strain e = (ε,) of `measure` less the thermal strain."""

@@ -260,6 +260,15 @@ class Between:
             f"{type(self).__name__} '{self.name}' joins the ground to itself; "
             "give a port of a body.",
         )
+        ends = [
+            (one.body, one.nodes, one.weights, one.vectors)
+            for one in (self.a, self.b)
+            if isinstance(one, Port)
+        ]
+        check(
+            len(ends) < 2 or ends[0] != ends[1],
+            f"{type(self).__name__} '{self.name}' joins a point to itself; give two points.",
+        )
 
     @property
     def _sides(self) -> tuple[Attached | Frame, Attached | Frame]:

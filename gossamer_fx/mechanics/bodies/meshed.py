@@ -15,11 +15,12 @@ from dolfinx import fem, geometry
 from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all
 from gossamer_fx.core.checks.user_functions import ask_points
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block, MeshBody, Port
+from gossamer_fx.core.model.body import Array, Block, MeshBody, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -133,6 +134,7 @@ class Meshed(ABC):
         x, y, z = self.space.tabulate_dof_coordinates()[node]
         return f"at the node ({x:.6g}, {y:.6g}, {z:.6g}) m of the mesh"
 
+    @check_arguments
     def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
         dim, entities = self.mesh.group(group)
@@ -141,11 +143,13 @@ class Meshed(ABC):
         nodes: np.ndarray = fem.locate_dofs_topological(self.space, dim, entities)
         return nodes
 
+    @check_arguments
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
         return Port(self, (global_node(self, group),))
 
-    def port_at(self, point: Sequence[float]) -> Port:
+    @check_arguments
+    def port_at(self, point: Vector) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes."""
         return interpolated(self, point)
 

@@ -3,7 +3,7 @@ to three directors, moved by what is tied to them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
@@ -172,22 +172,26 @@ class RigidBody(OneNode):
         measure = PointMeasure([self.frame().directors], H, L, c)
         yield PointConstraint(f"{self.name} directors", measure)
 
-    def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:
+    @check_arguments
+    def port(self, point: Vector = (0.0, 0.0, 0.0)) -> Port:
         """The material point with body coordinates `point` [m], from the centre of mass."""
         weights = (1.0, *(float(component) for component in point))
         return Port(self, (0, 0, 0, 0), weights=weights, vectors=(0, 1, 2, 3))
 
-    def port_at(self, place: Sequence[float]) -> Port:
+    @check_arguments
+    def port_at(self, place: Vector) -> Port:
         """The material point that is at `place` [m] in space at the start."""
         from_centre = np.asarray(place, dtype=float) - self._q[0]
         directors = self._q[1:]
         return self.port((directors @ from_centre).tolist())
 
-    def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
+    @check_arguments
+    def frame(self, point: Vector = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
         return Frame(self.port(point), (self.vector(1), self.vector(2), self.vector(3)))
 
-    def frame_at(self, place: Sequence[float]) -> Frame:
+    @check_arguments
+    def frame_at(self, place: Vector) -> Frame:
         """The body's axes at the material point that is at `place` [m] in space at the start."""
         return Frame(self.port_at(place), self.frame().directors)
 

@@ -25,7 +25,6 @@ Nothing is divided by a small difference.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
@@ -40,6 +39,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.csv_tables import csv_rows
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
@@ -106,6 +106,7 @@ class TabulatedCable(BarLaw):
         object.__setattr__(self, "force", tuple(force.tolist()))
 
     @staticmethod
+    @check_arguments
     def from_csv(path: str | Path, *, line_density: float) -> TabulatedCable:
         """Read a table with two columns, such as "strain [%]" and "force [kN]".
 
@@ -136,6 +137,7 @@ class TabulatedCable(BarLaw):
         """The corners of the force, equation (1) of the module."""
         return corners_of(np.asarray(self.strain), np.asarray(self.force))
 
+    @check_arguments
     def force_at(self, strain: Array) -> Array:
         """Force [N] at engineering strains, an array of any shape."""
         return self.corners.force(np.asarray(strain, dtype=float))
@@ -326,11 +328,7 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
     """Engineering strains and forces [N] of a CSV file with the header "strain [unit], force
     [unit]", its columns in any order."""
-    check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
-    # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in file if line.strip() and not line.lstrip().startswith("#")]
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
+    rows = [[cell.strip() for cell in row] for row in csv_rows(path)]
     header = rows[0] if rows else []
     factors = {}
     for name, units in (("strain", STRAIN_UNITS), ("force", FORCE_UNITS)):
@@ -352,10 +350,11 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             values = [factor * float(row[column]) for column, factor in factors.items()]
         except (ValueError, IndexError):
             values = []
+        # More cells than headings are numbers with a decimal comma.
         check(
-            len(values) == 2,
+            len(values) == 2 and len(row) == len(header),
             f"The table '{path}' has the row {number} '{', '.join(row)}'; "
-            "give two numbers in each row.",
+            "give a number in each column, with a decimal point.",
         )
         for values_so_far, value in zip(columns, values, strict=True):
             values_so_far.append(value)

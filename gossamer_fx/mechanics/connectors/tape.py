@@ -77,6 +77,7 @@ class Tape:
     name: str = "tape"
 
     @staticmethod
+    @check_arguments
     def along_edges(
         body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
@@ -101,29 +102,48 @@ class Tape:
         table = body.mesh.edges
         space = body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
-        chains = table.nodes(space, lines[lines < table.owned])
+        own_lines = lines[lines < table.owned]
+        chains = table.nodes(space, own_lines)
+        # Numbers of the mesh as it was read: bars have the same order on any number of ranks.
+        geometry = space.mesh.geometry
+        vertices_of_cells = space.mesh.topology.connectivity(2, 0).array
+        numbers_of_vertices = np.zeros(vertices_of_cells.max(initial=0) + 1, dtype=np.int64)
+        points_of_cells = geometry.dofmap[:, :3].ravel()
+        numbers_of_vertices[vertices_of_cells] = geometry.input_global_indices[points_of_cells]
+        numbers = numbers_of_vertices[table.vertices[own_lines]]
+        is_reversed = numbers[:, 0] > numbers[:, 1]
+        chains[is_reversed] = chains[is_reversed, ::-1]
+        edge_names = [tuple(row) for row in np.sort(numbers, axis=1).tolist()]
         x = space.tabulate_dof_coordinates()
         # An edge of order 2 is two bars, so that its middle node has a bar, too.
-        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
-        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        bars_per_edge = chains.shape[1] - 1
+        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(bars_per_edge)])
+        own_lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        nodes = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        # Bars have global nodes and are the same on every rank; a line is short compared with a
         # film.
-        own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
-        rows = body.comm.allgather(own_bars)
-        bars = [row for part in rows for row in part]
+        own_bars = [
+            (edge, *bar, length)
+            for edge, bar, length in zip(
+                bars_per_edge * edge_names, nodes.tolist(), own_lengths.tolist(), strict=True
+            )
+        ]
+        gathered = body.comm.allgather(own_bars)
+        # Sorted by edges; both bars of one edge are on one rank, and stay in their order.
+        bars = sorted((bar for of_rank in gathered for bar in of_rank), key=lambda bar: bar[0])
         check(
             len(bars) > 0,
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
             "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
-        _refuse_edges_without_length(body, edges, own, midpoints, name)
-        pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
-        lengths = [length_factor * length for _, _, length in bars]
+        _refuse_edges_without_length(body, edges, own_lengths, midpoints, name)
+        pairs = [(Port(body, (a,)), Port(body, (b,))) for _, a, b, _ in bars]
+        lengths = [length_factor * length for *_, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
+    @check_arguments
     def through(
         body: Membrane,
         law: BarLaw,

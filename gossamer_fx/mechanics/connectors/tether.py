@@ -173,6 +173,8 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         self._stencil = Stencil(self._at, self, False, system.rule)
         # Distances of the ends [m] at the start of the step; set by the first `commit`.
         self._l: Array = np.zeros(self._at.n)
+        # Mean tensions [N] of the last accepted step
+        self._mean_tension: Array = np.zeros(self._at.n)
         self._begun = False
 
     # ---- a step ----------------------------------------------------------------------------------
@@ -191,6 +193,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         # Unknowns (n, D) of the ends of this rank's n ropes.
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
+        self._mean_tension, _ = self._tension(length)
         if self._begun:
             self.length = self._next + self._slip(length)
         else:
@@ -254,10 +257,11 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
         return self._of_terms(self.length)
 
-    def tensions(self) -> Array:
-        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every
-        rank."""
-        return self._of_terms(self._k * np.maximum(self._l - self.length, 0.0))
+    def tensions(self, *, mean: bool) -> Array:
+        """Tension (n,) [N] of the rope of each term, the mean of the last step or that at its end,
+        the same on every rank."""
+        at_end = self._k * np.maximum(self._l - self.length, 0.0)
+        return self._of_terms(self._mean_tension if mean else at_end)
 
     def _of_terms(self, values: Array) -> Array:
         """Values (n,) of the ropes of this rank as those of each term, the same on every rank."""

@@ -34,9 +34,10 @@ class Fixed:
     """A support: positions of the nodes of a group, and rotations if asked, are fixed or
     prescribed.
 
-    The work of what moves or turns the nodes counts as supplied.  Their initial velocity is that of
-    the body; where it differs from the rate of the motion, the midpoint rule carries the difference
-    on as an oscillation of the velocity from step to step.
+    The work of what moves or turns the nodes counts as supplied.  Supports may share nodes where
+    they agree to a part of 1e-9, which is checked at each time.  The initial velocity of the nodes
+    is that of the body; where it differs from the rate of the motion, the midpoint rule carries the
+    difference on as an oscillation of the velocity from step to step.
 
     The rotation of a beam is that of its sections; that of a plate is its slope across an edge of
     its rim. Films and cables have none.  A section is turned by the shortest rotation from its
@@ -63,7 +64,8 @@ class Fixed:
     Raises:
         InputError: a group that the mesh does not have or that is empty, components that are not
             coordinates, a direction of length zero, a rotation of what has none; during a run, a
-            motion or direction that is not finite or of another shape.
+            motion or direction that is not finite or of another shape, or two supports that
+            disagree about a node.
 
     Example:
         >>> gx.Fixed(film, "left").name
@@ -103,6 +105,10 @@ class Fixed:
             check(
                 any(self.normal),
                 f"'{self.name}': normal is {self.normal!r}; give three numbers, not all zero.",
+            )
+            check(
+                self.components == ALL_COMPONENTS,
+                f"'{self.name}': components and normal are given; leave one of them out.",
             )
             check(
                 self.motion is None,

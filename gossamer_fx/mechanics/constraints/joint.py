@@ -42,17 +42,17 @@ from gossamer_fx.mechanics.bodies.frames import (
 )
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
-# Distance [m] up to which two points coincide: above the round-off of coordinates of some metres,
-# below any gap that somebody would model.
+# Distance up to which two points coincide, over the extent of the scene: mesh files keep this many
+# digits, and nobody would model a smaller gap.
 COINCIDE = 1e-8
 
 
 def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
-    """Check that the two points of a joint coincide in the initial state, within `COINCIDE`.
-    Collective."""
+    """Check that the two points of a joint coincide in the initial state, within `COINCIDE` of its
+    extent.  Collective."""
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
-        distance <= COINCIDE,
+        distance <= COINCIDE * start.extent(),
         f"Joint '{name}': its two points are {distance:.6g} m apart at the start; "
         "let them coincide.",
     )
@@ -120,7 +120,7 @@ def on_axis(
     n.  Collective."""
     gap = start.vector(b.origin) - start.vector(a.origin)
     check(
-        float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
+        float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE * start.extent(),
         f"{kind} '{name}': its second point is off the axis through the first; place both on it.",
     )
     # ½ z·H z = (x_b - x_a)·p for the stacked vectors z = (x_a, x_b, p), ports first.

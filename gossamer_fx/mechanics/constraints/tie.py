@@ -122,7 +122,7 @@ class Tie:
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
             comm,
-            far <= COINCIDE,
+            far <= COINCIDE * start.extent(),
             f"'{self.name}': "
             f"nodes of the first are up to {far:.3g} m away from the second line at the start; "
             "let them lie on it.",

@@ -24,19 +24,34 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the contact pressure on the points of bodies that this rank knows, in the accepted
-    state; collective. It is the sum of the sizes of all pairs' forces on a point, over the area of
-    the stress-free shape for which the point stands: pressures on both sides of a film add up.  The
-    area of cables and beams is length times diameter. Returns pressure (n,) [N/m²] of the n points
-    of bodies."""
+    """Return the contact pressure on the points of bodies that this rank knows, as the mean of the
+    last accepted step; collective. It is the sum of the sizes of all pairs' forces on a point, over
+    the area of the stress-free shape for which the point stands: pressures on both sides of a film
+    add up.  The area of cables and beams is length times diameter.  After a restart, until the next
+    step, it is that of the state alone. Returns pressure (n,) [N/m²] of the n points of bodies."""
     contact_set.stored_energy()
-    pairs = contact_set.pairs_with_energy()
     points = contact_set.points
+    end = contact_set.x0
+    pairs = contact_set.pairs_of_last_step()
+    start = end
+    α = 1.0
+    if pairs is None:
+        pairs = contact_set.pairs_with_energy()
+    else:
+        system = contact_set.system
+        start = points.at(system.previous, system.time - system.h)
+        α = system.rule.alpha
     force = np.zeros(points.count)
     if len(pairs):
-        x = contact_set.x0
-        # With the weight 1 of the end, forces are those of the state alone.
-        response = evaluate(pairs, x, x, contact_set.law, 1.0, by_pair=True)
+        response = evaluate(
+            pairs,
+            start,
+            end,
+            contact_set.law,
+            α,
+            by_pair=True,
+            push_back=contact_set.forces.push_back,
+        )
         of_pairs = np.asarray(response.forces).reshape(-1, 4, 3)
         np.add.at(force, pairs.points, np.linalg.norm(of_pairs, axis=2))
     of_bodies = force[: points.body_count]

@@ -17,7 +17,7 @@ are collective.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.mechanics.contact.active_set import FAR, Activation, StepDistances
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
@@ -36,6 +37,7 @@ from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     refuse_coincident,
@@ -69,8 +71,12 @@ MAX_UPDATE = 4.0
 # activation distance.  A jump of half of this distance is refused, however short the step is.
 MAX_DEVIATION = 0.25
 
-# Scaled distance beyond the range of a pair up to which a tape records it, against the round-off of
-# points that are placed again.
+# Way of an obstacle in a pseudo-step of an equilibrium that is allowed at any gap, over the
+# activation distance.
+MIN_STATIC_WAY = 0.05
+
+# Scaled distance beyond the range of a pair up to which a run tape records it, against the
+# round-off of points that are placed again.
 SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.
@@ -122,6 +128,7 @@ class ContactSet:
         self._energy = 0.0
         self._restored = history.restored
         self._accepted_pairs: ActivePairs | None = None
+        self._pairs_restored = history.restored
         # Of the present step: its times [s], velocities (m, 3) [m/s], which candidates are active,
         # distances of all candidates at x0, and at both ends as last solved for.
         self._start_time = 0.0
@@ -130,7 +137,7 @@ class ContactSet:
         self._active: MaskArray = np.zeros(0, dtype=bool)
         self._start: PairDistances | None = None
         self._solved: StepDistances | None = None
-        # Whether the pairs of the step are those of a tape, which are complete.
+        # Whether the pairs of the step are those of a run tape, which are complete.
         self._is_recorded = False
 
     @property
@@ -180,6 +187,7 @@ class ContactSet:
             has_energy = scaled < 1
             history.keep(pairs.identifier[has_energy], pairs.stiffness[has_energy])
         self._accepted_pairs = pairs
+        self._pairs_restored = history.restored
         # In statics the residual of the accepted state is asked for, too: whether it is in
         # equilibrium.
         if not self._is_static:
@@ -277,6 +285,15 @@ class ContactSet:
         _, pairs.stiffness = self.history.stiffness_of(pairs.identifier)
         return pairs
 
+    def pairs_of_last_step(self) -> ActivePairs | None:
+        """Return this rank's pairs in the step that led to the accepted state; after
+        `stored_energy`.  None if that is not known, as of a state that was restored, and in
+        statics."""
+        pairs = self._accepted_pairs
+        if self._is_static or self._pairs_restored != self.history.restored:
+            return None
+        return pairs
+
     # ---- the active set of a step ----
 
     def update_active_set(self) -> None:
@@ -297,7 +314,7 @@ class ContactSet:
         if not self._is_static:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
-        self._v = self.points.rates(system.v0, system.time, system.h)
+        self._v = self._velocities()
         if not self.history.reference_speed:
             self.history.reference_speed = self.pair_stiffness.reference_speed(system.h)
         # The present list is complete while all points are within their bounds.
@@ -312,14 +329,53 @@ class ContactSet:
         self._grow_activation(self._start.gap)
         # For the predicted end; `extend_active_set` corrects it after the solution.
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
+        if self._is_static:
+            self._refuse_long_way(step)
         self._set_active(step.may_touch(self.activation.of(self.candidates)), self._start)
 
-    def set_static_load(self, force: float) -> None:
-        """Take the norm [N] of all loads of an equilibrium, for which stiffness is derived."""
-        of_owned = self.mesh.area[: self.points.body_count][self.mesh.shared.is_own]
-        squares = self.system.comm.allreduce(float(of_owned @ of_owned))
-        # A pressure p on nodes that stand for the areas A is the force p |A|.
-        self.pair_stiffness.static_pressure = force / math.sqrt(squares)
+    def _velocities(self) -> Array:
+        """Return the velocities (m, 3) [m/s] that predict the end of the step.  In an equilibrium
+        only obstacles move, from where they were in the accepted state."""
+        system = self.system
+        if self._is_static:
+            moved = self.points.at(system.q0, self._end_time) - self.x0
+            return np.asarray(moved / system.h)
+        return self.points.rates(system.v0, self._start_time, system.h)
+
+    def _refuse_long_way(self, step: StepDistances) -> None:
+        """Refuse a pseudo-step of an equilibrium in which obstacles pass through bodies as these
+        are: Newton's iteration would start on the wrong side.
+
+        Raises:
+            Inadmissible: the way is longer than that which is always allowed.
+        """
+        start = step.start
+        prescribed = self.points.prescribed
+        ways = np.linalg.norm(step.end.x[prescribed] - start.x[prescribed], axis=1)
+        if ways.max(initial=0.0) <= MIN_STATIC_WAY * self.activation_distance:
+            return
+        candidates = start.candidates
+        activation_distance = self.activation.of(candidates)
+        kept = KEPT_GAP * np.minimum(start.gap, activation_distance)
+        is_behind = is_wall(candidates.kind) & (step.end.gap < kept)
+        everything = np.ones(len(candidates), dtype=bool)
+        passed = step.violations(activation_distance, among=everything)
+        if self.system.comm.allreduce(bool(is_behind.any() or len(passed))):
+            raise Inadmissible(
+                f"an obstacle moves by {ways.max():.3g} m, through bodies that it has to move"
+            )
+
+    def set_static_load(self, force: float, tensions: Mapping[str, float]) -> None:
+        self.pair_stiffness.set_static_load(force, tensions)
+
+    def stiffen(self) -> bool:
+        """Stiffen all pairs if those with energy are nearly closed in the accepted state of an
+        equilibrium: supports or obstacles press them, whose forces are not known before."""
+        if self.pair_stiffness.given is not None:
+            return False
+        own_sums = np.array([self.stored_energy(), self.history.stiffness.sum()])
+        energy, stiffness = self.system.comm.allreduce(own_sums)
+        return self.pair_stiffness.stiffen(float(energy / max(stiffness, TINY)))
 
     def _predicted_end(self) -> Array:
         """Return the points (m, 3) [m] at the end of a step without forces."""
@@ -333,7 +389,7 @@ class ContactSet:
 
         def read() -> StepPoints:
             self.x0 = self.points.at(system.q0, self._start_time)
-            self._v = self.points.rates(system.v0, self._start_time, system.h)
+            self._v = self._velocities()
             return StepPoints(self.x0, self._v, end())
 
         self.search.find(read, system.time, system.h)

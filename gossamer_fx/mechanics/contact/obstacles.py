@@ -9,7 +9,7 @@ with a radius, a cylinder an edge with a radius, a box eight corners.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.contact.geometry.contact_points import PrescribedMotion
 from gossamer_fx.mechanics.contact.stencils import (
     EdgeEdge,
     PairStencil,
@@ -35,6 +34,9 @@ from gossamer_fx.mechanics.contact.stencils import (
 if TYPE_CHECKING:
     # Drawing is loaded when a picture is made.
     from gossamer_fx.mechanics.contact.obstacle_drawing import DrawnSurface
+
+# Displacement [m], three numbers, over the time [s]
+PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Largest error of the products of a box's axes: they are orthonormal to round-off.
 ORTHONORMALITY = 1e-9

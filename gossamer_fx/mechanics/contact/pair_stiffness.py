@@ -5,7 +5,8 @@ A stiffness that was chosen by hand and cannot stop what comes is warned of once
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -35,27 +36,22 @@ class StiffnessWarning:
     """
 
     def __init__(
-        self,
-        stiffness: float,
-        activation_distance: float,
-        names: Sequence[str],
-        comm: MPI.Intracomm,
+        self, activation_distance: float, names: Sequence[str], comm: MPI.Intracomm
     ) -> None:
-        self._stiffness = stiffness
         self._activation_distance = activation_distance
         self._names = names
         self._comm = comm
         self.was_given = False
 
-    def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
-        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective. Of
-        all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped, or
-        if the warning was given before. `density`: area density of the lighter side (n,) [kg/m²];
-        `speed`: closing speed (n,) [m/s]."""
+    def check(self, stiffness: float, bodies: Int32Array, density: Array, speed: Array) -> None:
+        """Warn once, in the log, if the given stiffness [N/m³] cannot stop a contact pair;
+        collective. Of all ranks' pairs the one is named that needs most.  Nothing happens if all
+        are stopped, or if the warning was given before. `density`: area density of the lighter side
+        (n,) [kg/m²]; `speed`: closing speed (n,) [m/s]."""
         if self.was_given:
             return
         needed = STOPPING_FACTOR * density * speed**2
-        present = self._stiffness * self._activation_distance**2
+        present = stiffness * self._activation_distance**2
         largest = 0.0
         message = ""
         if len(needed) and needed.max() > present:
@@ -63,7 +59,7 @@ class StiffnessWarning:
             largest = float(needed[row])
             one, other = (self._names[number] for number in bodies[row])
             message = (
-                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' "
+                f"Contact: a stiffness of {stiffness:.3g} N/m³ is too soft to stop '{one}' "
                 f"and '{other}', which close at {speed[row]:.3g} m/s; "
                 f"give {largest / self._activation_distance**2:.2g} N/m³ at least, or leave it out."
             )
@@ -87,6 +83,15 @@ SHORT_TIME = 1e-3
 # equilibrium, of which a small area may have to carry much.
 STATIC_FACTOR = 10.0
 
+# Mean energy of pairs over their stiffness from which an equilibrium stiffens them: with both laws
+# they are closed to about 0.3 of the activation distance.
+CLOSED_ENERGY = 0.25
+
+# By how much they are stiffened at once, and in all: bodies between rigid walls stay closed,
+# however stiff contact is.
+STIFFENING = 10.0
+MAX_STIFFENING = 1e6
+
 # No density: divisions by smaller ones are meaningless.
 TINY = 1e-300
 
@@ -96,7 +101,8 @@ class PairStiffness:
 
     Attributes:
         given: K [N/m³], or None.
-        static_pressure: pressure [N/m²] of the loads of an equilibrium; zero in dynamics.
+        static_pressure: pressure [N/m²] of the loads and the prestress of an equilibrium; zero in
+            dynamics.
     """
 
     def __init__(
@@ -110,11 +116,10 @@ class PairStiffness:
         self.given = stiffness
         self._activation_distance = activation_distance
         self._system = system
-        self._warning = StiffnessWarning(
-            stiffness or 0.0, activation_distance, mesh.names, system.comm
-        )
+        self._warning = StiffnessWarning(activation_distance, mesh.names, system.comm)
         self._density: Array | None = None
         self.static_pressure = 0.0
+        self._stiffening = 1.0  # of an equilibrium, see `stiffen`
 
     def reference_speed(self, step: float) -> float:
         """Return the least closing speed [m/s] for which stiffness is derived; step is its length
@@ -138,17 +143,64 @@ class PairStiffness:
         density = self.densities()[bodies]
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self.given is not None:
-            self._warning.check(
-                bodies=bodies, density=density.min(axis=1), speed=np.maximum(-rate, 0)
-            )
+            # In an equilibrium there is nothing to stop.
+            if not self._system.rule.is_static:
+                self._warning.check(
+                    self.given,
+                    bodies=bodies,
+                    density=density.min(axis=1),
+                    speed=np.maximum(-rate, 0),
+                )
             return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
-            return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
+            pressure = STATIC_FACTOR * self._stiffening * self.static_pressure
+            return pressure * self._activation_distance * pairs.area
         # The density that acts between two free sides, twice the harmonic sum; that of one side,
         # doubled, against an obstacle.
         both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
         speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
-        return STOPPING_FACTOR * both_sides * speed**2 * pairs.area
+        return self._stiffening * STOPPING_FACTOR * both_sides * speed**2 * pairs.area
+
+    def set_static_load(self, force: float, tensions: Mapping[str, float]) -> None:
+        """Derive the pressure that contact may have to carry in an equilibrium from the norm of all
+        loads [N], and from tensions by the names of bodies: of films [N/m], of lines [N].
+        Collective.
+
+        A pressure p on nodes that stand for the areas A is the force p |A|.  A tension T presses
+        on an obstacle of the radius R by T/R.  Edges of the length l keep off it if l²/8 R < d, so
+        that T d/l² is about the largest pressure that a mesh can have.
+        """
+        mesh = self._mesh
+        comm = self._system.comm
+        is_own = mesh.shared.is_own
+        body = mesh.known.points.body[is_own]
+        area = mesh.known.points.area[is_own]
+        radius = mesh.radius[: len(is_own)][is_own]
+        squares = comm.allreduce(float(area @ area))
+        pressure = force / math.sqrt(squares)
+        for k in range(len(mesh.bodies)):
+            tension = tensions.get(mesh.names[k], 0.0)
+            if tension <= 0:
+                continue
+            of_body = area[body == k]
+            own_sums = np.array([of_body.sum(), radius[body == k].sum(), float(len(of_body))])
+            total, radii, count = comm.allreduce(own_sums)
+            squared_length = total / count
+            if mesh.bodies[k].space.mesh.topology.dim == 1:
+                # The area of a node is that of a strip as wide as the line.
+                width = 2 * radii / count
+                squared_length = (squared_length / width) ** 2
+                tension = tension / width
+            pressure = max(pressure, tension * self._activation_distance / squared_length)
+        self.static_pressure = pressure
+
+    def stiffen(self, mean_energy: float) -> bool:
+        """Stiffen pairs of an equilibrium if their mean energy over their stiffness [-] says that
+        they are nearly closed."""
+        if mean_energy < CLOSED_ENERGY or self._stiffening >= MAX_STIFFENING:
+            return False
+        self._stiffening *= STIFFENING
+        return True
 
     def densities(self) -> Array:
         """Return the area density (k,) [kg/m²] of bodies and obstacles, computed once."""

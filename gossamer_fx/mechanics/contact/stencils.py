@@ -53,6 +53,9 @@ class PairStencil:
 
     def __init_subclass__(cls) -> None:
         if "number" in vars(cls):
+            taken = STENCILS.get(cls.number)
+            if taken is not None:
+                raise TypeError(f"{cls.__name__}: {type(taken).__name__} is number {cls.number}.")
             STENCILS[cls.number] = cls()
             SIDES[cls.number] = cls.sides
 

@@ -1,4 +1,4 @@
-"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as
+"""Damping of films, cables and beams, off unless it is item of the scene; its loss counts as
 dissipated.
 
 Losses of a film that follow its state have its stiffness ψ''(e) at the start of each step.

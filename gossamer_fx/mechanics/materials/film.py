@@ -164,6 +164,14 @@ class FilmLaw:
         """The bending stiffness of a plate of this material, uniform across its thickness."""
         raise TypeError(f"{type(self).__name__} has no bending stiffness")
 
+    @property
+    def has_wrinkle_maps(self) -> bool:
+        """Whether the law gives the taut strain and the bending stiffness of which maps are
+        made."""
+        law = type(self)
+        has_strain = law.taut_strain is not FilmLaw.taut_strain
+        return has_strain and law.bending_stiffness is not FilmLaw.bending_stiffness
+
 
 @dataclass(frozen=True)
 class IsotropicFilm(FilmLaw):
@@ -292,9 +300,9 @@ class Miyazaki(IsotropicFilm):
             return self._wrinkled_stress(a, b, c)
 
         return [
-            Piece(*taut, taut_stress),
-            Piece(*slack, slack_stress),
-            *(Piece(*interval, wrinkled_stress) for interval in wrinkled),
+            Piece(*taut, taut_stress, TAUT),
+            Piece(*slack, slack_stress, SLACK),
+            *(Piece(*interval, wrinkled_stress, WRINKLED) for interval in wrinkled),
         ]
 
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:

@@ -192,6 +192,7 @@ class LinearOrthotropic(FilmLaw):
             )
 
     @classmethod
+    @check_arguments
     def from_stiffnesses(
         cls,
         A11: float,

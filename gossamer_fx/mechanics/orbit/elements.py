@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from gossamer_fx.core.checks.arguments import positive
 from gossamer_fx.extend import Array, Range, check, check_arguments
 from gossamer_fx.mechanics.orbit.harmonics import MU
 
@@ -74,7 +75,8 @@ class Elements:
         """2π/n [s] of an ellipse."""
         return 2 * math.pi / self.motion(mu)
 
-    def state(self, mu: float = MU) -> tuple[Array, Array]:
+    @check_arguments
+    def state(self, mu: Annotated[float, positive("m³/s²")] = MU) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
         body with the gravitational parameter `mu` [m³/s²], by default the Earth."""
         # p: semi-latus rectum [m]; r, v: position [m] and velocity [m/s] in the axes of the orbit;
@@ -88,7 +90,8 @@ class Elements:
         R = _about(2, self.node) @ _about(0, self.i) @ _about(2, self.perigee)
         return R @ r, R @ v
 
-    def after(self, t: float, mu: float = MU) -> Elements:
+    @check_arguments
+    def after(self, t: float, mu: Annotated[float, positive("m³/s²")] = MU) -> Elements:
         """The elements t seconds later, without perturbations (Kepler's equation)."""
         M = self._mean_anomaly() + self.motion(mu) * t
         return replace(self, anomaly=_true_anomaly(M, self.e))

@@ -110,7 +110,7 @@ class Sky:
             raise InputError(
                 f"epoch is {epoch!r}; give a date in UTC such as '2026-01-01T12:00:00'."
             ) from None
-        check(abs(ut1_utc) < 1, f"ut1_utc is {ut1_utc!r} s; it is below 0.9 s.")
+        check(abs(ut1_utc) < 0.9, f"ut1_utc is {ut1_utc!r} s; give a difference below 0.9 s.")
         erfa = _erfa()
         s = self.start
         seconds = s.second + s.microsecond * 1e-6

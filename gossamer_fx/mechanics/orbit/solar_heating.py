@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -36,6 +36,7 @@ from gossamer_fx.extend import (
     Body,
     CompiledTerms,
     Compiler,
+    HasSystem,
     HistoryVariables,
     Indices,
     MeshBody,
@@ -74,12 +75,6 @@ Temperature = Annotated[float, Range(0.0, 1e5, unit="K")]
 
 # Temperature of the sky [K].
 SPACE_TEMPERATURE = 2.7
-
-
-class _Run(Protocol):
-    """A run, of which only the compiled scene, `system`, is read."""
-
-    system: Any
 
 
 @check_arguments
@@ -246,7 +241,8 @@ class SolarHeating:
     def terms(self, start: State) -> Iterable[Term]:
         yield HeatedFilm(self.name, self)
 
-    def balance(self, run: _Run) -> HeatBalance:
+    @check_arguments
+    def balance(self, run: HasSystem) -> HeatBalance:
         """The heat balance of a run in its present state.  Collective."""
         check(
             run.system in self._temperatures,

@@ -27,8 +27,9 @@ forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
@@ -47,7 +48,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 
 @dataclass(frozen=True)
-class Part:
+class ItemTerms:
     """An item of a scene with the terms that it brings."""
 
     item: object
@@ -116,6 +117,17 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
     has_constant_stiffness: ClassVar[bool] = False
     # Names and values are separate, so that the ranks need to exchange numbers only.
     losses: Sequence[str] = ()
+
+    def __init_subclass__(cls) -> None:
+        """`TypeError`: a public name differs from one of the contract by a slip of the pen: the
+        default would act instead."""
+        super().__init_subclass__()
+        bases = (CompiledTerms, Multipliers, ActiveSet, HistoryVariables, Differentiable, Shown)
+        contract = {name for base in bases for name in vars(base)}
+        for name in vars(cls).keys() - contract:
+            meant = get_close_matches(name, contract, n=1, cutoff=0.9)
+            if meant:
+                raise TypeError(f"{cls.__name__}.{name} is never called; call it {meant[0]}.")
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...
@@ -229,9 +241,12 @@ class Multipliers(ABC):
 
     Attributes:
         owned: the multipliers in this rank's part of a vector.
+        sizes: of their measures in the scene, in the same order and the units of the measures:
+            what is small against them is round-off.
     """
 
     owned: slice
+    sizes: Array
 
     # A class method: the numbering must know all blocks before any kind is compiled.
     @classmethod
@@ -299,10 +314,15 @@ class ActiveSet(ABC):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length
         control)."""
 
-    def set_static_load(self, force: float) -> None:
-        """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
+    def set_static_load(self, force: float, tensions: Mapping[str, float]) -> None:
+        """Take what pairs may have to carry in an equilibrium: the norm [N] of all loads, and by
+        the names of bodies the tensions of films [N/m] and of cables and beams [N]."""
 
-    # A tape of steps records their active sets, so that a step is made again without a search.
+    def stiffen(self) -> bool:
+        """Stiffen pairs of an equilibrium that are nearly closed; whether there were any."""
+        return False
+
+    # A run tape records their active sets, so that a step is made again without a search.
 
     def save_active_set(self) -> Any:
         """The active set of the last accepted step, as an object that does not change."""
@@ -368,7 +388,7 @@ class Differentiable:
         return ""
 
     def gradient_notes(self) -> list[str]:
-        """One sentence for each part of the scene whose gradient has to be read with care, with
+        """One sentence for each item of the scene whose gradient has to be read with care, with
         its name."""
         return []
 

@@ -45,17 +45,19 @@ from gossamer_fx.mechanics.terms.assembly import (
     Multipliers,
 )
 
-# Largest violation at the start, in units of the constraint: the bound for "these points coincide".
+# Largest violation at the start, over the size of the constraint: the bound for "these points
+# coincide".
 MAX_INITIAL_VIOLATION = 1e-8
 
-# Largest rate of violation at the start, as a fraction of the rates of the measures involved.
+# Largest rate of violation at the start, over that which the largest velocity of the scene makes.
 MAX_INITIAL_RATE = 1e-8
 
 # Number of constraints up to which redundant ones are looked for: the eigenvalue problem is dense,
 # on rank 0.  With more of them a redundant constraint shows as a singular matrix.
 MAX_CHECKED_CONSTRAINTS = 1500
 
-# Entry of the gradient of a constraint below which it does not depend on a coordinate.
+# Entry of the gradient of a constraint, over its largest one, below which it does not depend on a
+# coordinate.
 NO_GRADIENT = 1e-12
 
 # Eigenvalue of the normalised Gram matrix of the constraints below which one of them follows from
@@ -119,6 +121,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
+        self.sizes = np.ones(self.owned.stop - self.owned.start)
 
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
         """The tuples of ports of each term that this rank evaluates."""
@@ -237,10 +240,13 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         stuck = 0
         # For each array: its number k, measures `at`, unknowns q (n, D), and `free` at these.
         for k, at, q, mask in self._at_start(free, q0):
-            gradient_of_free = np.abs(at.gradient(q)) * mask[:, None, :]
-            is_idle = gradient_of_free.max(axis=2, initial=0.0) < NO_GRADIENT
+            gradient = np.abs(at.gradient(q))
+            largest = gradient.max(axis=2, initial=0.0)
+            of_free = (gradient * mask[:, None, :]).max(axis=2, initial=0.0)
+            is_idle = of_free <= NO_GRADIENT * largest
             found.append(self._local[k][is_idle])
-            is_open = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION
+            sizes = self.sizes[self._local[k] - self.owned.start]
+            is_open = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION * sizes
             stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
@@ -302,41 +308,69 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return np.array(found, dtype=np.int64)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Check the constraints, and store the values of those that close in time, from which they
-        begin.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints are not searched for
-        dependent ones.  Collective."""
+        """Check the constraints, store the values of those that close in time, from which they
+        begin, and measure their sizes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints
+        are not searched for dependent ones.  Collective."""
         self._take_initial(q0)
         self._targets = self._targets_at(0.0)
+        # Violations and rates of each term that are above their bounds.
         violations = np.zeros(len(self._terms))
         rates = np.zeros(len(self._terms))
-        # Scale of the rates; 1 per second where everything is at rest.
-        speed = 1.0
+        extents, speeds = self._largest_unknowns()
         groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
         # For each array: the term of each row, measures `at`, unknowns q and rates v (n, D); De (n,
         # m, D) is the gradient of the constraints.
-        for (term_of, at, q, v), target in zip(groups, self._targets, strict=True):
+        for k, (term_of, at, q, v) in enumerate(groups):
             De = at.gradient(q)
-            violation = np.abs(at.strain(q) - target).max(axis=1, initial=0.0)
-            rate = np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
-            np.maximum.at(violations, term_of, violation)
-            np.maximum.at(rates, term_of, rate)
-            speed = max(speed, np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0))
+            # A constraint without a gradient depends on nothing, and keeps the size 1.
+            size = np.abs(De * extents[k][:, None, :]).max(axis=2, initial=0.0)
+            size[size == 0] = 1.0
+            self.sizes[self._local[k] - self.owned.start] = size
+            violation = np.abs(at.strain(q) - self._targets[k])
+            violation[violation <= MAX_INITIAL_VIOLATION * size] = 0.0
+            np.maximum.at(violations, term_of, violation.max(axis=1, initial=0.0))
+            largest_rate = np.abs(De * speeds[k][:, None, :]).max(axis=2, initial=0.0)
+            rate = np.abs(np.einsum("nmx,nx->nm", De, v))
+            rate[rate <= MAX_INITIAL_RATE * largest_rate] = 0.0
+            np.maximum.at(rates, term_of, rate.max(axis=1, initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, violations, op=MPI.MAX)
         self._comm.Allreduce(MPI.IN_PLACE, rates, op=MPI.MAX)
-        speed = float(self._comm.allreduce(speed, op=MPI.MAX))
         for term, violation, rate in zip(self._terms, violations, rates, strict=True):
             check(
-                violation <= MAX_INITIAL_VIOLATION,
+                violation == 0,
                 f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; "
                 "let the joined points coincide.",
             )
             check(
-                rate <= MAX_INITIAL_RATE * speed,
+                rate == 0,
                 f"'{term.name}' does not hold in rate at the start: "
                 f"the joined points separate with {rate:.3g} per second; "
                 "give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
+
+    def _largest_unknowns(self) -> tuple[list[Array], list[Array]]:
+        """Sizes (n, D) of the unknowns of each array, and of their rates: the extent [m] of the
+        scene and its largest velocity [m/s] for positions, 1 and the largest rate [1/s] for
+        directors.  Collective."""
+        start = self._system.initial
+        largest = np.zeros(2)
+        for one in start:
+            rates = np.abs(one.rates())
+            largest[0] = max(largest[0], rates[:, 0].max(initial=0.0))
+            largest[1] = max(largest[1], rates[:, 1:].max(initial=0.0))
+        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        sizes = []
+        for of_position, of_director in ((start.extent(), 1.0), largest):
+            vector = self._system.numbering.vector()
+            for body in self._system.bodies:
+                vectors = vector.array[self._system.block(body).owned]
+                of_nodes = vectors.reshape(-1, body.block.size // 3, 3)
+                of_nodes[:, 0] = of_position
+                of_nodes[:, 1:] = of_director
+            sizes.append(self._gather(vector))
+        extents, speeds = sizes
+        return extents, speeds
 
     def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
         """Raise `InputError` if gradients of constraints are not independent.  Collective; rank 0
@@ -345,10 +379,12 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         if n > MAX_CHECKED_CONSTRAINTS:
             return
         repeated = self._repeated(free, q0)
+        extents, _ = self._largest_unknowns()
         mine: list[tuple[int, Array, Array]] = []
         for k, at, q, mask in self._at_start(free, q0):
-            # Gradient (n, m, D) of the constraints by free unknowns.
-            De = at.gradient(q) * mask[:, None, :]
+            # Gradient (n, m, D) of the constraints by free unknowns, each over its size, so that
+            # the unit of length does not matter where positions and directors meet.
+            De = at.gradient(q) * (mask * extents[k])[:, None, :]
             for i in range(at.n):
                 for j in range(at.m):
                     is_repeated = self._local[k][i, j] in repeated

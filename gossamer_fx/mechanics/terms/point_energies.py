@@ -175,6 +175,12 @@ class Stencil:
             self._known = q1, Y, e1, self._average(e1)
         return self._known[1:]
 
+    def stresses(self, q1: Array) -> tuple[Array, Array]:
+        """Mean stresses (n, m) of a step, and the measures (n, m) of the configuration in which
+        they act."""
+        Y, _, (S, _) = self._end(q1)
+        return S, self.at.measure(self._middle(Y, slice(None)))
+
     def _average(self, e1: Array) -> tuple[Array, Array]:
         """Stress S_mean (n, m) of a step to the strain e1 (n, m), and dS_mean/de1 (n, m, m)."""
         if self._dissipates:
@@ -318,14 +324,15 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
                     found[term.name] += float(share)
         return found
 
-    def stresses(self, term: PointStoredEnergy) -> tuple[Array, Array]:
-        """Measures e (r, m) and stresses ψ'(e) (r, m) of a term in the accepted state, of the r
-        tuples of ports that this rank evaluates (`point_measures.evaluated_here`).  Collective."""
+    def stresses(self, term: PointStoredEnergy, rule: StressRule) -> tuple[Array, Array]:
+        """Stresses (r, m) of a term in the last accepted step by a rule, and the measures (r, m) of
+        the configuration in which they act, of the r tuples of ports that this rank evaluates
+        (`point_measures.evaluated_here`).  Collective."""
         stencil, i = self._find(term)
         k = self._stencils.index(stencil)
-        measures = stencil.at.strain(self._gather(self._system.q0)[k])
-        # The mean stress of a step without a change of the measures
-        stresses, _ = stencil.density.average(measures, measures)
+        of_step = Stencil(stencil.at, stencil.density, dissipates=False, rule=rule)
+        of_step.keep(self._gather(self._system.previous)[k])
+        stresses, measures = of_step.stresses(self._gather(self._system.q0)[k])
         rows = stencil.at.owner == i
         return measures[rows], stresses[rows]
 

@@ -79,7 +79,9 @@ class ForceOfStart(Protocol):
     """A force that depends also on the vectors and rates at the start of a step: of this step, or
     of an earlier one, by numbers that it holds.
 
-    In the reversed step, which begins with a negative `lag`, it holds these numbers.
+    In the reversed step, which begins with a negative `lag`, it holds these numbers.  In each step
+    of a backward pass `work_by_number` is asked first: `products_at_start` adds the step to what
+    `work_by_number` of earlier steps takes into account.
     """
 
     def start_adjoint(self) -> None:

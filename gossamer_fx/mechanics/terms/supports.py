@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check_on_all
@@ -17,6 +18,41 @@ from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compil
 Motion = Callable[[float], Array]
 
 
+# Difference of two supports at a coordinate that both prescribe, over the largest coordinate that
+# is held, up to which they agree: round-off of the functions of the user.
+AGREEMENT = 1e-9
+
+# In place of the number of a support, where there is none.
+NOBODY = -1
+
+
+@dataclass(frozen=True, eq=False)
+class MovedCoordinates:
+    """Coordinates that a support moves, by their indices `at` (n,) in this rank's part of a vector.
+
+    It sets those of the mask `sets` (n,).  The others are set by the supports `setters`, given by
+    their names for all n, with which it has to agree.
+    """
+
+    name: str
+    motion: Motion
+    at: npt.NDArray[np.int64]
+    sets: npt.NDArray[np.bool_]
+    setters: Sequence[str]
+
+    def disagreement(self, difference: Array, size: float, t: float) -> str:
+        """A sentence on the largest difference (n,) from what others have set, empty if it is
+        small against the size of the coordinates."""
+        if difference.max(initial=0.0) <= AGREEMENT * size:
+            return ""
+        worst = int(difference.argmax())
+        return (
+            f"'{self.setters[worst]}' and '{self.name}' prescribe coordinates of the same node, "
+            f"which differ by {difference[worst]:.3g} at t = {t:.6g} s; "
+            "let both agree there, or give them other components."
+        )
+
+
 class Supports(CompiledTerms["Support"]):
     """All `Support` terms of a scene: sorted indices `held` (n,) of the fixed coordinates in this
     rank's part of a vector, and `reactions` (n,) [N] on them."""
@@ -24,38 +60,32 @@ class Supports(CompiledTerms["Support"]):
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
         """Collect the coordinates that are fixed or prescribed on this rank, by terms in the same
         order on all ranks.  Collective."""
-        # For each support `at` has the indices of its coordinates in this rank's part of a vector.
         self._numbering = system.numbering
-        found = [np.zeros(0, dtype=np.int64)]
-        self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
-        for term in terms:
+        self._moved: list[MovedCoordinates] = []
+        # Each coordinate is set by one support, so that its work counts once.  What is fixed at its
+        # initial value comes first: others agree with it, and do not move it by their round-off.
+        in_order = sorted(terms, key=lambda term: term.motion is not None)
+        setter = np.full(system.numbering.size_local, NOBODY)
+        for number, term in enumerate(in_order):
             owned = system.block(term.body).owned
             # A ghost coordinate is fixed by its owner.
             mine = term.dofs < owned.stop - owned.start
             at = term.dofs[mine].astype(np.int64) + owned.start
-            found.append(at)
+            sets = setter[at] == NOBODY
+            setter[at[sets]] = number
             if term.motion is not None:
-                self._moved.append((at, _restricted(term.motion, mine)))
-        self._refuse_contradictions(terms, system)
+                moved = MovedCoordinates(
+                    name=term.name,
+                    motion=_restricted(term.motion, mine),
+                    at=at,
+                    sets=sets,
+                    setters=[in_order[k].name for k in setter[at]],
+                )
+                self._moved.append(moved)
+        shared = sum(int((~moved.sets).sum()) for moved in self._moved)
+        self._shares = system.numbering.comm.allreduce(shared) > 0
         self.held: npt.NDArray[np.integer] = np.zeros(0, dtype=np.int64)
-        self.hold(np.concatenate(found))
-
-    def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
-        """Raise `InputError` on all ranks if two supports have different values for one coordinate.
-        Collective."""
-        # Two that fix a coordinate at its initial value agree; one that moves it agrees with none.
-        moved = [term for term in terms if term.motion is not None]
-        for mover in moved:
-            for other in terms:
-                if other.body is mover.body and other is not mover:
-                    both = len(np.intersect1d(mover.dofs, other.dofs))
-                    check_on_all(
-                        system.comm,
-                        both == 0,
-                        f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, "
-                        "too; "
-                        "let each node be held by one of them, or give them other components.",
-                    )
+        self.hold(np.flatnonzero(setter != NOBODY))
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
         """Hold these positions, too; on all ranks together."""
@@ -67,14 +97,32 @@ class Supports(CompiledTerms["Support"]):
     @property
     def at_rest(self) -> npt.NDArray[np.integer]:
         """Held positions that do not move."""
-        moved = np.concatenate([np.zeros(0, dtype=np.int64), *[at for at, _ in self._moved]])
-        return np.setdiff1d(self.held, moved)
+        moved = [moved.at[moved.sets] for moved in self._moved]
+        return np.setdiff1d(self.held, np.concatenate([np.zeros(0, dtype=np.int64), *moved]))
 
     def prescribe(self, z: PETSc.Vec, t: float) -> None:
-        """Set the moved coordinates of z to their values at a time t [s]."""
+        """Set the moved coordinates of z to their values at a time t [s].  `InputError` on all
+        ranks if two supports disagree about one.  Collective."""
+        differences = []
         with z as values:
-            for at, motion in self._moved:
-                values[at] = motion(t)
+            for moved in self._moved:
+                wanted = moved.motion(t)
+                values[moved.at[moved.sets]] = wanted[moved.sets]
+                differences.append(np.abs(values[moved.at] - wanted))
+            size = float(np.abs(values[self.held]).max(initial=0.0))
+        # Supports of most scenes share no coordinate, and exchange no message.
+        if not self._shares:
+            return
+        size = self._numbering.comm.allreduce(size, op=MPI.MAX)
+        for moved, difference in zip(self._moved, differences, strict=True):
+            problem = moved.disagreement(difference, size, t)
+            check_on_all(self._numbering.comm, not problem, problem)
+
+    def check_agreement(self, q: PETSc.Vec, t: float) -> None:
+        """Raise `InputError` on all ranks if supports disagree at a time t [s], in the state q.
+        Collective."""
+        if self._shares:
+            self.prescribe(q.copy(), t)
 
     def take(self, r: PETSc.Vec) -> None:
         """Save the reactions from the residual r, and set its rows to zero."""
@@ -85,7 +133,8 @@ class Supports(CompiledTerms["Support"]):
     def work(self, Δq: Array) -> float:
         """Work [J] that the moved supports supply in a step Δq, this rank's share."""
         work = 0.0
-        for at, _ in self._moved:
+        for moved in self._moved:
+            at = moved.at[moved.sets]
             # `held` is sorted, so this finds the reactions of the moved coordinates.
             reactions = self.reactions[np.searchsorted(self.held, at)]
             work += float(Δq[at] @ reactions)

@@ -29,6 +29,7 @@ class ThermalStrain:
     Attributes:
         start_temperature, end_temperature: temperatures at the start and at the end of the step.
         start, end: e_th there.
+        before: e_th at the start of the last accepted step.
         in_time: whether the temperatures change with time.
         is_heated: whether another item of the scene computes the temperatures.
     """
@@ -46,6 +47,8 @@ class ThermalStrain:
         Collective."""
         self.start_temperature = fem.Function(space)
         self.end_temperature = fem.Function(space)
+        self._temperature_before = fem.Function(space)
+        self.before = strain(self._temperature_before)
         self.start = strain(self.start_temperature)
         self.end = strain(self.end_temperature)
         self.in_time = in_time
@@ -53,6 +56,7 @@ class ThermalStrain:
         self._temperature = temperature
         self._constants = parameters
         temperature(self.end_temperature, 0.0)
+        self.commit()
         self.commit()
 
     @property
@@ -69,4 +73,5 @@ class ThermalStrain:
             self._temperature(self.end_temperature, t)
 
     def commit(self) -> None:
+        self._temperature_before.x.array[:] = self.start_temperature.x.array
         self.start_temperature.x.array[:] = self.end_temperature.x.array

@@ -16,7 +16,7 @@ from gossamer_fx.core.forms.compilation import compile_expression, compile_form,
 from gossamer_fx.core.forms.kinematics import Expr, line_derivative
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import Curve
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.solve.system.system import System
 
 
@@ -30,7 +30,7 @@ def axial_strain(shape: BodyShape) -> Expr:
 
 def tension(shape: BodyShape) -> Expr:
     """The axial force [N] of a cable or beam, negative for compression."""
-    return shape.body.axial_force(shape.q, shape.elastic_strain())
+    return shape.body.axial_force(shape.q_acting, shape.stress())
 
 
 def stretch(shape: BodyShape) -> Expr:
@@ -53,9 +53,11 @@ class GaussValues:
         function: the quantity, set by `update`.
     """
 
-    def __init__(self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr]) -> None:
+    def __init__(
+        self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr], at: At
+    ) -> None:
         """Compile the quantity; `update` computes it.  Collective."""
-        self._shape = BodyShape(system, body)
+        self._shape = BodyShape(system, body, at)
         self._comm = system.comm
         mesh = body.mesh.domain
         element = basix.ufl.element(

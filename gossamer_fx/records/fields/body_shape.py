@@ -1,18 +1,48 @@
-"""The shape of a body on a mesh, as functions of which expressions are made."""
+"""The shape of a body on a mesh, as functions of which expressions are made, and its stress.
+
+A time step that conserves energy damps nothing: what it does not resolve oscillates from step to
+step.  Stresses at the ends of steps alternate then, and so do the states of films.  The stress that
+a step *used*, the mean along its path of strains (`terms.discrete_gradient`), does not, and its
+work is that of the energy balance.  Stresses, tensions, moments and states of films are therefore
+means over the last accepted step, unless they are asked for `at="end"`.  The stress rule says what
+the mean is: of rules that take the stress at the end of a step, or in its middle, it is that one,
+and so it is in statics.
+
+All of them follow from the coordinates at both ends of the last step, which checkpoints contain.
+Nothing is stored for them during a run.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Literal
 
+import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_constants
 
+from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
+from gossamer_fx.core.model.state import State
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, StressRule, gradient
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy, thermal_strain_of
 from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.thermal_expansion import ThermalCurvature
+
+# Stresses and what follows from them: the mean over the last step, or the value at its end.
+At = Literal["mean", "end"]
+
+# Points of the path of a step, in the middles of equal parts, for laws that do not give the pieces
+# of the path.  Where the state changes on it, shares of the path are right to half of a part.
+PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
+
+
+def rule_at(at: At, system: System) -> StressRule:
+    """The rule by which stresses follow from the last step."""
+    return system.rule if at == "mean" else EndPoint()
 
 
 class BodyShape:
@@ -21,23 +51,41 @@ class BodyShape:
     The functions are created once; `update` sets them to the values of the state.  A reduced film
     has no nodal unknowns: then the functions are on the mesh of the film that was reduced.
 
+    Args:
+        at: when stresses are taken, see the module.
+
     Attributes:
         body: the body whose mesh, law and measures belong to the functions: of a reduced film the
             film that was reduced, else the body itself.
         q: coordinates: positions [m] and, of a beam, directors.
+        q_acting: coordinates in which the forces of the stress act: q, or those in the middle of
+            the last step.
         v: their rates.
+        rule: by which stresses follow from the last step.
         thermal_strain: thermal strain at q, an expression; None without thermal expansion.
         thermal_curvature: of a plate with a gradient of temperature, an expression; else None.
     """
 
-    def __init__(self, system: System, body: MeshBody) -> None:
+    def __init__(self, system: System, body: MeshBody, at: At = "end") -> None:
         self._system = system
+        self.rule = rule_at(at, system)
         self._of = system.state[body]
         self._reconstruct = body.reconstruct
         self.body: Any = body.full
         # Positions q [m] and velocities v [m/s] of the body
         self.q = fem.Function(self.body.space)
         self.v = fem.Function(self.body.space)
+        self.q_acting: Expr = self.q
+        # Coordinates at the start of the last step
+        self.q_start: fem.Function | None = None
+        if not self.rule.acts_at_end:
+            self.q_start = fem.Function(self.body.space)
+            α = self.rule.alpha
+            self.q_acting = (1 - α) * self.q_start + α * self.q
+            self._before = State(system.bodies, system.comm, system.previous, system.v0)[body]
+        # Of a law in C: where on the path of the step its stress is taken, from 0 to 1.
+        self._on_path: fem.Constant | None = None
+        self._expansion = thermal_strain_of(system, body)
         self.thermal_strain: Expr | None = None
         self.thermal_curvature: Expr | None = None
         self._curvature: ThermalCurvature | None = None
@@ -53,9 +101,8 @@ class BodyShape:
         # Imported here: bodies without thermal expansion do not load it.
         from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
 
-        strain = thermal_strain_of(self._system, self._of.body)
-        if strain is not None:
-            self.thermal_strain = strain.start
+        if self._expansion is not None:
+            self.thermal_strain = self._expansion.start
         if getattr(self.body, "has_thermal_curvature", False):
             self._curvature = thermal_curvature(self.body)
             self.thermal_curvature = self._curvature.curvature
@@ -67,10 +114,56 @@ class BodyShape:
             e -= self.thermal_strain
         return e
 
+    def strain_path(self) -> tuple[Expr, Expr]:
+        """The elastic strains at both ends of the path along which the stress of the last step is
+        averaged.  They are one object where the step takes the stress of one strain."""
+        e1 = self.elastic_strain()
+        if self.q_start is None:
+            return e1, e1
+        e0 = self.body.measure(self.q_start)
+        middle = self.body.measure(self.q_acting)
+        if self._expansion is not None:
+            e0 -= self._expansion.before
+            middle -= (self._expansion.before + self._expansion.start) / 2
+        if self.rule.takes_mid_strain:
+            return middle, middle
+        return e0, e1
+
+    def stress(self) -> Expr:
+        """Stress ∂ψ/∂e of the body, as the step used it; of a law in C to be summed over
+        `path_points`."""
+        e0, e1 = self.strain_path()
+        if e0 is e1:
+            return gradient(self.body.density, e1)
+        body = self._of.body
+        energy = next(
+            term
+            for term in self._system.terms
+            if isinstance(term, StoredEnergy) and term.body is body
+        )
+        if energy.c_law is not None:
+            # Of such a law one stress is a long expression in UFL, many are too long to compile.
+            if self._on_path is None:
+                self._on_path = constant(self.body.space.mesh, 0.0)
+            return gradient(self.body.density, e0 + self._on_path * (e1 - e0))
+        return self.rule.stress(energy, e0, ufl.variable(e1))
+
+    def path_points(self, expression: Expr) -> Iterator[float]:
+        """Weights of the points of the path over which an expression is summed; each is set where
+        the stress is taken.  There is one, but for stresses of laws in C."""
+        if self._on_path is None or self._on_path not in extract_constants(expression):
+            yield 1.0
+            return
+        for point in PATH_POINTS:
+            self._on_path.value = point
+            yield 1 / len(PATH_POINTS)
+
     def update(self) -> None:
         """Set the functions to the current values of the state, ghosts included.  Collective."""
         # A state is the accepted one: forms of the bodies read the iterate, and are not used here.
         self._reconstruct(self.q, self._of.coordinates().ravel())
         self._reconstruct(self.v, self._of.rates().ravel())
+        if self.q_start is not None:
+            self._reconstruct(self.q_start, self._before.coordinates().ravel())
         if self._curvature is not None:
             self._curvature.set(self._curvature.difference, self._system.time)

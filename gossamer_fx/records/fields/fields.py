@@ -10,7 +10,7 @@
                             thickness [Pa]
     direction               F n/|F n| with n the direction of strain1: the direction of tension on
                             the deformed film
-    state                   0 slack, 1 wrinkled, 2 taut
+    state                   0 slack, 1 wrinkled, 2 taut; in between where a step passes several
     pressure                gas pressure inside less that outside [Pa]; on a film between two
                             chambers the difference of their pressures
     temperature             of a film with thermal expansion or solar heating [K]; zero without
@@ -25,7 +25,7 @@
     fold_angle              angle of the creases at a cell [rad], zero in other cells
     mode_amplitude          distance from the equilibrium in the record of a mode [m], else zero
     contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
-                            stress-free shape
+                            stress-free shape: mean over the last step
 
     curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal
                             of its mesh
@@ -37,6 +37,9 @@
 
 All bodies on a mesh have displacement, velocity and contact pressure; cables and beams have tension
 and axial strain; plates have curvatures and moments; films have all others.
+
+Stresses, states, moments and tensions are means over the last step, unless they are asked for at
+its end, see `body_shape`; the others belong to the end of the step.
 
 A field is either an expression of the coordinates q and velocities v of its body, or it is
 collected from the scene: gas, creases and contact have values that are not functions of q.
@@ -56,13 +59,12 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.terms.discrete_gradient import gradient
 from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, tension
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.records.fields.film_states import film_state
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.solve.system.system import System
@@ -128,8 +130,7 @@ def _elastic_strains(shape: BodyShape) -> tuple[Expr, Expr]:
 
 def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal stresses [Pa], the larger one first."""
-    film = shape.body
-    S = gradient(film.density, shape.elastic_strain()) / film.constants.thickness
+    S = shape.stress() / shape.body.constants.thickness
     # `half_trace_and_radius` takes twice the shear, as strains have it.
     mean, radius = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
     return mean + radius, mean - radius
@@ -148,9 +149,13 @@ def _curvatures(shape: BodyShape) -> tuple[Expr, Expr]:
 
 
 def _moments(shape: BodyShape) -> tuple[Expr, Expr]:
-    """Principal bending moments [N m/m]."""
+    """Principal bending moments [N m/m]; over a step the mean of both its ends."""
     plate = shape.body
     moment = plate.moment(shape.q)
+    if shape.rule.takes_mid_strain:
+        moment = plate.moment(shape.q_acting)
+    elif shape.q_start is not None:
+        moment = (plate.moment(shape.q_start) + moment) / 2
     if shape.thermal_curvature is not None:
         moment -= plate.bending_stiffness.moment(shape.thermal_curvature)
     return _principal(moment)
@@ -234,7 +239,11 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
         )
         if not is_missing:
             known.append(name)
-    fields = f"its fields are: {', '.join(known)}."
+    choices = known
+    if isinstance(body, Membrane) and not body.law.has_wrinkle_maps:
+        # Asked for, they are refused with the reason.
+        choices = [name for name in known if name not in WRINKLE_MAPS]
+    fields = f"its fields are: {', '.join(choices)}."
     check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
     for name in names:
         check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
@@ -270,12 +279,14 @@ class FieldFunctions:
         body: MeshBody,
         names: Sequence[str],
         element: tuple[str, int] | None = None,
+        at: At = "mean",
     ) -> None:
         """Make one function for each name, and what computes its values; `update` computes them.
 
         Collective: expressions are compiled."""
         check_fields(body, names)
-        self._shape = BodyShape(system, body)
+        self._shape = BodyShape(system, body, at)
+        self._at: At = at
         self._element = element or self._element_of(names)
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
@@ -308,14 +319,24 @@ class FieldFunctions:
             return WrinkleMap(function, body, system).update
         if field.along_line is not None:
             assert isinstance(body, Curve)
-            values = GaussValues(system, body, field.along_line)
+            values = GaussValues(system, body, field.along_line, self._at)
             return partial(_interpolate_gauss_values, values, function)
         if field.expression is None:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
         shape = self._shape
         expression = field.expression(shape)
-        return partial(function.interpolate, compile_expression(expression, points))
+        compiled = compile_expression(expression, points)
+
+        def interpolate_mean() -> None:
+            """Sum the expression over the points of the path of the last step."""
+            total: Array = np.zeros_like(function.x.array)
+            for weight in shape.path_points(expression):
+                function.interpolate(compiled)
+                total += weight * function.x.array
+            function.x.array[:] = total
+
+        return interpolate_mean
 
     def update(self) -> None:
         """Set all functions to the accepted state, ghosts included.  Collective."""
@@ -367,7 +388,7 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a discontinuous function to the mean of the scene's values in each cell; collective.
 
-    Values come from the parts of the scene that have some for this field, e.g. from creases; cells
+    Values come from the items of the scene that have some for this field, e.g. from creases; cells
     without a value are zero."""
     sums = function.x
     counts = fem.Function(function.function_space).x
@@ -389,7 +410,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
 def _collect_node_values(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a function to the sum of the scene's values at each node; collective.
 
-    Values come from the parts of the scene that have some for this field, e.g. from contact; nodes
+    Values come from the items of the scene that have some for this field, e.g. from contact; nodes
     without a value, and reduced films, whose unknowns are not at nodes, are zero."""
     # A reduced film has no terms at nodes.
     if not has_nodal_unknowns(body):

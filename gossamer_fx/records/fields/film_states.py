@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from weakref import WeakSet
 
 import numpy as np
 import ufl
@@ -13,63 +15,160 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import PATH_POINTS, At, BodyShape
 from gossamer_fx.solve.system.system import System
+
+LOG = logging.getLogger("gossamer_fx")
 
 # Numbers of the states by name.
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
 
+# The ends of steps alternate if more than this share of the area of a film is taut at one end of a
+# step only, in so many records in a row.  A front that moves through a film changes less.
+ALTERNATING_SHARE = 0.5
+ALTERNATING_RECORDS = 3
+
+# Films of which it was said.
+_warned: WeakSet[Membrane] = WeakSet()
+
+
 def film_state(shape: BodyShape) -> Expr:
-    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut."""
+    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut, or the mean of
+    the states that the path of the last step passes."""
+    _, wrinkled, taut = state_shares(shape)
+    return WRINKLED * wrinkled + TAUT * taut
+
+
+def state_shares(shape: BodyShape) -> tuple[Expr, ...]:
+    """Return the shares of the path of the last step that are slack, wrinkled and taut, as UFL
+    expressions whose sum is one."""
+    e0, e1 = shape.strain_path()
     film = shape.body
+    # Along a path of one strain, or of a law that never wrinkles, the state is one.
+    if e0 is e1 or film.law.quadratic:
+        return _is_state(film, e1)
+    pieces = film.pieces(e0, e1)
+    if pieces:
+        length = [ufl.as_ufl(0.0)] * len(STATES)
+        for piece in pieces:
+            length[piece.state] += piece.end - piece.start
+        # Strains of the size of round-off are taut, and may be in the cone of slack ones, too.
+        slack = ufl.min_value(length[SLACK], 1 - length[TAUT])
+        return slack, 1 - length[TAUT] - slack, length[TAUT]
+    shares = [ufl.as_ufl(0.0)] * len(STATES)
+    for point in PATH_POINTS:
+        there = _is_state(film, e0 + point * (e1 - e0))
+        for state in STATES.values():
+            shares[state] += there[state] / len(PATH_POINTS)
+    return tuple(shares)
+
+
+def _is_state(film: Membrane, e: Expr) -> tuple[Expr, ...]:
+    """One for the state of a film at a strain, and zero for the other two."""
+    state = _state(film, e)
+    return tuple(ufl.conditional(ufl.eq(state, k), 1.0, 0.0) for k in STATES.values())
+
+
+def _state(film: Membrane, e: Expr) -> Expr:
+    """The number of the state of a film at a strain."""
     # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
     unit = constant(film.space.mesh, 1.0)
-    return unit * film.law.state(shape.elastic_strain(), film.constants)
+    return unit * film.law.state(e, film.constants)
 
 
 class AreaFractions:
     """Shares of the reference area of some films that are slack, wrinkled and taut.
+
+    A part of a film that is taut over half of the path of the last step counts by half.
+
+    Args:
+        films: of which all areas are added up.
+        at: "mean" over the last step, or "end".
 
     Example:
         >>> from gossamer_fx.records.fields.film_states import AreaFractions
         >>> slack, wrinkled, taut = AreaFractions([film])(run.system)
     """
 
-    def __init__(self, films: Sequence[Membrane]) -> None:
+    def __init__(self, films: Sequence[Membrane], at: At = "mean") -> None:
         self._films = films
-        # Shape, the state that is asked for, and the form of its area, for each film
-        self._compiled: list[tuple[BodyShape, fem.Constant, fem.Form]] | None = None
+        self._at: At = at
+        self._compiled: list[_FilmAreas] | None = None
 
     def __call__(self, system: System) -> Array:
         """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
 
-        Collective.  Areas are those of the stress-free shape.
+        Collective.  Areas are those of the stress-free shape.  Warns once of a film whose states
+        at the ends of steps alternate.
         """
         if self._compiled is None:
-            self._compiled = self._compile(system)
-        areas = np.zeros(len(STATES))
-        for shape, which, form in self._compiled:
-            shape.update()
-            for state in STATES.values():
-                which.value = state
-                areas[state] += fem.assemble_scalar(form)
+            self._compiled = [_FilmAreas(system, film, self._at) for film in self._films]
+        areas = np.array([of_film.measure() for of_film in self._compiled])
         areas = system.comm.allreduce(areas)
-        return areas / areas.sum()
+        for of_film, row in zip(self._compiled, areas, strict=True):
+            of_film.watch(row)
+        of_states = areas[:, : len(STATES)].sum(axis=0)
+        return of_states / of_states.sum()
 
-    def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
-        """Compile the area in one state as a form, for each film; collective.
 
-        Returns:
-            for each film its shape, a constant that selects the state (0, 1 or 2), and the form
-            [m²] of the area of this rank's cells in that state.
-        """
-        compiled = []
-        for film in self._films:
-            shape = BodyShape(system, film)
-            # One form with a constant serves the three states.
-            which = constant(shape.body.space.mesh, 0.0)
-            is_state = ufl.eq(film_state(shape), which)
-            area = ufl.conditional(is_state, 1.0, 0.0) * shape.body.dx
-            compiled.append((shape, which, compile_form(area)))
-        return compiled
+class _FilmAreas:
+    """Areas of one film by state, as compiled forms."""
+
+    def __init__(self, system: System, film: Membrane, at: At) -> None:
+        """Compile the area in a state, and that which is taut at one end of a step only;
+        collective."""
+        self._system = system
+        self._film = film
+        self._shape = BodyShape(system, film, at)
+        self._records = 0  # in a row, of which more than half of the film alternates
+        self._last_time = -np.inf
+        dx = self._shape.body.dx
+        mesh = self._shape.body.space.mesh
+        # One form with a constant serves the three states.
+        self._which = fem.Constant(mesh, np.zeros(len(STATES)))
+        shares = ufl.as_vector(state_shares(self._shape))
+        self._area = compile_form(ufl.dot(shares, self._which) * dx)
+        self._changed: fem.Form | None = None
+        e0, e1 = self._shape.strain_path()
+        if e0 is not e1 and not self._shape.body.law.quadratic:
+            # Not between slack and wrinkled: there the sign of a strain without stress decides.
+            taut = [_is_state(self._shape.body, e)[TAUT] for e in (e0, e1)]
+            self._changed = compile_form(abs(taut[1] - taut[0]) * dx)
+
+    def measure(self) -> list[float]:
+        """Areas [m²] of this rank's cells that are slack, wrinkled and taut, and the one that is
+        taut at one end of the last step only."""
+        self._shape.update()
+        areas = []
+        for state in STATES.values():
+            self._which.value[:] = np.arange(len(STATES)) == state
+            areas.append(float(fem.assemble_scalar(self._area)))
+        changed = 0.0
+        if self._changed is not None:
+            changed = float(fem.assemble_scalar(self._changed))
+        return [*areas, changed]
+
+    def watch(self, areas: Array) -> None:
+        """Warn once if more than half of the film alternates, by its areas on all ranks."""
+        if self._system.time == self._last_time:
+            return
+        self._last_time = self._system.time
+        share = areas[-1] / areas[:-1].sum()
+        self._records = self._records + 1 if share > ALTERNATING_SHARE else 0
+        if self._records < ALTERNATING_RECORDS or self._film in _warned:
+            return
+        _warned.add(self._film)
+        if self._system.comm.rank == 0:
+            LOG.warning(
+                "'%s': more than %.0f %% of its area is taut at one end of a step only, in %d "
+                "records in a row until t = %.6g s: the step of %.3g s does not resolve the "
+                "motion, which nothing damps.  Means over steps, which are recorded unless "
+                "at='end', do not alternate; a shorter step, or Damping with a stiffness_factor "
+                "near the step, removes the oscillation.",
+                self._film.name,
+                100 * ALTERNATING_SHARE,
+                self._records,
+                self._system.time,
+                self._system.h,
+            )

@@ -16,13 +16,14 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStoredEnergy
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
 from gossamer_fx.records.fields.fields import position
-from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
 # Difference of coordinates, over their size or 1 m, below which they are equal
@@ -67,12 +68,14 @@ class LineValues:
 
 
 @check_arguments
-def line_values(state: HasSystem, line: Curve | DrawnAsLines) -> LineValues:
+def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean") -> LineValues:
     """Tension, strain and length of each element of a cable, beam or connector.  Collective.
 
     Args:
         state: a `Simulation` in its current state, or an `Equilibrium`.
         line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of its scene.
+        at: "mean" for the mean tension of the last step, or "end" for that at its end; strain and
+            length are those at the end.
 
     Raises:
         InputError: the line is something else, or is not in the scene.
@@ -85,9 +88,9 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines) -> LineValues:
         (array([0.125, 0.375, 0.625, 0.875]), array([50., 50., 50., 50.]))
     """
     if isinstance(line, Curve):
-        return _of_body(state.system, line)
+        return _of_body(state.system, line, at)
     system = state.system
-    forces = line_forces(system, line)
+    forces = line_forces(system, line, at)
     # Bars share their ends; each is fetched from its rank once.
     ends = list(line.lines_to_draw)
     names = [(_name(a), _name(b)) for a, b in ends]
@@ -126,11 +129,11 @@ def _name(port: object) -> object:
     return id(port)
 
 
-def _of_body(system: System, body: Curve) -> LineValues:
+def _of_body(system: System, body: Curve, at: At) -> LineValues:
     """The values of the cells of a cable or beam, gathered from all ranks."""
     shape = BodyShape(system, body)
     shape.update()
-    quantities = [GaussValues(system, body, quantity) for quantity in (tension, axial_strain)]
+    quantities = [GaussValues(system, body, quantity, at) for quantity in (tension, axial_strain)]
     columns = []
     for quantity in quantities:
         quantity.update()
@@ -213,7 +216,8 @@ class LineForces:
     A spring, rope or tether is one line, a bundle has one for each rope, a tape one for each bar.
 
     Attributes:
-        tensions: (n,) [N], negative for compression; without the force of a damping.
+        tensions: (n,) [N], negative for compression; without the force of a damping.  They are
+            those of the last step, or at its end.
         lengths: distances (n,) [m] of the two ends.
         natural_lengths: (n,) [m]; of a tether with a brake those in this state.
         weights: shares (n,) of the lines in the mean of the connector, whose sum is one.
@@ -232,8 +236,8 @@ class LineForces:
         return found
 
 
-def line_forces(system: System, connector: DrawnAsLines) -> LineForces:
-    """Tensions and lengths of a connector in the accepted state.  Collective."""
+def line_forces(system: System, connector: DrawnAsLines, at: At) -> LineForces:
+    """Tensions of a connector in the last step, and lengths at its end.  Collective."""
     terms = system.terms_of(connector)
     check(
         bool(terms),
@@ -241,19 +245,20 @@ def line_forces(system: System, connector: DrawnAsLines) -> LineForces:
     )
     stored = [term for term in terms if isinstance(term, PointStoredEnergy)]
     if stored:
-        parts = [_of_stored_energy(system, term, connector) for term in stored]
+        parts = [_of_stored_energy(system, term, connector, at) for term in stored]
         return _joined(parts)
-    return _of_reel(system, connector)
+    return _of_reel(system, connector, at)
 
 
 def _of_stored_energy(
-    system: System, term: PointStoredEnergy, connector: DrawnAsLines
+    system: System, term: PointStoredEnergy, connector: DrawnAsLines, at: At
 ) -> LineForces:
     """Tensions of the lines of one stored energy.
 
     The measure is e = ½ α l² + c of the length l.  With the stress S = dψ/de the tension is
     dψ/dl = S α l = 2 S (e - c)/l.  A spring has α = 1 and c = 0.  A tape has a multiple of
-    ½(l²/L² - 1), so that l²/L² = (c - e)/c.
+    ½(l²/L² - 1), so that l²/L² = (c - e)/c.  The mean force of a step acts in its middle, whose
+    length is that of the tension.
     """
     compiled = next(kind for kind in system.compiled if isinstance(kind, PointEnergies))
     count = len(term.measure.ports)
@@ -266,21 +271,26 @@ def _of_stored_energy(
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
     here = evaluated_here(term.measure.ports)
     own_values = np.zeros((2, count))
-    measure, stress = compiled.stresses(term)
     offset = np.broadcast_to(term.measure.c, (count, 1))[here, 0]
+
+    def length(quadratic_part: Array) -> Array:
+        """Lengths (r,) [m] of which ½ α l² (r,) is given."""
+        if is_tape:
+            return natural[here] * np.sqrt(np.maximum(-quadratic_part / offset, 0.0))
+        return np.sqrt(2 * np.maximum(quadratic_part, 0.0))
+
+    measure, stress = compiled.stresses(term, rule_at(at, system))
     quadratic_part = measure[:, 0] - offset
-    lengths = np.sqrt(2 * np.maximum(quadratic_part, 0.0))
-    if is_tape:
-        lengths = natural[here] * np.sqrt(np.maximum(-quadratic_part / offset, 0.0))
+    acting_length = length(quadratic_part)
     # Coincident ends have no direction, and no tension along it.
-    has_length = lengths > 0
     own_values[0, here] = np.divide(
         2 * stress[:, 0] * quadratic_part,
-        lengths,
+        acting_length,
         out=np.zeros(len(here)),
-        where=has_length,
+        where=acting_length > 0,
     )
-    own_values[1, here] = lengths
+    at_end, _ = compiled.stresses(term, EndPoint())
+    own_values[1, here] = length(at_end[:, 0] - offset)
     tensions, lengths = system.comm.allreduce(own_values)
     weights = np.full(count, 1 / count)
     if is_tape:
@@ -289,7 +299,7 @@ def _of_stored_energy(
     return LineForces(tensions, lengths, natural, weights)
 
 
-def _of_reel(system: System, connector: DrawnAsLines) -> LineForces:
+def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
     """Tension of a tether, whose natural length is on its reel."""
     # Imported here: a scene without a reel does not load it.
     from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
@@ -304,7 +314,7 @@ def _of_reel(system: System, connector: DrawnAsLines) -> LineForces:
                 length = float(np.linalg.norm(ends[1] - ends[0]))
                 one = slice(number, number + 1)
                 return LineForces(
-                    tensions=kind.tensions()[one],
+                    tensions=kind.tensions(mean=at == "mean")[one],
                     lengths=np.array([length]),
                     natural_lengths=kind.lengths()[one],
                     weights=np.ones(1),

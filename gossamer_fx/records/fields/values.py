@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, MeshBody, is_on_mesh
+from gossamer_fx.core.model.state import HasSystem
+from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
-from gossamer_fx.solve.system.system import System
-
-
-@runtime_checkable
-class HasSystem(Protocol):
-    """Something with a compiled scene: a `Simulation` or an `Equilibrium`."""
-
-    system: System
 
 
 @check_arguments
@@ -43,7 +35,9 @@ def positions(state: HasSystem, body: Body) -> Array:
 
 
 @check_arguments
-def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array, Array]:
+def field_values(
+    state: HasSystem, body: MeshBody, *, field: str, at: At = "mean"
+) -> tuple[Array, Array]:
     """Points and values of a field on this rank's part of a body.  Collective.
 
     Args:
@@ -51,6 +45,8 @@ def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array
         body: a film, plate, cable or beam of its scene.
         field: e.g. "displacement" [m], "strain1", "stress1" [Pa] or "state"; the error of a wrong
             name lists those of the body.
+        at: "mean" for stresses, tensions, moments and states of films as means over the last step,
+            or "end" for those at its end; of an equilibrium both are the same.
 
     Returns:
         Points (n, 3) [m] on the stress-free shape, and values (n,) or (n, 3) at these points.
@@ -72,7 +68,7 @@ def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array
         is_on_mesh(body),
         f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
     )
-    fields = FieldFunctions(state.system, body, [field])
+    fields = FieldFunctions(state.system, body, [field], at=at)
     fields.update()
     function = fields.functions[0]
     space = function.function_space

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.solve.view import Account, StateView
 
@@ -42,6 +43,9 @@ class Progress:
     times: Sequence[float] = ()
 
     def __init__(self, stream: IO[str] | None = None, seconds: float = 0.5) -> None:
+        check(
+            not getattr(stream, "closed", False), "Progress: stream is closed; give an open file."
+        )
         self._stream = stream or sys.stderr
         self._pause = seconds
         self._shown = 0.0  # time of the last update, by the monotonic clock [s]

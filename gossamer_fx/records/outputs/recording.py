@@ -4,7 +4,8 @@
                        it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
     gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
-    states.csv         fractions of area of the films that are taut and wrinkled
+    states.csv         fractions of area of the films that are taut and wrinkled, as means over a
+                       step, as the tensions
     points.csv         positions of the bodies without a mesh, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are
                        in run.json
@@ -37,6 +38,8 @@ from gossamer_fx.core.model.body import Array, Attached, Body, Port, is_on_mesh
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of
 from gossamer_fx.records.outputs.description import describe, versions
@@ -51,7 +54,7 @@ from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
 from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
+from gossamer_fx.records.probes.points import GAS, GasState
 from gossamer_fx.solve.view import StateView
 
 # The third state of a film is slack; its area is the remainder.
@@ -74,6 +77,8 @@ class Recording:
             displacement, state, the larger stress, the smaller strain, and the pressure if the film
             bounds a chamber; of other bodies the displacement.
         probes: further numbers by name, see `outputs.Probes`.
+        at: "mean" for stresses, tensions, moments and states of films as means over the last step,
+            or "end" for those at its end.
         every: steps between two records of the fields; the first and the last state are always
             recorded.
         times: at which fields are recorded instead [s].
@@ -101,6 +106,7 @@ class Recording:
         fields: Mapping[str, Sequence[str]] | None = None,
         *,
         probes: Mapping[str, Probe] | None = None,
+        at: At = "mean",
         every: int = 10,
         times: Sequence[float] = (),
         title: str = "",
@@ -112,6 +118,7 @@ class Recording:
         self.overwrite = overwrite
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
+        self.at: At = at
         self.schedule = Schedule(every, tuple(times))
         self.states_schedule = self.schedule
         if states_every is not None:
@@ -242,6 +249,7 @@ class Recording:
             "scene": describe(run),
             "arguments": arguments_of(run.scene.items),
             "fields": {name: list(output.fields) for name, output in self._fields.items()},
+            "at": self.at,
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
             "ranks": run.comm.size,
@@ -259,6 +267,7 @@ class Recording:
                 self.folder / "fields" / f"{file_name(body.name)}.pvd",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
+                at=self.at,
                 every=self.schedule.every,
                 times=self.schedule.times,
             )
@@ -278,10 +287,6 @@ class Recording:
         for name, state in run.chambers.items():
             for quantity in GAS:
                 gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
-        states: dict[str, Probe] = {}
-        for film in films:
-            for fraction in RECORDED_STATES:
-                states[f"{film.name} {fraction}"] = AreaFraction(film, fraction)
         points: dict[str, Probe] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):
@@ -290,18 +295,15 @@ class Recording:
         columns: dict[str, Mapping[str, Probe]] = {
             "probes.csv": self.probes,
             "gas.csv": gas,
-            "states.csv": states,
             "points.csv": points,
             "solids.csv": self._frame_columns(),
         }
         for name, probes in columns.items():
-            schedule = Schedule()
-            if name == "states.csv":
-                # Areas are integrals over all films, dearer than the other columns.
-                schedule = self.states_schedule
             if probes:
-                path = self.folder / name
-                yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
+                yield name, Probes(self.folder / name, probes)
+        if films:
+            path = self.folder / "states.csv"
+            yield "states.csv", FilmStates(path, films, self.at, self.states_schedule)
         # Without fields, pictures show the state after any step.
         schedule = Schedule()
         if self._fields:
@@ -309,7 +311,7 @@ class Recording:
         ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
         if ends:
             yield "lines.csv", ends
-        tensions = _tension_columns(run)
+        tensions = _tension_columns(run, self.at)
         if tensions:
             yield (
                 "tensions.csv",
@@ -384,7 +386,7 @@ class _Coordinate:
         return float(run.comm.allreduce(own, MPI.MAX))
 
 
-def _tension_columns(run: StateView) -> dict[str, Probe]:
+def _tension_columns(run: StateView, at: At) -> dict[str, Probe]:
     """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones."""
     lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
     if not lines:
@@ -394,11 +396,11 @@ def _tension_columns(run: StateView) -> dict[str, Probe]:
 
     columns: dict[str, Probe] = {}
     for line in lines:
-        columns[f"{line.name} mean [N]"] = Tension(line)
+        columns[f"{line.name} mean [N]"] = Tension(line, at=at)
         has_parts = isinstance(line, Curve) or len(line.lines_to_draw) > 1
         if has_parts:
-            columns[f"{line.name} least [N]"] = Tension(line, "least")
-            columns[f"{line.name} largest [N]"] = Tension(line, "largest")
+            columns[f"{line.name} least [N]"] = Tension(line, "least", at=at)
+            columns[f"{line.name} largest [N]"] = Tension(line, "largest", at=at)
     return columns
 
 
@@ -412,6 +414,22 @@ def _default_fields(body: Body, run: StateView) -> tuple[str, ...]:
     if bounds_gas:
         return (*FILM_FIELDS, "pressure")
     return FILM_FIELDS
+
+
+class FilmStates(TableOutput):
+    """CSV file with the shares of area of films that are taut and wrinkled, two columns a film."""
+
+    def __init__(self, path: Path, films: Sequence[Membrane], at: At, schedule: Schedule) -> None:
+        super().__init__(path, schedule)
+        self._fractions = {film.name: AreaFractions([film], at) for film in films}
+
+    def values(self, run: StateView) -> dict[str, Any]:
+        found = {}
+        for name, fractions in self._fractions.items():
+            shares = fractions(run.system)
+            for state in RECORDED_STATES:
+                found[f"{name} {state}"] = float(shares[STATES[state]])
+        return found
 
 
 class ConnectorLines(TableOutput):

@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.csv_tables import safe_cells
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import (
@@ -132,7 +133,7 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 def _csv_line(values: Iterable[Any]) -> bytes:
     """A row of a CSV file, with its line break, in UTF-8."""
     entries = []
-    for value in values:
+    for value in safe_cells(values):
         if isinstance(value, float):
             # The type of NumPy would be part of its representation.
             entries.append(repr(float(value)))

@@ -29,6 +29,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
+from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jumps
 from gossamer_fx.records.fields.units import with_unit
 from gossamer_fx.records.outputs.output import Schedule, make_parent
@@ -63,6 +64,8 @@ class VTU:
             `film_files` of `film.pvd`.
         body: a body on a mesh; it may be left out if the scene has just one.
         fields: names, see `gx.fields`; the displacement is always written.
+        at: "mean" for stresses, tensions, moments and states of films as means over the last step,
+            or "end" for those at its end.
         every: steps between two records; the first and the last state are always recorded.
         times: at which fields are recorded instead [s].
 
@@ -87,12 +90,14 @@ class VTU:
         body: MeshBody | None = None,
         *,
         fields: Sequence[str] = ("displacement",),
+        at: At = "mean",
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
         self.path = Path(path)
         self.body = body
         self.fields = fields
+        self.at: At = at
         self.schedule = Schedule(every, tuple(times))
         check(
             self.path.suffix == ".pvd",
@@ -133,10 +138,12 @@ class VTU:
         if body.space.ufl_element().degree == 1:
             in_cells = [name for name in names if jumps(name)]
         at_points = [name for name in names if name not in in_cells]
-        self._functions = [FieldFunctions(run.system, body, at_points)]
+        self._functions = [FieldFunctions(run.system, body, at_points, at=self.at)]
         if in_cells:
             constants = ("Discontinuous Lagrange", 0)
-            self._functions.append(FieldFunctions(run.system, body, in_cells, constants))
+            self._functions.append(
+                FieldFunctions(run.system, body, in_cells, constants, at=self.at)
+            )
         space = self._functions[0].functions[0].function_space
         topology = space.mesh.topology
         self._dimension = topology.dim

@@ -3,7 +3,7 @@ times.
 
 A `.vtu` file is an XML head, and behind it the arrays as binary blocks.  A block has a header of
 four integers, and the numbers of the array, compressed by zlib.  A `.vtm` file lists the files of
-the parts of a scene by name, a `.pvd` file those of a run by time; several of one time are parts of
+the items of a scene by name, a `.pvd` file those of a run by time; several of one time are parts of
 one body, e.g. the shares of ranks.  ParaView, VisIt and pyvista read all of them without further
 libraries.
 
@@ -182,7 +182,7 @@ def _block(name: str, values: npt.NDArray) -> DataArray:
 
 
 def write_vtm(path: Path, parts: Iterable[tuple[str, str]]) -> None:
-    """Write a VTM file, which lists the parts of a scene."""
+    """Write a VTM file, which lists the items of a scene."""
     elements = []
     for number, (name, file) in enumerate(parts):
         shown = _NOT_XML.sub("\ufffd", name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gossamer_fx.core.checks.csv_tables import csv_rows
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.plot.run_reader import RunReader
@@ -123,18 +123,7 @@ def _parts(heading: str) -> tuple[str, str | None]:
 
 def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
     """Headings and numbers of a CSV file; empty cells are NaN."""
-    try:
-        # Spreadsheets write a byte order mark.
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            first = file.readline()
-            separator = "," if "," in first else ";"
-            file.seek(0)
-            rows = [row for row in csv.reader(file, delimiter=separator) if any(row)]
-    except (OSError, UnicodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"Cannot read '{path}' ({reason}); give a CSV file of measured values."
-        ) from error
+    rows = csv_rows(path)
     check(
         len(rows) > 1,
         f"'{path}' has {len(rows)} rows; give a heading, such as 'time [s],tip x [m]', and values "
@@ -230,7 +219,7 @@ def _decomposed(unit: str) -> tuple[dict[str, int], float]:
         name = word.rstrip("²³").replace("μ", "µ")
         if name in _CONVERTED:
             base, factor = _CONVERTED[name]
-        elif name not in _PREFIXABLE and name[0] in _PREFIX_SIZES and name[1:] in _PREFIXABLE:
+        elif name not in _PREFIXABLE and name[:1] in _PREFIX_SIZES and name[1:] in _PREFIXABLE:
             base, factor = name[1:], _PREFIX_SIZES[name[0]]
         else:
             base, factor = name, 1.0

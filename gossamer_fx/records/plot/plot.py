@@ -8,14 +8,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.core.checks.arguments import Range, check_arguments
+from gossamer_fx.core.checks.errors import OutputFailure, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis
+from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
 from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
@@ -28,6 +30,9 @@ Image = np.ndarray  # (height, width, 3) of bytes
 
 # Pictures of a strip, if no number is given.
 STRIP_COUNT = 6
+# Most pictures in a strip, and longest animation [s].
+MAX_PICTURES = 1000
+MAX_SECONDS = 3600.0
 
 # The field by which modes are coloured.
 MODE_FIELD = "mode_amplitude"
@@ -123,7 +128,7 @@ def strip(
     field: str,
     *,
     path: str | Path,
-    count: int = STRIP_COUNT,
+    count: Annotated[int, Range(1, MAX_PICTURES)] = STRIP_COUNT,
     view: View | None = None,
 ) -> None:
     """Write a PNG of a field at times that are evenly spread over the run.
@@ -146,7 +151,6 @@ def strip(
         >>> picture.is_file()
         True
     """
-    check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     views = strip_views(run, field, count, view or View())
     write_page(file_to_write(path), _title(run, field), views)
 
@@ -330,7 +334,7 @@ def animate(
     field: str,
     *,
     path: str | Path,
-    seconds: float = 6.0,
+    seconds: Annotated[float, Range(0.0, MAX_SECONDS, "s", above=True)] = 6.0,
     view: View | None = None,
 ) -> None:
     """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
@@ -566,11 +570,5 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 def file_to_write(path: str | Path) -> Path:
     """The path of a file to be written, with its folder made."""
     path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
-        ) from error
-    check(not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
+    make_parent(MPI.COMM_SELF, path, file=True)
     return path

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.csv_tables import plain_cell
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.drawing import table
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS, scaled_axis, with_unit
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.solid_frames import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
@@ -141,6 +142,7 @@ class RunReader:
 
     # ---- numbers ---------------------------------------------------------------------------------
 
+    @check_arguments
     def table(self, name: str) -> Tables:
         """Columns of a table of the run's folder by their names; empty if the run did not write it.
 
@@ -157,12 +159,12 @@ class RunReader:
                 of numbers.
         """
         path = self.folder / name
-        if not path.is_file():
+        if Path(name).name != name or not path.is_file():
             return {}
         try:
             with path.open(newline="", encoding="utf-8") as file:
                 rows = list(csv.reader(file))
-            head = rows.pop(0) if rows else []
+            head = [plain_cell(cell) for cell in rows.pop(0)] if rows else []
             if rows and len(rows[-1]) != len(head):
                 rows.pop()
             values = np.array([[float(word) for word in row] for row in rows])
@@ -210,6 +212,7 @@ class RunReader:
 
     # ---- shapes ----------------------------------------------------------------------------------
 
+    @check_arguments
     def frame(self, time: float) -> int:
         """The number of the recorded state that is nearest to a time, in `times`.
 
@@ -264,15 +267,18 @@ class RunReader:
             InputError: names the fields that were recorded.
         """
         known = self.known_fields()
-        names = list(self.films) or list(self.fields)
-        example = {name: ["displacement", field] for name in names[:1]}
+        remedy = "draw one of these"
+        if field == "direction":
+            remedy = "the direction of tension is not drawn"
+        elif field in NAMES:
+            remedy = "if a body of the scene has it, record it by gx.Recording(folder, fields=...)"
         check(
             field in known,
             f"The run in '{self.folder}' has no field {field!r}; its fields are: "
-            f"{', '.join(known)}. A run records others of `gx.fields` by gx.Recording(folder, "
-            f"fields={example}).",
+            f"{', '.join(known)}; {remedy}.",
         )
 
+    @check_arguments
     def values(self, field: str, frame: int) -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
         vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
@@ -282,8 +288,12 @@ class RunReader:
             field: name of a field; bodies that did not record it are left out.
 
         Raises:
-            InputError: a file of fields is missing or damaged.
+            InputError: there is no such state, or a file of fields is missing or damaged.
         """
+        check(
+            0 <= frame < len(self.times),
+            f"The run in '{self.folder}' has {len(self.times)} states; {frame} is none of them.",
+        )
         found = []
         bodies = self.films
         if field in LINE_FIELDS:

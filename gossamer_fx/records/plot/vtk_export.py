@@ -30,7 +30,7 @@ _FILES = "run_files"
 
 @check_arguments
 def export(run: RunReader, folder: str | Path) -> Path:
-    """Write all recorded states of a run with all parts of the scene, for ParaView and pyvista.
+    """Write all recorded states of a run with all items of the scene, for ParaView and pyvista.
 
     `run.pvd` lists a state for each time.  Its parts have the names of films, cables and beams;
     "connectors" are ropes, springs and tapes with their mean tensions, "solids" rigid bodies and
@@ -98,7 +98,7 @@ def _check_own(folder: Path) -> None:
 
 
 def _parts(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
-    """The parts of the scene in a recorded state by name, with arrays in SI units."""
+    """The items of the scene in a recorded state by name, with arrays in SI units."""
     for name, body in run.bodies.items():
         segment, step = body.at(frame)
         yield name, segment.grid(step)

@@ -8,12 +8,12 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
-from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.records.fields.lines import LineForces, line_forces
-from gossamer_fx.records.fields.values import HasSystem
 from gossamer_fx.solve.system.system import System
 
 # What is reported of the values along a line
@@ -44,6 +44,7 @@ class _AlongLine:
         self,
         line: Curve | DrawnAsLines,
         which: str,
+        at: At,
         *,
         of_body: Callable[[BodyShape], Expr],
         of_connector: Callable[[LineForces], Array],
@@ -52,15 +53,16 @@ class _AlongLine:
         check(which in KINDS, f"{kind}: which is {which!r}; choose among: {', '.join(KINDS)}.")
         self.line = line
         self.which = which
+        self.at: At = at
         self._of_connector = of_connector
         if isinstance(line, Curve):
-            self._values = _ForSystem(lambda system: GaussValues(system, line, of_body))
+            self._values = _ForSystem(lambda system: GaussValues(system, line, of_body, at))
 
     def __call__(self, run: HasSystem) -> float:
         """The value in a state.  Collective, the same on every rank."""
         if isinstance(self.line, Curve):
             return self._along_body(run.system)
-        lines = line_forces(run.system, self.line)
+        lines = line_forces(run.system, self.line, self.at)
         values = self._of_connector(lines)
         if self.which == "least":
             return float(values.min())
@@ -90,6 +92,8 @@ class Tension(_AlongLine):
     Args:
         line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of the scene.
         which: "mean", "least" or "largest" along the line, or of the ropes of a bundle.
+        at: "mean" over the last step, or "end" for that at its end, e.g. for an event, which
+            divides steps.
 
     Raises:
         InputError: `which` is unknown, or the line is something else; when called, the line is not
@@ -106,8 +110,10 @@ class Tension(_AlongLine):
 
     unit = "N"
 
-    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
-        super().__init__(line, which, of_body=tension, of_connector=lambda lines: lines.tensions)
+    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean", *, at: At = "mean") -> None:
+        super().__init__(
+            line, which, at, of_body=tension, of_connector=lambda lines: lines.tensions
+        )
 
 
 @check_arguments
@@ -136,7 +142,7 @@ class AxialStrain(_AlongLine):
 
     def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
         super().__init__(
-            line, which, of_body=axial_strain, of_connector=lambda lines: lines.strains
+            line, which, "end", of_body=axial_strain, of_connector=lambda lines: lines.strains
         )
 
 
@@ -177,5 +183,5 @@ class Length:
         """
         system = run.system
         if not isinstance(self.line, Curve):
-            return float(line_forces(system, self.line).lengths.sum())
+            return float(line_forces(system, self.line, "end").lengths.sum())
         return self._length(system)()

@@ -223,7 +223,7 @@ class MeanSpin:
         Returns:
             products (n, 2), in the unit of the values times kg.
         """
-        owned = system.state[self.body].part
+        owned = system.state[self.body].owned
         alone = system.q0.duplicate()
         product = system.q0.duplicate()
         alone.set(0.0)

@@ -23,7 +23,6 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +37,14 @@ from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_o
 from gossamer_fx.records.run.log import LOGGER
 from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
-from gossamer_fx.solve.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
+from gossamer_fx.solve.steppers.stepping import (
+    Carrier,
+    Control,
+    EqualSteps,
+    Stepper,
+    Stepping,
+    even_step,
+)
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import TIME, Account, ClosingErrors
 
@@ -54,6 +60,8 @@ _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 
 # A time is met if it differs by less than this fraction of a step.
 _SAME_TIME = 1e-9
+# Most steps of equal length of a run: years, at a millisecond for each.
+MAX_STEPS = 1e11
 
 
 @check_arguments
@@ -138,7 +146,10 @@ class Simulation:
         if control is not None:
             self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
-        self.history = History(self.system, [self.solver, self.stepping])
+        carriers: list[Carrier] = [self.solver]
+        if isinstance(self.stepping, Carrier):
+            carriers.append(self.stepping)
+        self.history = History(self.system, carriers)
         self.step = 0
         self.iterations = 0
         self.substeps = 0
@@ -162,6 +173,8 @@ class Simulation:
         if restart is not None or checkpoints is not None:
             self._description = self.describe()
         self._locks = self._lock_files()
+        self._control = control
+        self._running = False
         try:
             cursors: list[tuple[str, dict[str, Any]]] = []
             if restart is not None:
@@ -326,6 +339,7 @@ class Simulation:
             found |= scalars.states()
         return found
 
+    @check_arguments
     def chamber(self, name: str) -> ChamberState:
         """State of the gas in a chamber or tank.
 
@@ -348,6 +362,7 @@ class Simulation:
 
     # ---- running ---------------------------------------------------------------------------------
 
+    @check_arguments
     def run(self, until: float) -> None:
         """Advance to a time; may be called again with a later one.
 
@@ -366,31 +381,41 @@ class Simulation:
             Interrupted: a signal came.
         """
         check(
-            isinstance(until, Real) and not isinstance(until, bool) and math.isfinite(until),
-            f"until is {until!r}; give the end time in seconds.",
-        )
-        check(
             until >= self.time,
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
+        )
+        check(
+            not self._running,
+            f"run: the run is at t = {self.time:.9g} s and goes on; an event cannot run it.",
+        )
+        steps = (until - self.time) / self.stepper.dt
+        check(
+            self._control is not None or steps <= MAX_STEPS,
+            f"until is {until!r} s, {steps:.2g} steps of {self.stepper.dt:g} s away; give a larger "
+            f"dt, or an earlier end, for {MAX_STEPS:g} steps at most.",
         )
         until = float(until)
         self.until = until
         if self._locks is not None:
             self._locks.acquire()
             self._locks.running = True
-        with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+        # Signals are noted until all files are closed.
+        with abort_on_lone_error(self.comm), Listener() as signals, ExitStack() as at_the_end:
+            self._running = True
+            at_the_end.callback(setattr, self, "_running", False)
             # Callbacks are called in reverse order: files are closed before they are released.
             at_the_end.callback(self._release)
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
             # Closing is collective: a rank that fails alone must end the program before it.
             with abort_on_lone_error(self.comm):
-                signal = self._start_and_go(until, signals)
+                self._start_and_go(until, signals)
+        signal = signals.heard(self.comm)
         if signal:
             self._leave(signal)
 
-    def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step to a time.  Collective.
+    def _start_and_go(self, until: float, signals: Listener) -> None:
+        """Record the start, and step to a time or until a signal comes.  Collective.
 
         Args:
             until: end time [s].
@@ -402,16 +427,16 @@ class Simulation:
         if not self.recorded:
             self._record(last=ended)
         if ended:
-            return 0
+            return
         times = {until}
         for output in self.outputs:
             times |= set(output.times)
         if self._monitor is not None:
             times |= set(self._monitor.times)
         milestones = sorted(t for t in times if self.time < t < until)
-        return self._go([*milestones, until], signals)
+        self._go([*milestones, until], signals)
 
-    def _go(self, milestones: Sequence[float], signals: Listener) -> int:
+    def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.
 
         Args:
@@ -427,17 +452,15 @@ class Simulation:
                     # again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
-                    signal = signals.heard(self.comm)
-                    is_last = ended or signal > 0 or self.time == milestones[-1]
-                    self._record(last=is_last)
+                    ended = ended or signals.heard(self.comm) > 0
+                    self._record(last=ended or self.time == milestones[-1])
                 except Exception as error:
                     # `_save` is collective: all ranks must have the error.
                     agree_on_error(self.comm, error)
                     self._save()
                     raise
-                if ended or signal:
-                    return signal
-        return 0
+                if ended:
+                    return
 
     def _record(self, last: bool) -> None:
         """Let the outputs record the state, and write a checkpoint if it is due.  Collective."""

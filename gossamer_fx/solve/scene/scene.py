@@ -14,7 +14,7 @@ from gossamer_fx.core.drawing import table
 from gossamer_fx.core.model.body import Array, Body, BringsCoordinates, Vector, is_body, is_on_mesh
 from gossamer_fx.core.model.state import BodyState, InitialState
 from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of
-from gossamer_fx.mechanics.terms.assembly import Assembly, Part
+from gossamer_fx.mechanics.terms.assembly import Assembly, ItemTerms
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.mechanics.terms.scalar_unknowns import (
     BringsScalarUnknowns,
@@ -143,7 +143,7 @@ BRINGS = {
 class Item(Protocol):
     """Anything that a scene may be made of.
 
-    It has a name, and plays one or more of these parts:
+    It has a name, and does one or more of these:
 
     `BringsTerms`           adds to the equations
     `Body`                  brings coordinates
@@ -160,7 +160,7 @@ class Scene:
     """The items of a scene and, through them, all that they refer to.
 
     Args:
-        items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+        items: bodies, gas items, loads, constraints, connectors, contacts, initial conditions.
 
     Raises:
         InputError: no items, something that is not an item, two items of one name.
@@ -176,12 +176,16 @@ class Scene:
         for item in items:
             self._add(item)
         check(bool(self.items), "The scene is empty; give it a body or a chamber.")
-        # Outputs, checkpoints and the ledger find parts by their names.
+        # Outputs, checkpoints and the ledger find items by their names.
         names = [item.name for item in self.items]
+        check(
+            all(name.strip() for name in names),
+            "A part of the scene has a name without letters; give it another one by name=....",
+        )
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
-            f"Two parts of the scene are called '{twice[0] if twice else ''}'; "
+            f"Two items of the scene are called '{twice[0] if twice else ''}'; "
             "give each its own by name=....",
         )
 
@@ -197,7 +201,7 @@ class Scene:
         if not isinstance(item, Item):
             raise InputError(
                 f"{item!r} is not an item of a scene; "
-                "give bodies, gas parts, loads, constraints or connectors."
+                "give bodies, gas items, loads, constraints or connectors."
             )
         check(
             any(isinstance(item, part) for part in BRINGS.values()),
@@ -209,7 +213,7 @@ class Scene:
         if isinstance(item, RefersToItems):
             for other in item.requires():
                 self._add(other)
-        # After what it refers to: terms may need a part that is compiled before.
+        # After what it refers to: terms may need an item that is compiled before.
         self.items.append(item)
 
     def __repr__(self) -> str:
@@ -231,7 +235,7 @@ class Scene:
 
     @property
     def bodies(self) -> list[Body]:
-        """Bodies of the scene, those that parts ask for included."""
+        """Bodies of the scene, those that items ask for included."""
         return [item for item in self.items if is_body(item)]
 
     @property
@@ -250,6 +254,7 @@ class Scene:
                 f"{self.comm.size}; make all bodies of a scene with the same comm.",
             )
 
+    @check_arguments
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms for a stress rule, by default the path average,
         which conserves energy, and take the initial state.  Collective."""
@@ -270,8 +275,8 @@ class Scene:
         for item in self.items:
             if isinstance(item, InitialCondition):
                 item.initialise(start)
-        parts = [Part(item, list(terms_of(item, start))) for item in self.items]
-        system = System(start, parts, rule or PathAverage())
+        items = [ItemTerms(item, list(terms_of(item, start))) for item in self.items]
+        system = System(start, items, rule or PathAverage())
         kinds: dict[type[ScalarUnknowns], list[object]] = {}
         for item in self.items:
             if isinstance(item, BringsScalarUnknowns):

@@ -44,8 +44,8 @@ class Tolerances:
             largest energy so far; asked while the residual still falls.
         scalars: largest relative residual of the equations of scalar unknowns, such as gas
             pressures.
-        constraint: largest violation of a constraint between points, in the units of the constraint
-            (m, or 1 for directions).
+        constraint: largest violation of a constraint between points, over its size: the extent of
+            the scene where it is a distance, 1 where it is a product of directions.
         max_iterations: number of Newton iterations after which the step has failed.
 
     The tolerances are those of one step.  What steps leave below them may add up, as all may miss
@@ -101,7 +101,8 @@ DIVERGENCE_RATIO = 1e12
 @dataclass(frozen=True)
 class Residual:
     """Norms of a residual, the same on every rank: imbalance of the forces [N], the largest
-    violation of a constraint [m or 1], and the largest relative residual of scalar unknowns."""
+    violation of a constraint over its size, and the largest relative residual of scalar
+    unknowns."""
 
     imbalance: float
     violation: float = 0.0

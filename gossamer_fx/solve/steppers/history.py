@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Iterable
+from typing import Any
 
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.terms.assembly import HistoryVariables
+from gossamer_fx.solve.steppers.stepping import Carrier
 from gossamer_fx.solve.system.system import System
-
-
-@runtime_checkable
-class Carrier(Protocol):
-    """A stepper or step control with history variables; `vectors` of the system are copied, not
-    replaced, when a state is restored."""
-
-    vectors: Mapping[str, PETSc.Vec]
-
-    def get_state(self) -> dict[str, Any]:
-        """All other history variables, as numbers, strings and lists; the same on every rank."""
-        ...
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
-        ...
 
 
 class History:
@@ -37,7 +22,7 @@ class History:
     copies.
     """
 
-    def __init__(self, system: System, carriers: Iterable[object]) -> None:
+    def __init__(self, system: System, carriers: Iterable[Carrier]) -> None:
         """Collect the vectors and history variables, the state that does not follow from
         coordinates, e.g. rest angles of creases.  Nothing is copied before the first `commit`."""
         self._system = system
@@ -55,14 +40,13 @@ class History:
         self._committed: dict[str, PETSc.Vec] = {}
         self._committed_cells: dict[str, Array] = {}
 
-    def _find_carriers(self, carriers: Iterable[object]) -> None:
+    def _find_carriers(self, carriers: Iterable[Carrier]) -> None:
         """Add the history variables of the stepper and of the step control."""
         for carrier in carriers:
-            if isinstance(carrier, Carrier):
-                name = type(carrier).__name__
-                self._variables[name] = carrier
-                for what, vector in carrier.vectors.items():
-                    self.vectors[f"{name} {what}"] = vector
+            name = type(carrier).__name__
+            self._variables[name] = carrier
+            for what, vector in carrier.vectors.items():
+                self.vectors[f"{name} {what}"] = vector
 
     def _find_terms(self) -> None:
         """Collect the objects with history variables, scalar unknowns, kinds of terms, and fields

@@ -102,6 +102,11 @@ class StepControl:
             self.min_factor < 1,
             f"StepControl: min_factor is {self.min_factor!r}; give a number below 1.",
         )
+        check(
+            self.min_step is None or self.min_step <= self.max_step,
+            f"StepControl: min_step is {self.min_step!r} s and max_step {self.max_step!r} s; "
+            "give a larger max_step.",
+        )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
         """The steps of a run of a compiled system, whose lengths this control chooses, the first of

@@ -4,7 +4,10 @@ length."""
 from __future__ import annotations
 
 import math
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import NotConverged, StepFailure, check
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -22,8 +25,27 @@ ALLOWED_EXCESS = 1e-6
 SMALLEST_STEP = 1e-100
 
 
-class StepSolver(Protocol):
-    """A time stepper at work on a system."""
+@runtime_checkable
+class Carrier(Protocol):
+    """A stepper or step control with history variables."""
+
+    @property
+    def vectors(self) -> Mapping[str, PETSc.Vec]:
+        """Vectors of the system, which are copied, not replaced, when a state is restored."""
+        ...
+
+    def get_state(self) -> dict[str, Any]:
+        """All other history variables, as numbers, strings and lists; the same on every rank."""
+        ...
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        ...
+
+
+class StepSolver(Carrier, Protocol):
+    """A time stepper at work on a system; one without history variables has no `vectors`, and an
+    empty state."""
 
     newton: Newton
 

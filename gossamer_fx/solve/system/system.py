@@ -23,8 +23,8 @@ from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Compiler,
     Differentiable,
+    ItemTerms,
     Multipliers,
-    Part,
     Shown,
 )
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
@@ -58,7 +58,7 @@ class System:
 
     Args:
         start: the initial state, with initial conditions applied.
-        parts: the items of the scene with their terms.
+        items: those of the scene with their terms.
         rule: the stress rule.
 
     Attributes:
@@ -84,13 +84,13 @@ class System:
         losses: dissipated energies since the start [J] by name, this rank's share.
     """
 
-    def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
+    def __init__(self, start: InitialState, items: Sequence[ItemTerms], rule: StressRule) -> None:
         self.comm = start.comm
         self.initial = start
         self.rule = rule
         self.bodies: list[Body] = [one.body for one in start]
-        self._parts = parts
-        self.terms: list[Term] = [term for part in parts for term in part.terms]
+        self._items = items
+        self.terms: list[Term] = [term for each in items for term in each.terms]
         self.scalar_unknowns: list[ScalarUnknowns] = []
         self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
@@ -164,7 +164,7 @@ class System:
     @property
     def items(self) -> list[object]:
         """The items of the scene that bring terms."""
-        return [part.item for part in self._parts]
+        return [each.item for each in self._items]
 
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
@@ -172,7 +172,7 @@ class System:
 
     def terms_of(self, item: object) -> Sequence[Term]:
         """The terms that an item of the scene has brought; none if it is not in the scene."""
-        return next((part.terms for part in self._parts if part.item is item), ())
+        return next((each.terms for each in self._items if each.item is item), ())
 
     # ---- the initial state -----------------------------------------------------------------------
 
@@ -182,6 +182,7 @@ class System:
         `InputError` if a constraint does not hold in it, or follows from others.  Collective."""
         self.initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
+        self.supports.check_agreement(self.q0, self.time)
         if self.constraints:
             free = self.numbering.vector()
             free.set(1.0)
@@ -300,7 +301,7 @@ class System:
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
-        return self._begin_without_search(h)
+        return self.begin_without_search(h)
 
     def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
         """Start a step of length h [s] with recorded active sets of this rank, one for each kind of
@@ -308,10 +309,11 @@ class System:
         self.h = h
         for kind, saved in zip(self.active_sets, active_sets, strict=True):
             kind.load_active_set(saved)
-        return self._begin_without_search(h)
+        return self.begin_without_search(h)
 
-    def _begin_without_search(self, h: float) -> Array:
-        """Start a step of length h [s] once the active sets are known."""
+    def begin_without_search(self, h: float) -> Array:
+        """Start a step of length h [s] with the present active sets."""
+        self.h = h
         t = self.time + self.rule.alpha * h
         for kind in self.compiled:
             kind.begin_step(t)
@@ -595,15 +597,16 @@ class System:
         return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
-        """Norm of the forces in a residual [N], and the largest violation of a constraint, in the
-        unit of the constraint, the same on every rank.  Collective."""
+        """Norm of the forces in a residual [N], and the largest violation of a constraint, over its
+        size in the scene, the same on every rank.  Collective."""
         if self.constraints is None:
             return float(r.norm()), 0.0
         values = r.array_r
         multipliers = self.constraints.owned
         forces = values[: multipliers.start]
         squares = float(forces @ forces)
-        worst = float(np.abs(values[multipliers]).max(initial=0.0))
+        violations = np.abs(values[multipliers]) / self.constraints.sizes
+        worst = float(violations.max(initial=0.0))
         if self.comm.size > 1:
             squares = self.comm.allreduce(squares)
             worst = self.comm.allreduce(worst, op=MPI.MAX)

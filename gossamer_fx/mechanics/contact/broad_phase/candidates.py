@@ -19,12 +19,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rotations import rotations
-from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.arrays import Array, Sides
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import Nearness, find_overlaps
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge, is_wall
+from gossamer_fx.mechanics.contact.stencils import SIDES, is_wall
 
 # Singular values of the inertia tensor below this part of the largest one count as zero: points on
 # a line have no spin about it.
@@ -300,7 +300,7 @@ def find_candidates(
     found = find_overlaps(
         mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected, near
     )
-    edge_pair_count = int((found.kind == EdgeEdge.number).sum())
+    edge_pair_count = int((SIDES[found.kind] == Sides.EDGE_EDGE).sum())
     counts = (len(found) - edge_pair_count, edge_pair_count)
     first, second = found.primitives.T
     pairs = found.rows(np.lexsort((first, second, found.kind)))

@@ -24,7 +24,7 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
 )
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES, EdgeEdge
+from gossamer_fx.mechanics.contact.stencils import SIDES
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
@@ -310,7 +310,7 @@ class CollisionMesh:
         shape = np.zeros(len(kind))
         # Edges of obstacles have a number of at least zero here, those of bodies are below.
         of_obstacle = primitives[:, 1] - len(self.known.edges)
-        rows = np.flatnonzero((kind == EdgeEdge.number) & (of_obstacle >= 0))
+        rows = np.flatnonzero((SIDES[kind] == Sides.EDGE_EDGE) & (of_obstacle >= 0))
         if not len(rows):
             return kind, shape
         kind = kind.copy()
@@ -326,7 +326,7 @@ class CollisionMesh:
         film, so that each takes a half.  The areas of edges and points overlap in the same way.
         `primitives`: indices (n, 2) of the two primitives of each pair."""
         area: Array = self.area[points[:, 0]] * 0.5
-        edges = kind == EdgeEdge.number
+        edges = SIDES[kind] == Sides.EDGE_EDGE
         area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
         return area
 

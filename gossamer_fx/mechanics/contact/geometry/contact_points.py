@@ -11,7 +11,7 @@ Prescribed motions are functions of the user, asked for on all ranks and checked
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +25,8 @@ from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Attached, Body, Ground, Port
 from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.obstacles import PrescribedMotion
 from gossamer_fx.mechanics.terms.assembly import Assembly
-
-PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Parts of a step at which the motion is asked for.  Multiples of the golden ratio, less whole
 # numbers, are spread evenly and are not multiples of each other, so that a motion of a short period

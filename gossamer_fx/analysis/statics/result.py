@@ -1,0 +1,161 @@
+"""An equilibrium as a result: whether it is regular and unique, and the warnings about it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gossamer_fx.analysis.statics.continuation import Search
+from gossamer_fx.analysis.statics.prestress import (
+    MAX_NAMED_PARTS,
+    ReachedPrestress,
+    lost_prestress_words,
+)
+from gossamer_fx.analysis.vibration.rigid_motions import free_motions, listed
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.system.totals import Totals
+
+# Loads over the estimated round-off of the inner forces, below which the equilibrium may not show
+# them.  Cantilevers of thin plates were right down to 6e-6, and had not moved at 5e-6 and less.
+LOST_LOAD = 1e-4
+
+LOG = logging.getLogger("gossamer_fx")
+
+
+@check_arguments
+@dataclass(frozen=True, repr=False)
+class EquilibriumResult:
+    """An equilibrium and how it was found.
+
+    Attributes:
+        residual: unbalanced force over that of loads and supports; where there are none, over a
+            thousand times the round-off of the inner forces.
+        iterations: Newton iterations, including those of failed pseudo-steps.
+        steps: pseudo-steps, including failed ones.
+        cuts: failed pseudo-steps.
+        seconds: CPU time of this rank [s], without compilation.
+        totals: energies.  The kinetic energy is zero; `supplied` is the work of loads and supports
+            along the path of the continuation, which is exact for dead loads and prescribed
+            pressure.
+        regular: whether Newton's iteration converges without inertia and the tangent is not
+            singular.
+        free: rigid motions that no support or load resists, of each part that moves independently;
+            the equilibrium is unique at most up to these.
+        within_tolerance: whether the residual reached the tolerance of the search.  Otherwise
+            round-off of the inner forces has ended it earlier.
+        prestress: of the films, cables and beams that have one, by their names: which stress or
+            tension was asked for, and which is left.
+
+    An equilibrium that is not regular, not within its tolerance, or in which a part has less than
+    90 % of its prestress, is also reported by a warning in the log.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> result = gx.Equilibrium(gx.Scene(weight, spring)).find()
+        >>> result.free
+        ()
+        >>> result.residual < 1e-8
+        True
+    """
+
+    residual: float
+    iterations: int
+    steps: int
+    cuts: int
+    seconds: float
+    totals: Totals
+    regular: bool
+    free: tuple[str, ...]
+    within_tolerance: bool = True
+    prestress: Mapping[str, ReachedPrestress] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Residual, iterations and time, and what falls short."""
+        words = [
+            f"residual {self.residual:.1e}",
+            f"{self.iterations} iterations",
+            f"{self.seconds:.2g} s",
+        ]
+        if not self.within_tolerance:
+            words.append("not within its tolerance")
+        if self.free:
+            words.append(f"nothing resists {listed(self.free)}")
+        elif not self.regular:
+            words.append("not unique")
+        named = sorted(self.prestress.items(), key=lambda item: item[1].ratio)
+        if len(named) > MAX_NAMED_PARTS:
+            # Of many parts the one that has lost most.
+            named = named[:1]
+        words += [f"prestress of '{name}' {reached.short()}" for name, reached in named]
+        return f"<EquilibriumResult: {', '.join(words)}>"
+
+
+def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool]:
+    """Rigid motions that nothing resists, in words, and whether the tangent without inertia is
+    regular under the loads of time `at` [s]: Newton's iteration starts once more from the
+    solution."""
+    converges = search.solve_without_inertia(at)
+    system = search.system
+    unbalanced, load = search.unbalanced()
+    K = system.tangent()
+    stiffnesses = []
+    for scalars in system.scalar_unknowns:
+        stiffnesses += scalars.static_stiffness()
+    free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
+    if free or not converges:
+        return free, False
+    # With scalar unknowns K is only a block of the matrix, and may be singular in a regular
+    # one.
+    is_regular = bool(system.scalar_unknowns) or not factorisation.is_singular(K)
+    return free, is_regular
+
+
+def warn_of_lost_loads(search: Search) -> None:
+    """Warn if the round-off of the inner forces hides the loads.  The residual is then small
+    wherever the scene is, so that what is found is too stiff by any factor: a plate bends with
+    the cube of its thickness, and round-off is that of its membrane forces."""
+    load = float(search.system.load_forces().norm())
+    round_off = search.newton.round_off
+    if 0 < load < LOST_LOAD * round_off and search.comm.rank == 0:
+        LOG.warning(
+            "The equilibrium does not show the loads: "
+            "their %.1e N are far below the round-off of the inner forces, "
+            "%.1e N, so that displacements may be too small by any factor; "
+            "a plate this thin needs cells of aspect near one, or is a Membrane.",
+            load,
+            round_off,
+        )
+
+
+def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
+    """Warn of an equilibrium that is above the tolerance, not unique or not regular."""
+    if search.comm.rank > 0:
+        return
+    lost = lost_prestress_words(dict(result.prestress))
+    if lost:
+        LOG.warning("%s", lost)
+    if not result.within_tolerance:
+        LOG.warning(
+            "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: "
+            "the inner forces have a round-off of %.1e N.",
+            result.residual,
+            search.options.tolerance,
+            search.newton.round_off,
+        )
+    if result.free:
+        LOG.warning(
+            "The equilibrium is not unique: nothing resists %s; "
+            "hold it by gx.Fixed if it must not move.",
+            listed(result.free),
+        )
+    elif not result.regular:
+        LOG.warning(
+            "The equilibrium is not regular: "
+            "its tangent is singular or Newton's iteration without inertia does not converge, "
+            "as in slack film or at a limit load; "
+            "shape and modes of such parts are not unique."
+        )
