@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from mpi4py import MPI
@@ -245,7 +245,7 @@ def _density(law: BarLaw, lengths: Array) -> PointDensity:
     return TabulatedBars(law.corners, lengths)
 
 
-def _is_green(law: BarLaw) -> bool:
+def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:
     return isinstance(law, CableLaw) and law.strain == "green"
 
 
