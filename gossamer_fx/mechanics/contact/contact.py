@@ -22,6 +22,9 @@ from gossamer_fx.mechanics.contact.potential import ContactLaw
 
 LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 
+# Activation distance over the shortest edge, at least: positions have errors of 1e-12 of it.
+ROUND_OFF = 1e-10
+
 # Activation distance and diameter of a body, over its shortest edge, at most: neighbours on one
 # film would otherwise begin to touch each other.
 MAX_REACH = 0.5
@@ -167,6 +170,11 @@ class Contact:
         ends = facets.lines if is_line else facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2)
         lengths = np.linalg.norm(facets.X[ends[:, 0]] - facets.X[ends[:, 1]], axis=1)
         shortest = float(body.comm.allreduce(lengths.min(initial=np.inf), op=MPI.MIN))
+        check(
+            self.distance >= ROUND_OFF * shortest,
+            f"Contact '{self.name}': a distance of {self.distance:g} m is below the round-off of "
+            f"'{body.name}', whose shortest edge is {shortest:.3g} m; give a larger one.",
+        )
         check(
             self.distance + 2 * radius <= MAX_REACH * shortest,
             f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} "
