@@ -41,6 +41,8 @@ from gossamer_fx.records.outputs.output import Probe
 # Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m
 FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
+# The same without wrinkling, of a shell that resists compression and bending.
+SHELL = gx.Linear(E=FILM.E, nu=FILM.nu, density=FILM.density, thickness=FILM.thickness)
 BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 # By the number of the case.
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
@@ -63,9 +65,16 @@ class Antenna:
         return [self.film, *self.booms, *self.ties]
 
 
-def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1) -> Antenna:
-    """The antenna in the plane z = 0, centre at the origin, stress-free."""
-    film = gx.Membrane(meshes.film(comm, film_cells, SIDE), FILM, order=order)
+def antenna(
+    comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1, shell: bool = False
+) -> Antenna:
+    """The antenna in the plane z = 0, centre at the origin, stress-free; its film may be a `shell`
+    that does not wrinkle."""
+    mesh = meshes.film(comm, film_cells, SIDE)
+    if shell:
+        film: gx.Membrane = gx.Plate(mesh, SHELL, name="film")
+    else:
+        film = gx.Membrane(mesh, FILM, order=order)
     booms = [
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)

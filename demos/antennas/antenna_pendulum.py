@@ -85,7 +85,7 @@ class FilmDeflection:
 
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
-        owned = system.state[self._film].part
+        owned = system.state[self._film].owned
         distance = system.numbering.vector()
         corners = system.state.vectors(self._corners)
         _, B, C, D = corners
@@ -108,10 +108,14 @@ def build(
     until: float = 2.0,
     dt: float = 5e-3,
     order: int = 1,
+    shell: bool = False,
 ) -> gx.Case:
     """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of
-    both."""
-    model = antenna(comm, cells, elements, order)
+    both.
+
+    Its film may be a `shell` that does not wrinkle, as in the commercial code of the paper.
+    """
+    model = antenna(comm, cells, elements, order, shell)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
         corners[2], gx.Ground(tuple(model.points[2].tolist())), name="hinge"

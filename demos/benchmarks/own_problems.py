@@ -82,17 +82,23 @@ def antenna(cells: int = 20, steps: int = 3, dt: float = 5e-3) -> Figures:
 
 
 def pendulum(
-    n: int = 6, elements: int = 12, order: int = 2, dt: float = 1e-2, until: float = 2.0
+    n: int = 6,
+    elements: int = 12,
+    order: int = 2,
+    dt: float = 1e-2,
+    until: float = 2.0,
+    shell: int = 0,
 ) -> Figures:
     """The whole swing of that antenna."""
     watch = Stopwatch()
-    swing = antenna_pendulum.build(COMM, n, elements, until, dt, order)
+    swing = antenna_pendulum.build(COMM, n, elements, until, dt, order, bool(shell))
     series = gx.Series(swing.probes)
     figures = watch.measure(swing.simulation([series]), until)
     film = series["film [m]"]
     # At the end and over the time: the film vibrates, so that its value at the end depends on the
     # phase.
     return figures | {
+        "tip, half way [mm]": 1e3 * np.interp(until / 2, series.time, series["tip [m]"]),
         "tip [mm]": 1e3 * series["tip [m]"][-1],
         "film, end [mm]": 1e3 * film[-1],
         "film, rms [mm]": 1e3 * np.sqrt(np.mean(film**2)),
@@ -193,7 +199,7 @@ def contact(n: int = 10, dt: float = 1e-4, until: float = 0.01, law: str = "barr
     films = [facets_of(film) for film in (lower, upper)]
     positions = []
     for film, facets in zip((lower, upper), films, strict=True):
-        owned = run.system.state[film].part
+        owned = run.system.state[film].owned
         positions.append(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes])
     all_triangles = np.vstack([films[0].triangles, films[1].triangles + len(positions[0])])
     kept = ("cpu", "wall", "dofs", "steps", "Newton/step", "rejected", "ΔE/E")

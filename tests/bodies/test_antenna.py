@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from demos.antennas import antenna_attitude, antenna_free, antenna_pendulum
+import gossamer_fx as gx
+from demos.antennas import antenna_attitude, antenna_free, antenna_pendulum, antenna_reference
+from gossamer_fx.analysis.cases.results import read_results
 
 
 def test_free_antenna_conserves() -> None:
@@ -33,6 +35,42 @@ def test_swing_is_nearly_rigid() -> None:
     assert abs(result["energy_error"]) < 1e-10
 
 
+def test_the_shell_swings_as_in_another_program() -> None:
+    """NGSolve's heights of the tip are those of the file; its booms are straight, which is 0.2 mm.
+
+    The film that wrinkles is another model: the same comparison refuses it.
+    """
+    stored = read_results(antenna_reference.STORED, antenna_reference.NAME)
+    reference = antenna_reference.tip(stored, "ngsolve", antenna_reference.COARSE)
+    # Until half a second.
+    instants = antenna_reference.INSTANTS[:26]
+    largest = {}
+    for shell in (True, False):
+        own = antenna_reference.own_run(0.5, cells=3, elements=6, order=2, dt=1e-2, shell=shell)
+        heights = np.interp(instants, own["time"], own["tip"])
+        largest[shell] = np.abs(heights - reference[: len(instants)]).max()
+    assert largest[True] < 3e-4
+    assert largest[False] > 1e-3
+
+
+def test_a_boom_is_as_stiff_as_by_hand() -> None:
+    """A boom that is hinged at its ends sags by 5 m g l⁴/(384 EI) under its weight, and shear adds
+    less than a thousandth."""
+    boom = gx.Beam(
+        antenna_attitude.meshes.boom(MPI.COMM_SELF, 8, antenna_attitude.SIDE, (1.0, 1.0)),
+        antenna_attitude.BOOM,
+    )
+    ends = [gx.Fixed(boom, end) for end in ("start", "end")]
+    search = gx.Equilibrium(gx.Scene(boom, *ends, gx.Gravity(boom, (0.0, 0.0, -1.0))))
+    search.find()
+    sag = -search.system.state[boom].positions()[:, 2].min()
+    length = antenna_attitude.SIDE * 2**0.5
+    EI = 100e9 * np.pi / 4 * (0.02**4 - 0.0195**4)
+    by_hand = 5 * antenna_attitude.BOOM.line_density * length**4 / (384 * EI)
+    assert by_hand == pytest.approx(8.1e-5, rel=0.01)
+    assert sag == pytest.approx(by_hand, rel=5e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "accepted"), [(1, 2e-3), (2, 2.5e-2)])
 def test_attitude_reaches_its_target(case: int, accepted: float) -> None:
@@ -47,10 +85,8 @@ def test_attitude_follows_the_designed_response() -> None:
     """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid
     in its plane."""
     result = antenna_attitude.main(case=1, until=3.0, dt=0.05)
-    measured = result["angles"][-1][2]
-    expected = 8 * (1 - 2.8 * 2.718281828**-1.8)
     # 1 %: the antenna is flexible, and the closed form that of a rigid body.
-    assert measured == pytest.approx(expected, rel=1e-2)
+    assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
 
 
 @pytest.mark.mpi
@@ -70,5 +106,4 @@ def test_joints_of_the_antenna_across_ranks() -> None:
             assert np.abs(alone).max() > 1e-6
             error = np.abs(together - alone).max()
             # Newton's iterations end at different residuals on different numbers of ranks.
-            limit = 1e-8 * np.abs(alone).max()
-            assert error < limit
+            assert error < 1e-8 * np.abs(alone).max()

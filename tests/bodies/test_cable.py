@@ -15,6 +15,8 @@ Sources:
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -23,6 +25,7 @@ from spectrum import angular_frequencies
 import gossamer_fx as gx
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 
@@ -159,12 +162,13 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
     assert measured == pytest.approx(squares, rel=1e-2)
 
 
-def test_tension_only_cable_goes_slack() -> None:
+@pytest.mark.parametrize("strain", ["green", "engineering"])
+def test_tension_only_cable_goes_slack(strain: Literal["green", "engineering"]) -> None:
     """Thrown together it carries nothing: the ends meet as if there were no cable, and energy is
     kept throughout."""
     cable = gx.Cable(
         line(COMM, [(0, 0, 0), (1, 0, 0)], 4),
-        gx.TensionOnly(EA=100.0, line_density=1.0),
+        gx.TensionOnly(EA=100.0, line_density=1.0, strain=strain),
         velocity=lambda x: np.vstack([-(x[0] - 0.5), 0 * x[0], 0 * x[0]]),
     )
     run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-2))
@@ -178,6 +182,97 @@ def test_tension_only_cable_goes_slack() -> None:
     assert run.totals.stored["cable"] > 0
 
 
+@pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
+    law: type[gx.CableLaw], order: int
+) -> None:
+    """Hooke: m g L/EA of a mass and half as much of its own, at 10 % strain; its derivative by EA;
+    the tension that is read is the weight below."""
+    EA = 300.0
+    m = 2.0
+    μ = 1.0
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (0, 0, -1)], 4), law(EA, μ, strain="engineering"), order=order
+    )
+    tip = gx.PointMass(m, (0.0, 0.0, -1.0))
+    pull = (0.0, 0.0, -10.0)
+    scene = gx.Scene(
+        gx.Fixed(cable, "start"),
+        gx.constraints.BallJoint(cable.port("end"), tip.port()),
+        gx.Gravity(cable, pull),
+        gx.Gravity(tip, pull),
+    )
+    search = Equilibrium(scene)
+    search.find()
+    elongation = 10 * (m + μ / 2) / EA
+    height = gx.probes.Position(tip.port(), "z")
+    assert height(search) == pytest.approx(-1 - elongation, abs=1e-9)
+    (slope,) = gx.analysis.gradient(search, of=height, by=["cable.EA"])
+    assert slope.values == pytest.approx(elongation / EA, rel=1e-7)
+    tensions = gx.fields.line_values(search, cable).tension
+    # The lowest element has half of its weight below its middle.
+    assert tensions.min() >= 10 * m
+    assert tensions.mean() == pytest.approx(10 * (m + μ / 2), rel=1e-8)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
+def test_a_thrown_cable_linear_in_the_stretch_conserves(law: type[gx.CableLaw]) -> None:
+    """400 steps with strains between -30 and 30 %, from a prestressed straight line."""
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (1, 0, 0)], 6),
+        law(100.0, 0.1, strain="engineering"),
+        initial_tension=5.0,
+        velocity=lambda X: np.vstack([6 * np.cos(9 * X[0]), 3 * X[0], 2 * np.sin(7 * X[0])]),
+    )
+    solved = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3, tolerances=solved))
+    assert run.totals.stored["cable"] == pytest.approx(100 / 2 * (5 / 95) ** 2)
+    run.run(until=0.4)
+    assert abs(run.energy_error) < 1e-12
+    assert run.totals.momentum == pytest.approx(run.first.momentum, abs=1e-12)
+    assert run.totals.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-12)
+
+
+def test_the_initial_tension_is_that_of_the_law() -> None:
+    """In the shape of its mesh a cable has the tension that it was given."""
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (1, 0, 0)], 2),
+        gx.CableLaw(100.0, 0.1, strain="engineering"),
+        initial_tension=20.0,
+    )
+    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3))
+    assert gx.fields.line_values(run, cable).tension == pytest.approx(20.0, rel=1e-12)
+
+
+def test_tapes_are_linear_in_the_stretch_as_cables_are() -> None:
+    """A strip of film between two tapes of each law has the same energy as with a table."""
+    film = gx.Membrane(
+        sheet(COMM, 2, 1, 1.0, 0.1),
+        gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-4),
+        displacement=lambda X: np.vstack([0.2 * X[0] ** 2 - 0.1 * X[0], 0 * X[0], 0 * X[0]]),
+    )
+    pairs = [
+        (
+            gx.CableLaw(50.0, 0.1, strain="engineering"),
+            gx.TabulatedCable([-0.5, 0.0, 0.5], [-25.0, 0.0, 25.0], line_density=0.1),
+        ),
+        (
+            gx.TensionOnly(50.0, 0.1, strain="engineering"),
+            gx.TabulatedCable([0.0, 0.5], [0.0, 25.0], line_density=0.1),
+        ),
+    ]
+    for law, table in pairs:
+        energies = []
+        for of_tape in (law, table):
+            tape = gx.connectors.Tape.along_edges(film, of_tape, edges="bottom")
+            run = gx.Simulation(gx.Scene(tape), gx.Midpoint(dt=1e-4))
+            energies.append(run.totals.stored["tape"])
+        assert energies[0] > 0
+        assert energies[0] == pytest.approx(energies[1], rel=1e-14)
+
+
 @pytest.mark.mpi
 def test_prestress_that_a_cable_cannot_have(comm):
     mesh = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
@@ -185,3 +280,5 @@ def test_prestress_that_a_cable_cannot_have(comm):
         gx.Cable(mesh, gx.TensionOnly(1e3, 0.01), initial_tension=-5.0)
     with pytest.raises(gx.InputError, match="length_factor and prestress are both given"):
         gx.Cable(mesh, gx.CableLaw(1e3, 0.01), initial_tension=5.0, length_factor=0.9)
+    with pytest.raises(gx.InputError, match="1000 N at most"):
+        gx.Cable(mesh, gx.CableLaw(1e3, 0.01, strain="engineering"), initial_tension=1e3)

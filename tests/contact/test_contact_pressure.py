@@ -53,6 +53,24 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
 
 
 @pytest.mark.mpi
+def test_pressure_is_that_of_the_force_that_the_step_used(comm) -> None:
+    body = film(comm, 2, height=2e-4, order=1, name="film")
+    floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+    contact = gx.Contact(body, floor, distance=1e-4, stiffness=1e8)
+    # A film that falls at 0.1 m/s touches and leaves the floor within a few of these steps.
+    run = simulate([contact, gx.Pressure(body, -40.0)], 5e-3, 1e-4)
+    push = gx.probes.ContactForce(contact, body, axis="z")
+    fields = FieldFunctions(run.system, body, ["contact_pressure"])
+    forces = []
+    for step in range(1, 11):
+        run.run(until=5e-3 + step * 1e-4)
+        fields.update()
+        forces.append(push(run))
+        assert integral(body, fields.functions[0]) == pytest.approx(forces[-1], rel=1e-6, abs=1e-12)
+    assert max(forces) > 0
+
+
+@pytest.mark.mpi
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     one = film(comm, 2, name="one")
     other = film(comm, 2, height=0.01, name="other")

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.forms import compilation
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 ROOT = Path(gx.__file__).parent.parent
 LIBRARIES = (
@@ -49,8 +50,7 @@ def recorded(folder: Path) -> None:
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, 2, 2), gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-5)
     )
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1), outputs=[gx.Recording(folder)])
-    run.run(until=0.2)
+    run_until(0.2, film, dt=0.1, outputs=[gx.Recording(folder)])
 
 
 @pytest.mark.parametrize(

@@ -61,8 +61,9 @@ def main(words: Sequence[str]) -> int:
         from gossamer_fx.app.cli.demo import validate
 
         return validate(words[1:])
-    wanted = _parser().parse_args(_with_values(words))
-    wanted.words = list(words)
+    complete = _with_values(words)
+    wanted = _parser().parse_args(complete)
+    wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
 
@@ -392,7 +393,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         run.run(until=case.until)
     except Interrupted:
         if comm.rank == 0:
-            given = [word for word in wanted.words if word not in ("--restart", "--overwrite")]
+            given = [w for w in wanted.words if not w.startswith(("--restart", "--overwrite"))]
             command = shlex.join(["./gossamer", *given, "--restart"])
             print(f"gossamer: go on with: {command}", file=sys.stderr, flush=True)
         raise

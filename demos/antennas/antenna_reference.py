@@ -1,0 +1,198 @@
+"""Displacement of the tip of the swinging antenna, beside a model of the film as a shell in another
+program.
+
+The paper compares its membrane, on 2 × 2, 3 × 3 and 4 × 4 elements with 4, 6 and 8 elements a boom
+(its Figs. 5 to 7), with a commercial code, in which the film is a thin shell that does not wrinkle.
+Here are the same three meshes of the demo `antenna_pendulum`, the rigid limit, and instead of the
+commercial code the shell as this program has it, `Plate` with the law `Linear`, and as NGSolve has
+it: other code, without wrinkling, with bending, with booms that stay straight.
+
+By hand, a boom of length l = 2.97 m, bending stiffness EI = 1210 N m² and m = 0.097 kg/m that is
+hinged at its ends sags by 5 m g l⁴/(384 EI) = 0.08 mm, and its first free frequency is
+22.4/(2π l²) √(EI/m) = 45 Hz.  So the booms are stiff on the scale of millimetres, and what deviates
+from the rigid limit is the film: it carries the transverse boom, and sags.
+
+    ./gossamer demo antenna_reference
+
+draws the displacements and their deviations from the rigid limit.  Runs that are in the file of
+results are not made again; the peers are installed from PyPI at their first use.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.antennas.antenna_attitude import SIDE
+from demos.antennas.antenna_pendulum import build, rigid_angle
+from demos.benchmarks.contestants import run as run_peer
+from demos.common.figures import BLUE, GREEN, GREY, RED, finish, new_figure, save
+from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
+from gossamer_fx.core.model.body import Array
+
+NAME = "antenna_reference"
+STORED = Path(__file__).parent / f"{NAME}.json"
+SELF = "gossamer_fx"
+# Figures of the paper: cells of a side and elements of a boom.
+FIGURES = {
+    5: (2, 4),
+    6: (3, 6),
+    7: (4, 8),
+}
+# The shell that the pictures show, of each program, and the finest one.
+SHELL = {"cells": 6, "elements": 12, "dt": 0.01, "shell": True}
+FINEST = {"cells": 9, "elements": 18, "dt": 0.01, "shell": True}
+REFERENCE = {"n": 6, "tied": 0, "dt": 0.01}
+# The same discretisation of the film in both programs.
+COARSE = {"n": 3, "tied": 1, "dt": 0.01}
+# Every run by its program and the words of its model.
+RUNS: Sequence[tuple[str, Mapping[str, Any]]] = (
+    *((SELF, {"cells": n, "elements": m, "dt": 0.01, "order": 2}) for n, m in FIGURES.values()),
+    (SELF, {"cells": 6, "elements": 12, "dt": 0.01, "order": 2}),
+    (SELF, {"cells": 3, "elements": 6, "dt": 0.01, "shell": True}),
+    (SELF, SHELL),
+    (SELF, {"cells": 6, "elements": 12, "dt": 0.005, "shell": True}),
+    (SELF, FINEST),
+    ("ngsolve", COARSE),
+    ("ngsolve", {"n": 3, "tied": 0, "dt": 0.01}),
+    ("ngsolve", REFERENCE),
+)
+UNTIL = 2.0  # s
+# Interval of stored heights [s], and the time after which a peer has failed [s].
+EVERY = 0.02
+INSTANTS = EVERY * np.arange(round(UNTIL / EVERY) + 1)
+PEER_SECONDS = 7200.0
+
+
+def own_run(until: float = UNTIL, **words: Any) -> dict[str, Any]:
+    """Vertical displacement of the tip over the time [m] in this program, its CPU time [s] and
+    unknowns."""
+    case = build(MPI.COMM_SELF, until=until, **words)
+    series = gx.Series(case.probes)
+    simulation = case.simulation([series])
+    cpu = time.process_time()
+    simulation.run(until=until)
+    return {
+        "time": series.time,
+        "tip": series["tip [m]"],
+        "cpu": time.process_time() - cpu,
+        "dofs": simulation.system.numbering.size,
+    }
+
+
+def peer_run(program: str, until: float = UNTIL, **words: Any) -> dict[str, Any]:
+    """The same in a peer, by its script for the benchmark `pendulum`."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "heights.json"
+        run_peer("pendulum", program, {**words, "until": until, "output": output}, PEER_SECONDS)
+        found = json.loads(output.read_text(encoding="utf-8"))
+    return {name: found[name] for name in ("time", "tip", "cpu", "dofs")}
+
+
+def computed(program: str, words: Mapping[str, Any]) -> Result:
+    """One of the runs, at the stored instants, to a micrometre."""
+    start = time.perf_counter()
+    found = own_run(**words) if program == SELF else peer_run(program, **words)
+    numbers = {
+        "cpu": round(found["cpu"], 1),
+        "dofs": found["dofs"],
+        "tip": np.interp(INSTANTS, found["time"], found["tip"]).round(6).tolist(),
+    }
+    return Result({"program": program, **words}, numbers, round(time.perf_counter() - start, 1))
+
+
+def all_results(path: Path = STORED) -> list[Result]:
+    """The results of all runs: those of the file, and those that it does not have, which are added
+    to it."""
+    known = {json.dumps(one.values): one for one in read_results(path, NAME)}
+    results = []
+    for program, words in RUNS:
+        key = json.dumps({"program": program, **words})
+        if key not in known:
+            known[key] = computed(program, words)
+            write_results(path, NAME, list(known.values()))
+        results.append(known[key])
+    return results
+
+
+def tip(results: Sequence[Result], program: str, words: Mapping[str, Any]) -> Array:
+    """Displacements [m] of the tip of one of the runs, at the stored instants."""
+    wanted = {"program": program, **words}
+    return np.array(next(one for one in results if one.values == wanted).numbers["tip"])
+
+
+def differences(one: Array, other: Array) -> tuple[float, float, float]:
+    """Distance of two displacements [mm] at 1 s, at 2 s, and the largest of all instants."""
+    apart = 1e3 * np.abs(one - other)
+    return float(apart[round(1 / EVERY)]), float(apart[-1]), float(apart.max())
+
+
+def draw(results: Sequence[Result], path: Path) -> None:
+    """One column for each figure of the paper: displacements of the tip, and their deviations from
+    the rigid limit."""
+    rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(INSTANTS))
+    figure = new_figure(12.0, 7.0)
+    axes = figure.subplots(2, 3, sharex=True, sharey="row")
+    for column, (number, (cells, elements)) in enumerate(FIGURES.items()):
+        words = {"cells": cells, "elements": elements, "dt": 0.01, "order": 2}
+        label = f"membrane {cells}×{cells}-{elements}"
+        curves = (
+            ("rigid", rigid, {"color": GREY, "lw": 3.0, "alpha": 0.6}),
+            (label, tip(results, SELF, words), {"color": BLUE}),
+            ("shell 6×6-12", tip(results, SELF, SHELL), {"color": GREEN}),
+            ("shell 6×6, NGSolve", tip(results, "ngsolve", REFERENCE), {"color": RED, "ls": "--"}),
+        )
+        for name, heights, style in curves:
+            axes[0, column].plot(INSTANTS, heights, label=name, **style)
+            axes[1, column].plot(INSTANTS, 1e3 * (heights - rigid), label=name, **style)
+        axes[0, column].set_title(f"as Fig. {number} of the paper", fontsize=10)
+        finish(axes[0, column], "", "displacement of the tip [m]" if column == 0 else "")
+        finish(
+            axes[1, column], "time [s]", "deviation from the rigid limit [mm]" if not column else ""
+        )
+    save(figure, path)
+
+
+def model_text(values: Mapping[str, Any]) -> str:
+    """One of the runs in words."""
+    if values["program"] != SELF:
+        strain = "the same strains" if values["tied"] else "strains of three points"
+        return f"shell in NGSolve, {values['n']}×{values['n']}, {strain}"
+    film = "shell" if values.get("shell") else "membrane"
+    cells = f"{values['cells']}×{values['cells']}-{values['elements']}"
+    return f"{film} {cells}, h = {values['dt']:g} s"
+
+
+def table(results: Sequence[Result]) -> str:
+    """Each run beside the finest shell of this program, as a table of Markdown."""
+    finest = tip(results, SELF, FINEST)
+    rows = [
+        (
+            "film",
+            "tip at 1 s, 2 s [mm]",
+            "from the finest shell at 1 s, 2 s; largest until 2 s [mm]",
+            "unknowns",
+            "CPU [s]",
+        )
+    ]
+    for one in results:
+        heights = np.array(one.numbers["tip"])
+        first, last = 1e3 * heights[[round(1 / EVERY), -1]]
+        apart = "{:.1f}, {:.1f}; {:.1f}".format(*differences(heights, finest))
+        numbers = (f"{one.numbers['dofs']:g}", f"{one.numbers['cpu']:.0f}")
+        rows.append((model_text(one.values), f"{first:.1f}, {last:.1f}", apart, *numbers))
+    return markdown_table(rows)
+
+
+if __name__ == "__main__":
+    results = all_results()
+    draw(results, Path("out") / NAME / f"{NAME}.png")
+    print(table(results))
