@@ -67,6 +67,7 @@ RUNS: Sequence[tuple[str, Mapping[str, Any]]] = (
     ("ngsolve", COARSE),
     ("ngsolve", {"n": 3, "tied": 0, "dt": 0.01}),
     ("ngsolve", REFERENCE),
+    *(("exudyn", {"n": n, "elements": n, "dt": 0.005}) for n in (3, 6)),
 )
 UNTIL = 2.0  # s
 # Interval of stored heights [s], and the time after which a peer has failed [s].
@@ -166,7 +167,9 @@ def draw(results: Sequence[Result], path: Path) -> None:
 
 def model_text(values: Mapping[str, Any]) -> str:
     """One of the runs in words."""
-    if values["program"] != SELF:
+    if values["program"] == "exudyn":
+        return f"shell in Exudyn, {values['n']}×{values['n']}-{values['elements']}"
+    if values["program"] == "ngsolve":
         strain = "the same strains" if values["tied"] else "strains of three points"
         return f"shell in NGSolve, {values['n']}×{values['n']}, {strain}"
     film = "shell" if values.get("shell") else "membrane"
@@ -221,7 +224,15 @@ def claims(results: Sequence[Result]) -> list[str]:
     for words, pair in pairs.items():
         first, last, most = differences(*pair)
         apart.append(f"{words}: {first:.2f} mm at 1 s, {last:.2f} mm at 2 s, {most:.2f} mm at most")
-    return apart + [f"{words} {size:.1f} mm" for words, size in largest.items()]
+    exudyn = [
+        differences(tip(results, "exudyn", {"n": n, "elements": n, "dt": 0.005}), finest)[2]
+        for n in (3, 6)
+    ]
+    return [
+        *apart,
+        *(f"{words} {size:.1f} mm" for words, size in largest.items()),
+        "{:.1f} and {:.1f} mm".format(*exudyn),
+    ]
 
 
 if __name__ == "__main__":
