@@ -11,6 +11,7 @@ import ast
 import inspect
 import re
 import shutil
+import sys
 import tomllib
 from collections.abc import Sequence
 from operator import attrgetter
@@ -32,7 +33,7 @@ SECTIONS = {
     "Yields": "Yields",
     "Attributes": "Attributes",
 }
-# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain
+# what parts, outputs and steppers of every kind have; "Your own item" and `model/terms.py` explain
 # it
 CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
 CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
@@ -60,7 +61,7 @@ ROOMS = {
     "outputs": "Outputs",
     "run": "Runs: simulation, events, checkpoints",
     "plot": "Pictures",
-    "sweep": "Robust design",
+    "sweep": "Sweeps",
     "cli": "Cases",
     "solvers": "Solvers",
     "model": "Ports",
@@ -556,9 +557,28 @@ def measured_tests() -> str:
     return head + table_of_tests()
 
 
+def benchmark_points() -> str:
+    """Every point of the error curves, from the stored results."""
+    # The scripts of the benchmarks import each other by their names.
+    sys.path.insert(0, str(ROOT / "demos" / "benchmarks"))
+    from bench import tables_of_points
+
+    head = (
+        "# Error against time, point by point\n\nWhich numbers do the pictures of "
+        "[error against time](../benchmark.md) show? A remark says where steps of a program did "
+        "not converge.\n\n"
+    )
+    return head + tables_of_points()
+
+
 def pages() -> dict[str, str]:
     """All pages by name."""
-    texts = {"options": options(), "presets": presets(), "measured_tests": measured_tests()}
+    texts = {
+        "options": options(),
+        "presets": presets(),
+        "measured_tests": measured_tests(),
+        "benchmark_points": benchmark_points(),
+    }
     return {**reference(), **gallery(), **texts}
 
 

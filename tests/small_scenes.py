@@ -30,12 +30,33 @@ def at_rest(*items: Any, search: gx.analysis.Continuation | None = None) -> gx.E
     return equilibrium
 
 
-def run_until(until: float, *items: Any, dt: float, **options: Any) -> gx.Simulation:
+def run_until(
+    until: float,
+    *items: Any,
+    dt: float,
+    tolerances: gx.Tolerances | None = None,
+    **options: Any,
+) -> gx.Simulation:
     """The run of a scene of these items to a time [s], by the midpoint rule with steps of dt [s].
 
     Args:
+        tolerances: of the steps, instead of the usual ones.
         options: further arguments of the simulation.
     """
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
+    stepper = gx.Midpoint(dt=dt, tolerances=tolerances or gx.Tolerances())
+    run = gx.Simulation(gx.Scene(*items), stepper, **options)
     run.run(until=until)
     return run
+
+
+def momentum_changes(run: gx.Simulation) -> tuple[float, float]:
+    """Largest changes of momentum [kg m/s] and angular momentum [kg m²/s] since the start."""
+    linear = run.totals.momentum - run.first.momentum
+    angular = run.totals.angular_momentum - run.first.angular_momentum
+    return float(np.abs(linear).max()), float(np.abs(angular).max())
+
+
+def spin_drift(run: gx.Simulation) -> float:
+    """Largest change of the angular momentum over its largest component at the start."""
+    _, angular = momentum_changes(run)
+    return angular / float(np.abs(run.first.angular_momentum).max())

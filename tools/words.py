@@ -138,12 +138,6 @@ def files(names: tuple[str, ...], suffix: str) -> list[Path]:
     return [path for path in found if not any(path.is_relative_to(folder) for folder in EXCEPT)]
 
 
-def missing_modules(glossary: str) -> list[str]:
-    """Modules of the package that the glossary names and that do not exist."""
-    modules = sorted(set(re.findall(r"`(gossamer_fx/[^`]+)`", glossary)))
-    return [f" {name} does not exist" for name in modules if not (ROOT / name).exists()]
-
-
 def dead_links(page: Path) -> list[str]:
     """Relative links of a page that lead to no file; generated pages are not there yet."""
     found = []
@@ -199,8 +193,6 @@ def remarks() -> Iterator[str]:
         yield from (f"{path.relative_to(ROOT)}:{words}" for words in found)
     section = newest_section((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
     yield from (f"CHANGELOG.md: line {words}" for words in private_words(texts_of_page(section)))
-    glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
-    yield from (f"docs/glossary.md:{words}" for words in missing_modules(glossary))
     yield from (f"docs/index.md:{words}" for words in unlisted_pages())
     yield from (f"docs/messages.md:{words}" for words in unknown_messages())
 

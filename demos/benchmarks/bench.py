@@ -325,12 +325,20 @@ def page_part() -> str:
             f"![{problem.title}: {problem.measure} over CPU "
             f"time](../demos/benchmarks/results/{name}.png)"
         )
-        numbers = markdown_table(point_rows(problem, points)).strip()
         parts += [
             f"## {problem.title}",
             f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",
             picture,
-            # Folded on the site, where the picture is enough at first.
-            f":::{{dropdown}} Numbers\n{numbers}\n:::",
         ]
     return "\n" + "\n\n".join(parts) + "\n\n"
+
+
+def tables_of_points() -> str:
+    """All stored points as tables, which the site has on a separate page."""
+    parts = []
+    for name, problem in ERROR_PROBLEMS.items():
+        points = read_results(STORED / f"{name}.json", name)
+        if points:
+            numbers = markdown_table(point_rows(problem, points)).strip()
+            parts.append(f"## {problem.title}\n\n{numbers}\n")
+    return "\n".join(parts)

@@ -12,9 +12,10 @@ of the same specimen, deployed, against a force across the tube: an equilibrium 
 that it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
 
     ./gossamer sweep demos/design/robust_tube.py --jobs 2
+    ./gossamer demo robust_tube
     ./gossamer run demos/design/robust_tube.py start=roll specimen=stored_a --output out/stored
 
-The last one is one of the runs.
+The second prints what follows from the runs of the first.  The last one is one of the runs.
 
 The picture is of the stored roll on a finer mesh (`cells=6`), until its tip arrives at 14.8 ms.
 
@@ -24,11 +25,15 @@ Start the command as often, and on as many machines, as you like: they share the
 
 from __future__ import annotations
 
+import csv
 import math
+import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -142,24 +147,57 @@ def outcome(comm: MPI.Comm, folder: Path, specimen: str, **levels: Any) -> dict[
     }
 
 
-SWEEP = gx.sweep.RobustDesign(
-    outcome,
-    control={
-        "start": ["zigzag", "roll"],
-        "panels": [2, 3],
-        "thickness": [25e-6, 12.5e-6],
-        "pressure": [1.5e6, 2.0e6],
-        "bore": [0.4e-3, 0.5e-3],
-        "dead_volume": [0.2e-6, 0.1e-6],
-        "lift": [1e-4, 2e-4],
-    },
-    noise={"specimen": list(SPECIMENS)},
-    goals={
-        "time [s]": "smaller",
-        "angle [degrees]": "smaller",
-        "speed [m/s]": "smaller",
-        "stiffness [N/m]": "larger",
-    },
-    # The usual levels are the first of each factor: those of the demo folded_tube, with two panels.
-    array="L8",
-)
+CONTROL: dict[str, tuple[Any, Any]] = {
+    "start": ("zigzag", "roll"),
+    "panels": (2, 3),
+    "thickness": (25e-6, 12.5e-6),
+    "pressure": (1.5e6, 2.0e6),
+    "bore": (0.4e-3, 0.5e-3),
+    "dead_volume": (0.2e-6, 0.1e-6),
+    "lift": (1e-4, 2e-4),
+}
+# The usual levels are the first of each factor: those of the demo folded_tube, with two panels.
+
+# L8: levels (8 rows, 7 factors).  Each column is a sum of some of three independent ones, modulo
+# two, so that in any two columns all pairs of levels occur equally often.
+_BITS = np.array(list(product((0, 1), repeat=3)))
+LEVELS = _BITS @ _BITS[1:].T % 2
+
+
+def cases() -> dict[str, list[Any]]:
+    """Values of all factors in all runs: each row of the array with all specimens."""
+    values: dict[str, list[Any]] = {}
+    for levels, name in zip(LEVELS.T, CONTROL, strict=True):
+        of_rows = [CONTROL[name][level] for level in levels]
+        values[name] = [value for value in of_rows for _ in SPECIMENS]
+    values["specimen"] = list(SPECIMENS) * len(LEVELS)
+    return values
+
+
+SWEEP = gx.sweep.Factorial(outcome, cases(), listed=True)
+
+# Exponent of a response y in its ratio -10 log10 mean(y^p): small ones are good, or large ones.
+EXPONENTS = {"time [s]": 2, "angle [degrees]": 2, "speed [m/s]": 2, "stiffness [N/m]": -2}
+
+
+def main(folder: Path = Path("out/robust_tube")) -> None:
+    """Print, for each response of the runs in a folder, the signal-to-noise ratio [dB] of both
+    levels of each factor, and the share of the factor in the variance of the ratio."""
+    table = folder / "runs.csv"
+    if not table.is_file():
+        sys.exit(f"There is no '{table}'; run: ./gossamer sweep demos/design/robust_tube.py")
+    with table.open(newline="") as file:
+        runs = list(csv.DictReader(file))
+    for response, exponent in EXPONENTS.items():
+        y = np.array([float(run[response]) for run in runs]).reshape(len(LEVELS), len(SPECIMENS))
+        ratios = -10 * np.log10((y**exponent).mean(axis=1))
+        deviations = ratios - ratios.mean()
+        print(f"{response}: {ratios.mean():.2f} dB")
+        for levels, name in zip(LEVELS.T, CONTROL, strict=True):
+            low, high = (deviations[levels == level].mean() for level in (0, 1))
+            share = len(ratios) * (low**2 + high**2) / 2 / (deviations**2).sum()
+            print(f"    {name}: {low:+.2f}, {high:+.2f} dB, {100 * share:.0f} %")
+
+
+if __name__ == "__main__":
+    main()

@@ -90,32 +90,22 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
 
 def draw(results: list[Result], path: Path) -> None:
     """Ratios of pressures over the folds of every tube, at three times."""
-    import matplotlib
+    from demos.common.figures import new_figure, save
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(
-        1, len(TIMES), figsize=(10.5, 4.2), sharey=True, sharex=True, layout="constrained"
-    )
+    figure = new_figure(width=10.5, height=4.2)
+    axes = figure.subplots(1, len(TIMES), sharey=True, sharex=True)
     rows = [result for result in results if not result.failed]
-    marks = "osD^"
+    # Mark and colour of each fold.
+    kinds = (("o", "#0072B2"), ("s", "#D55E00"), ("D", "#009E73"), ("^", "#CC79A7"))
     for panel, at in zip(axes, TIMES, strict=True):
         # A row of the picture for each tube.
         for y, result in enumerate(rows):
-            for i in range(1, 5):
-                ratio = result.numbers.get(f"ratio{i} {1e3 * at:g} ms")
-                if ratio is not None:
-                    # One legend for all panels: the long tube has all four folds.
-                    has_legend = at == TIMES[0] and result.values["tube"] == "long"
-                    label = f"fold {i}" if has_legend else None
-                    panel.plot(
-                        ratio,
-                        y,
-                        marks[i - 1],
-                        color=("#0072B2", "#D55E00", "#009E73", "#CC79A7")[i - 1],
-                        label=label,
-                    )
+            # One legend for all panels: the long tube has all four folds.
+            has_legend = at == TIMES[0] and result.values["tube"] == "long"
+            for i, (mark, colour) in enumerate(kinds, start=1):
+                ratio = result.numbers.get(f"ratio{i} {1e3 * at:g} ms", math.nan)
+                label = f"fold {i}" if has_legend else None
+                panel.plot(ratio, y, mark, color=colour, label=label)
         panel.set(
             title=f"{1e3 * at:g} ms",
             xlim=(0, 1.1),
@@ -126,8 +116,7 @@ def draw(results: list[Result], path: Path) -> None:
     axes[0].set_yticks(range(len(rows)), [str(result.values["tube"]) for result in rows])
     axes[0].invert_yaxis()
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    save(figure, path)
 
 
 STUDY = Study(

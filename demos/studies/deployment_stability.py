@@ -36,7 +36,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from demos.sails import ikaros, spin_deployment
-from demos.studies.engine.deployments import LEDGER, NUDGE
+from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
 
@@ -97,12 +97,6 @@ MAP = [map_case(tilt, stuck) for tilt in TILTS for stuck in STICKING_TIMES]
 NUDGED = [f"{case} nudge={k}" for case in REPEATED for k in NUDGES]
 
 
-def arguments(case: str) -> dict[str, float]:
-    """Arguments of the demo that a case names."""
-    given = dict(word.split("=") for word in case.split() if "=" in word)
-    return {name: int(text) if name == "cells" else float(text) for name, text in given.items()}
-
-
 def outcome(is_open: bool, is_even: bool) -> int:
     """Place in `OUTCOMES` of a deployment."""
     if is_even:
@@ -136,20 +130,17 @@ def problem(comm: MPI.Comm, case: str, until: float | None = None) -> Mapping[st
 def draw(results: list[Result], path: Path) -> None:
     """The map of tilts and sticking times, and the other cases: colour by outcome, numbers as
     text."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
     from matplotlib.patches import Patch
+
+    from demos.common.figures import new_figure, save
 
     by_case: dict[str, list[Result]] = {}
     for result in results:
         case, _, _ = str(result.values["case"]).partition(" nudge=")
         by_case.setdefault(case, []).append(result)
 
-    figure, (left, middle, right) = pyplot.subplots(
-        1, 3, figsize=(14, 5.0), width_ratios=(4, 3, 2), layout="constrained"
-    )
+    figure = new_figure(width=14.0, height=5.0)
+    left, middle, right = figure.subplots(1, 3, width_ratios=(4, 3, 2))
     for x, stuck in enumerate(STICKING_TIMES):
         for y, tilt in enumerate(TILTS):
             _cell(left, x, y, by_case.get(map_case(tilt, stuck), []), "")
@@ -182,8 +173,7 @@ def draw(results: list[Result], path: Path) -> None:
         Patch(color=colour, label=name) for name, colour in zip(OUTCOMES, COLOURS, strict=True)
     ]
     figure.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    save(figure, path)
 
 
 def _cell(axes: object, x: int, y: int, runs: list[Result], title: str) -> None:

@@ -43,7 +43,7 @@ from mpi4py import MPI
 
 from demos.inflatables import folded_tube
 from demos.sails import spin_deployment
-from demos.studies.engine.deployments import LEDGER, NUDGE
+from demos.studies.engine.deployments import LEDGER, NUDGE, arguments
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
 
@@ -142,13 +142,6 @@ ALL = [
     *REPEATED,
     *ACCURACY,
 ]
-
-
-def arguments(case: str) -> dict[str, float]:
-    """Arguments of the demo that a case names."""
-    given = dict(word.split("=") for word in case.split() if "=" in word)
-    whole = ("cells", "n")
-    return {name: int(text) if name in whole else float(text) for name, text in given.items()}
 
 
 def deploy(comm: MPI.Comm, sail: str, until: float, **given: float) -> dict[str, float]:

@@ -152,11 +152,9 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 def draw(results: list[Result], path: Path) -> None:
     """Draw the map: a row for each axis and pair, a square for each cell, with iterations and
     sub-steps."""
-    import matplotlib
+    from matplotlib.patches import Patch, Rectangle
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    from matplotlib.patches import Patch
+    from demos.common.figures import new_figure, save
 
     # Rows of the picture by the names of the axes.
     rows: dict[str, list[Result]] = {}
@@ -170,9 +168,8 @@ def draw(results: list[Result], path: Path) -> None:
         "failed, by name": "#56507A",
     }
     wide = max(map(len, rows.values()))
-    figure, axes = pyplot.subplots(
-        figsize=(1.45 * wide + 2.2, 0.72 * len(rows) + 1.3), layout="constrained"
-    )
+    figure = new_figure(1.45 * wide + 2.2, 0.72 * len(rows) + 1.6)
+    axes = figure.subplots()
     for y, cells in enumerate(rows.values()):
         for x, result in enumerate(cells):
             rejected = result.numbers.get("substeps", 0)
@@ -182,7 +179,7 @@ def draw(results: list[Result], path: Path) -> None:
                 kind = "completed, with rejected steps"
             else:
                 kind = "completed"
-            axes.add_patch(pyplot.Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
+            axes.add_patch(Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
             # The case is a list of words such as "cells=8"; the label has the values only.
             words = str(result.values["case"]).split()
             lines = [word.split("=")[1] for word in words if "=" in word]
@@ -212,14 +209,10 @@ def draw(results: list[Result], path: Path) -> None:
     axes.tick_params(length=0)
     patches = [Patch(color=colour, label=kind) for kind, colour in colours.items()]
     figure.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
-    figure.text(
-        0.5,
-        -0.02,
-        "value; Newton iterations a step, sub-steps of rejected steps; closing error of the energy",
-        ha="center",
+    axes.set_xlabel(
+        "value; Newton iterations a step, sub-steps of rejected steps; closing error of the energy"
     )
-    figure.savefig(path, dpi=120, bbox_inches="tight")
-    pyplot.close(figure)
+    save(figure, path)
 
 
 STUDY = Study(

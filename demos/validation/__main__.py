@@ -176,7 +176,7 @@ def page_table() -> str:
 
 
 def table_of_tests() -> str:
-    """The table of all tests, which the site has on a page of its own."""
+    """The table of all tests, which the site has on a separate page."""
     return markdown_table(rows(stored()))
 
 

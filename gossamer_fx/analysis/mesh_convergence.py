@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +43,9 @@ LOG = logging.getLogger("gossamer_fx")
 
 # The name of a quantity that is returned as a number.
 ONLY = "value"
+
+# The unit at the end of a quantity's name
+_UNIT = re.compile(r"\[([^]]*)\]$")
 
 # What helps outside the asymptotic range.
 FINER = "give finer meshes, or as `exact` the value of a much finer one"
@@ -75,7 +80,8 @@ class Convergence:
             length of line elements; or the numbers that were given.
         cells: numbers of cells (n,); zeros where they are not known.
         seconds: CPU time of each computation (n,) [s], of rank 0.
-        values: of each quantity (n,), by name.
+        values: of each quantity (n,), by name; NaN on meshes that gave no finite number, which are
+            left out.
         exact: value that errors refer to, by name; a quantity without one is left out.
         is_extrapolated: whether it was estimated by (1), by name.
         remarks: reason for which no exact value was extrapolated, by name: the values oscillate,
@@ -110,9 +116,9 @@ class Convergence:
         found: dict[str, Array] = {}
         for name, errors in self.errors.items():
             orders = np.full(len(errors), np.nan)
-            for k in range(1, len(errors)):
+            for before, k in pairwise(np.flatnonzero(np.isfinite(errors))):
                 orders[k] = observed_order(
-                    errors[k - 1], errors[k], self.sizes[k - 1], self.sizes[k]
+                    errors[before], errors[k], self.sizes[before], self.sizes[k]
                 )
             found[name] = orders
         return found
@@ -145,7 +151,12 @@ class Convergence:
             yield cells
 
     def _notes(self) -> Iterator[str]:
-        """Lines below the table: to what errors refer, or why there are none."""
+        """Lines below the table: meshes that are left out, and to what errors refer, or why there
+        are none."""
+        for name, values in self.values.items():
+            words = _left_out(name, self.sizes, values)
+            if words:
+                yield f"\n{words}."
         for name, is_extrapolated in self.is_extrapolated.items():
             if is_extrapolated:
                 yield (
@@ -157,7 +168,8 @@ class Convergence:
 
     def _last_change(self, name: str) -> str:
         """A sentence with the relative change between the two finest meshes; nothing if it is 0."""
-        before, last = self.values[name][-2:]
+        values = self.values[name]
+        before, last = values[np.isfinite(values)][-2:]
         change = abs(last - before) / (abs(last) or 1.0)
         if change == 0:
             return ""
@@ -169,7 +181,8 @@ class Convergence:
     ) -> None:
         """Write a PNG of the errors against the CPU time and against h.
 
-        Quantities without errors are left out; if none has any, their values are drawn.
+        Quantities without errors are left out; if none has any, their values are drawn, those of
+        each unit ("height [m]") on separate axes.
 
         Args:
             path: of the file, ending in `.png`.
@@ -184,15 +197,24 @@ class Convergence:
             draw_error_curves(path, {"relative error": curves})
             return
         # Errors need a limit.  Without any, the values themselves show why there is none.
+        rows = {}
+        for unit in dict.fromkeys(_unit_of(quantity) for quantity in self.values):
+            label = f"value [{unit}]" if unit else "value"
+            rows[label] = self._curves(name, others or {}, of_errors=False, unit=unit)
         draw_error_curves(
             path,
-            {"value": self._curves(name, others or {}, of_errors=False)},
+            rows,
             title="No errors: see the remarks below the table",
             are_errors=False,
         )
 
     def _curves(
-        self, name: str, others: Mapping[str, Convergence], *, of_errors: bool
+        self,
+        name: str,
+        others: Mapping[str, Convergence],
+        *,
+        of_errors: bool,
+        unit: str | None = None,
     ) -> list[ErrorCurve]:
         """Curves of `plot`, one for each quantity of each series.
 
@@ -200,6 +222,7 @@ class Convergence:
             name: label of this series; may be empty.
             others: further series by label.
             of_errors: whether errors are drawn, of quantities that have any, instead of values.
+            unit: of the quantities; None: all of them.
         """
         curves = []
         for label, found in {name: self, **others}.items():
@@ -207,6 +230,8 @@ class Convergence:
             if of_errors:
                 quantities = {k: e for k, e in found.errors.items() if np.isfinite(e).any()}
             for quantity, values in quantities.items():
+                if unit is not None and unit != _unit_of(quantity):
+                    continue
                 words = ", ".join(word for word in (label, quantity) if word)
                 if label and len(found.values) == 1:
                     words = label
@@ -225,11 +250,13 @@ def convergence(
     """Compute quantities on several meshes, and their errors, orders and run times.
 
     The coarsest mesh is computed once more before, so that its time is without compilation.  If the
-    values do not show a limit, `remarks` and a warning in the log say why.
+    values do not show a limit, `remarks` and a warning in the log say why.  A mesh on which a
+    quantity is not finite is named in a warning, and left out for this quantity.
 
     Args:
         quantity: a function of one of the meshes that returns a number, or numbers by name; e.g. it
-            builds a scene, finds its equilibrium and reads a displacement.
+            builds a scene, finds its equilibrium and reads a displacement.  A name may end with a
+            unit, "height [m]".
         meshes: two or more: each a `Mesh`, or anything else that the function takes, e.g. numbers
             of cells.
         sizes: h of each; default: of a `Mesh` its mean size of cells, of a number n its inverse
@@ -237,7 +264,8 @@ def convergence(
         exact: exact value, or values by name; default: extrapolated from the three finest meshes.
 
     Raises:
-        InputError: fewer than two meshes, no sizes, or a quantity that is not a finite number.
+        InputError: fewer than two meshes, no sizes, or a quantity that is not a number, or not a
+            finite one on two meshes.
 
     Example:
         The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each
@@ -258,7 +286,7 @@ def convergence(
     check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
     steps = _sizes(meshes, sizes)
     check(
-        len(set(steps.tolist())) == len(steps),
+        len(np.unique(steps)) == len(steps),
         f"convergence: two meshes have the same size, of {steps.tolist()}; give different ones.",
     )
     # From the coarsest to the finest, whatever the order in which they were given.
@@ -287,9 +315,13 @@ def convergence(
         if isinstance(exact, Mapping):
             given = exact.get(name)
         is_extrapolated[name] = False
+        words = _left_out(name, steps[order], values[name])
+        if words:
+            LOG.warning("convergence: %s.", words)
         if given is None:
+            is_finite = np.isfinite(values[name])
             try:
-                exact_values[name] = extrapolated(steps[order], values[name])
+                exact_values[name] = extrapolated(steps[order][is_finite], values[name][is_finite])
                 is_extrapolated[name] = True
             except _NoLimit as reason:
                 remarks[name] = str(reason)
@@ -307,6 +339,32 @@ def convergence(
         is_extrapolated=is_extrapolated,
         remarks=remarks,
     )
+
+
+def _left_out(name: str, sizes: Array, values: Array) -> str:
+    """A clause that names the meshes on which a quantity is not a finite number; empty if it is one
+    on all meshes.
+
+    Raises:
+        InputError: fewer than two meshes give a finite number.
+    """
+    bad = np.flatnonzero(~np.isfinite(values))
+    if not len(bad):
+        return ""
+    check(
+        len(values) - len(bad) >= 2,
+        f"convergence: the quantity {name!r} is {values[bad[0]]} on {len(bad)} of {len(values)} "
+        "meshes; return a finite number on two meshes or more.",
+    )
+    listed = ", ".join(f"{size:.3g}" for size in sizes[bad])
+    meshes = "the mesh" if len(bad) == 1 else "the meshes"
+    return f"{name} is not finite on {meshes} of h = {listed}, left out of its errors and limit"
+
+
+def _unit_of(quantity: str) -> str:
+    """The unit at the end of a quantity's name, e.g. "m" of "height [m]"; empty without one."""
+    found = _UNIT.search(quantity)
+    return found[1] if found else ""
 
 
 class _NoLimit(Exception):
@@ -456,13 +514,10 @@ def _numbers(found: Any) -> dict[str, float]:
     numbers = {}
     for name, value in found.items():
         try:
-            number = float(value)
+            numbers[str(name)] = float(value)
         except (TypeError, ValueError):
-            number = math.nan
-        check(
-            math.isfinite(number),
-            f"convergence: the quantity {name!r} is {value!r}; return a finite number.",
-        )
-        numbers[str(name)] = number
+            raise InputError(
+                f"convergence: the quantity {name!r} is {value!r}; return a number."
+            ) from None
     check(bool(numbers), "convergence: the quantity has no number; return one, or several by name.")
     return numbers

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.antennas import antenna_attitude, antenna_free, antenna_pendulum, antenna_reference
 from gossamer_fx.analysis.cases.results import read_results
+from tests.small_scenes import at_rest
 
 
 def test_free_antenna_conserves() -> None:
@@ -61,8 +62,7 @@ def test_a_boom_is_as_stiff_as_by_hand() -> None:
         antenna_attitude.BOOM,
     )
     ends = [gx.Fixed(boom, end) for end in ("start", "end")]
-    search = gx.Equilibrium(gx.Scene(boom, *ends, gx.Gravity(boom, (0.0, 0.0, -1.0))))
-    search.find()
+    search = at_rest(boom, *ends, gx.Gravity(boom, (0.0, 0.0, -1.0)))
     sag = -search.system.state[boom].positions()[:, 2].min()
     length = antenna_attitude.SIDE * 2**0.5
     EI = 100e9 * np.pi / 4 * (0.02**4 - 0.0195**4)
@@ -85,10 +85,8 @@ def test_attitude_follows_the_designed_response() -> None:
     """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid
     in its plane."""
     result = antenna_attitude.main(case=1, until=3.0, dt=0.05)
-    measured = result["angles"][-1][2]
-    expected = 8 * (1 - 2.8 * 2.718281828**-1.8)
     # 1 %: the antenna is flexible, and the closed form that of a rigid body.
-    assert measured == pytest.approx(expected, rel=1e-2)
+    assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
 
 
 @pytest.mark.mpi
@@ -108,5 +106,4 @@ def test_joints_of_the_antenna_across_ranks() -> None:
             assert np.abs(alone).max() > 1e-6
             error = np.abs(together - alone).max()
             # Newton's iterations end at different residuals on different numbers of ranks.
-            limit = 1e-8 * np.abs(alone).max()
-            assert error < limit
+            assert error < 1e-8 * np.abs(alone).max()

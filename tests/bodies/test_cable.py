@@ -15,6 +15,8 @@ Sources:
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -23,6 +25,8 @@ from spectrum import angular_frequencies
 import gossamer_fx as gx
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 
@@ -82,13 +86,10 @@ def test_elastic_catenary() -> None:
     # Sag, horizontal force and end force of the elastic catenary, solved with its two equations.
     assert sag == pytest.approx(2.044323, rel=2e-3)
     reactions = found.system.supports.reactions.reshape(2, 3)
-    measured = np.abs(reactions[:, 0])
-    assert measured == pytest.approx(32.037271, rel=2e-3)
-    measured = np.linalg.norm(reactions, axis=1)
-    assert measured == pytest.approx(42.221283, rel=2e-3)
-    measured = np.abs(reactions[:, 2])
+    assert np.abs(reactions[:, 0]) == pytest.approx(32.037271, rel=2e-3)
+    assert np.linalg.norm(reactions, axis=1) == pytest.approx(42.221283, rel=2e-3)
     # Half the weight, 11 m × 0.5 kg/m × 10 m/s² / 2, which equilibrium gives exactly.
-    assert measured == pytest.approx(27.5, rel=1e-8)
+    assert np.abs(reactions[:, 2]) == pytest.approx(27.5, rel=1e-8)
 
 
 def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
@@ -118,17 +119,15 @@ def test_hanging_cable_frequencies() -> None:
     """ω√(L/g) = half the zeros of J0."""
     ω = angular_frequencies(hanging(0.0), direction=0)
     # j0,n / 2 with the zeros 2.4048, 5.5201, 8.6537, 11.7915.
-    expected = [1.20241278, 2.76003906, 4.32686396, 5.89576722]
-    assert ω[:4] == pytest.approx(expected, rel=1e-2)
+    assert ω[:4] == pytest.approx([1.20241278, 2.76003906, 4.32686396, 5.89576722], rel=1e-2)
 
 
 def test_hanging_cable_with_tip_mass_frequencies() -> None:
     """A tip mass of half the cable's; every frequency twice, for both directions."""
     ω = angular_frequencies(hanging(0.5))
-    measured = ω[[0, 2, 4]]
     # Zeros of the transcendental equation with J0, J1, Y0, Y1 for a tip mass of half the cable's
     # mass.
-    assert measured == pytest.approx([1.08666161, 3.41989511, 6.28032853], rel=1e-2)
+    assert ω[[0, 2, 4]] == pytest.approx([1.08666161, 3.41989511, 6.28032853], rel=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -155,27 +154,116 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
         displacement=stretched,
     )
     ω = angular_frequencies(gx.Scene(cable, gx.Fixed(cable, "start")), direction=2)
-    measured = ω[: len(squares)] ** 2
-    assert measured == pytest.approx(squares, rel=1e-2)
+    assert ω[: len(squares)] ** 2 == pytest.approx(squares, rel=1e-2)
 
 
-def test_tension_only_cable_goes_slack() -> None:
+@pytest.mark.parametrize("strain", ["green", "engineering"])
+def test_tension_only_cable_goes_slack(strain: Literal["green", "engineering"]) -> None:
     """Thrown together it carries nothing: the ends meet as if there were no cable, and energy is
     kept throughout."""
     cable = gx.Cable(
         line(COMM, [(0, 0, 0), (1, 0, 0)], 4),
-        gx.TensionOnly(EA=100.0, line_density=1.0),
+        gx.TensionOnly(EA=100.0, line_density=1.0, strain=strain),
         velocity=lambda x: np.vstack([-(x[0] - 0.5), 0 * x[0], 0 * x[0]]),
     )
-    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-2))
-    run.run(until=0.8)
+    run = run_until(0.8, cable, dt=1e-2)
     x = run.system.q0.array_r.reshape(-1, 3)
-    measured = np.ptp(x[:, 0])
     # 1 m - 1 m/s × 0.8 s: without force the ends approach at the initial speed.
-    assert measured == pytest.approx(0.2, abs=1e-12)
+    assert np.ptp(x[:, 0]) == pytest.approx(0.2, abs=1e-12)
     run.run(until=2.05)  # it has passed through itself and is taut again
     assert abs(run.energy_error) < 1e-10
     assert run.totals.stored["cable"] > 0
+
+
+@pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
+    law: type[gx.CableLaw], order: int
+) -> None:
+    """Hooke: m g L/EA of a mass and half as much of its own, at 10 % strain; its derivative by EA;
+    the tension that is read is the weight below."""
+    EA = 300.0
+    m = 2.0
+    μ = 1.0
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (0, 0, -1)], 4), law(EA, μ, strain="engineering"), order=order
+    )
+    tip = gx.PointMass(m, (0.0, 0.0, -1.0))
+    pull = (0.0, 0.0, -10.0)
+    scene = gx.Scene(
+        gx.Fixed(cable, "start"),
+        gx.constraints.BallJoint(cable.port("end"), tip.port()),
+        gx.Gravity(cable, pull),
+        gx.Gravity(tip, pull),
+    )
+    search = Equilibrium(scene)
+    search.find()
+    elongation = 10 * (m + μ / 2) / EA
+    height = gx.probes.Position(tip.port(), "z")
+    assert height(search) == pytest.approx(-1 - elongation, abs=1e-9)
+    (slope,) = gx.analysis.gradient(search, of=height, by=["cable.EA"])
+    assert slope.values == pytest.approx(elongation / EA, rel=1e-7)
+    tensions = gx.fields.line_values(search, cable).tension
+    # The lowest element has half of its weight below its middle.
+    assert tensions.min() >= 10 * m
+    assert tensions.mean() == pytest.approx(10 * (m + μ / 2), rel=1e-8)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
+def test_a_thrown_cable_linear_in_the_stretch_conserves(law: type[gx.CableLaw]) -> None:
+    """400 steps with strains between -30 and 30 %, from a prestressed straight line."""
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (1, 0, 0)], 6),
+        law(100.0, 0.1, strain="engineering"),
+        initial_tension=5.0,
+        velocity=lambda X: np.vstack([6 * np.cos(9 * X[0]), 3 * X[0], 2 * np.sin(7 * X[0])]),
+    )
+    solved = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3, tolerances=solved))
+    assert run.totals.stored["cable"] == pytest.approx(100 / 2 * (5 / 95) ** 2)
+    run.run(until=0.4)
+    assert abs(run.energy_error) < 1e-12
+    assert run.totals.momentum == pytest.approx(run.first.momentum, abs=1e-12)
+    assert run.totals.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-12)
+
+
+def test_the_initial_tension_is_that_of_the_law() -> None:
+    """In the shape of its mesh a cable has the tension that it was given."""
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (1, 0, 0)], 2),
+        gx.CableLaw(100.0, 0.1, strain="engineering"),
+        initial_tension=20.0,
+    )
+    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3))
+    assert gx.fields.line_values(run, cable).tension == pytest.approx(20.0, rel=1e-12)
+
+
+def test_tapes_are_linear_in_the_stretch_as_cables_are() -> None:
+    """A strip of film between two tapes of each law has the same energy as with a table."""
+    film = gx.Membrane(
+        sheet(COMM, 2, 1, 1.0, 0.1),
+        gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-4),
+        displacement=lambda X: np.vstack([0.2 * X[0] ** 2 - 0.1 * X[0], 0 * X[0], 0 * X[0]]),
+    )
+    pairs = [
+        (
+            gx.CableLaw(50.0, 0.1, strain="engineering"),
+            gx.TabulatedCable([-0.5, 0.0, 0.5], [-25.0, 0.0, 25.0], line_density=0.1),
+        ),
+        (
+            gx.TensionOnly(50.0, 0.1, strain="engineering"),
+            gx.TabulatedCable([0.0, 0.5], [0.0, 25.0], line_density=0.1),
+        ),
+    ]
+    for law, table in pairs:
+        energies = []
+        for of_tape in (law, table):
+            tape = gx.connectors.Tape.along_edges(film, of_tape, edges="bottom")
+            run = gx.Simulation(gx.Scene(tape), gx.Midpoint(dt=1e-4))
+            energies.append(run.totals.stored["tape"])
+        assert energies[0] > 0
+        assert energies[0] == pytest.approx(energies[1], rel=1e-14)
 
 
 @pytest.mark.mpi
@@ -185,3 +273,5 @@ def test_prestress_that_a_cable_cannot_have(comm):
         gx.Cable(mesh, gx.TensionOnly(1e3, 0.01), initial_tension=-5.0)
     with pytest.raises(gx.InputError, match="length_factor and prestress are both given"):
         gx.Cable(mesh, gx.CableLaw(1e3, 0.01), initial_tension=5.0, length_factor=0.9)
+    with pytest.raises(gx.InputError, match="1000 N at most"):
+        gx.Cable(mesh, gx.CableLaw(1e3, 0.01, strain="engineering"), initial_tension=1e3)

@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(
@@ -233,12 +234,10 @@ def test_closed_loop_is_solved() -> None:
     # The directors of the two cranks are opposite, as one points up and the other down.
     assert q[0, 1] == pytest.approx(-q[2, 1], abs=1e-9)
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-10)
-    measured = np.arctan2(q[0, 1, 0], q[0, 1, 1])
     # 1 rad/s for 1 s, up to the error h² of the midpoint rule.
-    assert measured == pytest.approx(1.0, rel=1e-3)
+    assert np.arctan2(q[0, 1, 0], q[0, 1, 1]) == pytest.approx(1.0, rel=1e-3)
     assert run.system.constraints is not None
-    measured = run.system.constraints.violation(run.system.q0)
-    assert measured < 1e-10
+    assert run.system.constraints.violation(run.system.q0) < 1e-10
 
 
 def joined(comm: MPI.Comm) -> list[float]:
@@ -346,16 +345,12 @@ def test_a_screw_on_its_axis() -> None:
         bolt.frame(),
         axis=tuple(axis),
     )
-    run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
-    run.run(until=0.5)
+    run = run_until(0.5, joint, push, turn, dt=1e-3)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
-    expected = (1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis
     # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's
     # round-off.
-    assert x == pytest.approx(expected, abs=1e-9)
+    assert x == pytest.approx((1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis, abs=1e-9)
     R = np.column_stack(directors)
-    measured = math.acos((np.trace(R) - 1) / 2)
-    expected = 0.06 * 0.5**2 / 2 / 0.3
     # The angle is about 0.025 rad; directors turn with an error of h².
-    assert measured == pytest.approx(expected, rel=1e-5)
+    assert math.acos((np.trace(R) - 1) / 2) == pytest.approx(0.06 * 0.5**2 / 2 / 0.3, rel=1e-5)
     assert R @ axis == pytest.approx(axis, abs=1e-9)

@@ -11,11 +11,14 @@ Sources of the exact motions:
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from tests.small_scenes import run_until
 
 TIGHT = gx.Tolerances(relative=1e-13)
 
@@ -70,9 +73,8 @@ def test_spring_pendulum_is_second_order_and_conserves() -> None:
         error, run = spring_pendulum(dt)
         errors.append(error)
         assert abs(run.energy_error) < 1e-10
-        measured = run.totals.angular_momentum[2]
         # L_z = m (x v_y - y v_x) = 1.2 × 0.8 at the start.
-        assert measured == pytest.approx(0.96, abs=1e-10)
+        assert run.totals.angular_momentum[2] == pytest.approx(0.96, abs=1e-10)
     assert 1.9 < order(errors) < 2.1
     assert errors[-1] < 0.01
 
@@ -147,8 +149,7 @@ def test_what_many_small_steps_leave_does_not_add_up() -> None:
         (0.6, 1.1, 1.5),
         spin=(1.5, 0.0, 0.5),
     )
-    run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=5e-4))
-    run.run(until=2.0)
+    run = run_until(2.0, body, dt=5e-4)
     assert run.step == 4000
     assert abs(run.energy_error) < 1e-13
     start = run.first.angular_momentum
@@ -156,6 +157,29 @@ def test_what_many_small_steps_leave_does_not_add_up() -> None:
     assert change < 1e-13 * np.linalg.norm(start)
     # Two iterations a step, but for the first steps.
     assert run.iterations < 2.01 * run.step
+
+
+def test_a_step_that_fails_at_a_small_residual_names_the_tolerance_that_passes_it() -> None:
+    def run(**tolerances: float) -> gx.Simulation:
+        mass = gx.PointMass(1.0, (1.2, 0.0, -0.3), velocity=(0.0, 0.8, 0.0))
+        spring = gx.connectors.Spring(
+            mass.port(),
+            gx.Ground((0.0, 0.0, 0.0)),
+            stiffness=100.0,
+            length=1.0,
+        )
+        # Round-off is not taken for zero, so that no step is solved.
+        never = gx.Tolerances(relative=0.0, floor=0.0, max_iterations=8, **tolerances)
+        return gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=1e-2, tolerances=never))
+
+    words = r"if forces of this size do not matter, give Tolerances\(absolute=(\S+)\)"
+    with pytest.raises(gx.StepFailure, match=words) as failure:
+        run().run(until=0.1)
+    found = re.search(words, str(failure.value))
+    assert found is not None
+    passing = run(absolute=10 * float(found[1]))
+    passing.run(until=0.1)
+    assert abs(passing.energy_error) < 1e-13
 
 
 # Two angles [rad] and two rates [rad/s] at these times [s], from the equations of the double

@@ -11,6 +11,7 @@ from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 from gossamer_fx.mechanics.constraints.seam import Seam
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 FILM = gx.Linear(
@@ -63,8 +64,7 @@ def test_two_panels_are_drawn_together(cells: tuple[int, int], order: int) -> No
         "left",
         closing=(0.0, 0.05),
     )
-    run = gx.Simulation(gx.Scene(left, right, seam), gx.Midpoint(dt=1e-3))
-    run.run(until=0.025)
+    run = run_until(0.025, left, right, seam, dt=1e-3)
     # The gap of 0.03 m closes linearly over 0.05 s: half of it is left at half the time.
     assert distance_of_edges(run, seam) == pytest.approx(0.015, abs=1e-9)
     run.run(until=0.05)
@@ -121,10 +121,8 @@ def test_a_sewn_sheet_is_the_whole_one() -> None:
     )
     one = gx.Equilibrium(gx.Scene(whole, gx.Fixed(whole, "left"), end))
     one.find(at=1.0)
-    measured = statics.reaction(pull)[0]
-    expected = one.reaction(end)[0]
     # Same meshes, same law: the tolerance of the equilibrium.
-    assert measured == pytest.approx(expected, rel=1e-7, abs=1e-9)
+    assert statics.reaction(pull)[0] == pytest.approx(one.reaction(end)[0], rel=1e-7, abs=1e-9)
 
 
 @pytest.mark.mpi
@@ -155,8 +153,7 @@ def test_four_panels_meet_in_a_point() -> None:
             ("b", "top", "c", "bottom"),
         )
     ]
-    run = gx.Simulation(gx.Scene(*panels.values(), *seams), gx.Midpoint(dt=1e-3))
-    run.run(until=0.03)
+    run = run_until(0.03, *panels.values(), *seams, dt=1e-3)
     for seam in seams:
         assert distance_of_edges(run, seam) < 1e-9
     assert abs(run.energy_error) < 1e-10
@@ -238,8 +235,7 @@ def test_lines_are_one_line() -> None:
     film = gx.Membrane(ring(COMM, 0.5, 1.0, 3, 16), FILM)
     line = edge_line(film, "rim", "test")
     # The perimeter of the regular polygon of 16 chords in the unit circle.
-    expected = 16 * 2 * np.sin(np.pi / 16)
-    assert line.length == pytest.approx(expected)
+    assert line.length == pytest.approx(16 * 2 * np.sin(np.pi / 16))
     square = panel("left", 0.0)
     with pytest.raises(gx.InputError, match="one of its edges is closed"):
         gx.Seam(

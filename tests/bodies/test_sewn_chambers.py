@@ -75,8 +75,7 @@ def test_volume_and_conservation_of_a_pillow_of_two_films(
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
     # Two sheets with the volume h ∫∫ sin sin = h a² 4/π² each; the coarse mesh misses up to 10 %.
     exact = 2 * 0.03 * SIDE**2 * 4 / np.pi**2
-    measured = run.chamber("chamber").volume
-    assert measured == pytest.approx(exact, rel=0.1)
+    assert run.chamber("chamber").volume == pytest.approx(exact, rel=0.1)
     start = run.chamber("chamber").volume
     run.run(until=5e-3)
     # The pillow must breathe by more than 1 %, or gas does no work.
@@ -116,8 +115,7 @@ def test_sewn_under_pressure() -> None:
         ),
         gx.Midpoint(dt=1e-3),
     )
-    expected = of_closed.chamber("chamber").volume + SIDE**2 * 0.002
-    assert volume == pytest.approx(expected, rel=1e-12)
+    assert volume == pytest.approx(of_closed.chamber("chamber").volume + SIDE**2 * 0.002, rel=1e-12)
     run.run(until=0.012)
     assert abs(run.energy_error) < 1e-10
     # It starts at rest, and seams pull with equal and opposite forces.

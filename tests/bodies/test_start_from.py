@@ -11,6 +11,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)
@@ -38,11 +39,9 @@ def turned() -> tuple[gx.Cable, gx.StartFrom]:
 def test_a_ball_joint_takes_the_points_of_the_start() -> None:
     cable, start = turned()
     joint = gx.constraints.BallJoint(cable.port("end"), gx.Ground(TIP))
-    run = gx.Simulation(gx.Scene(cable, start, joint), gx.Midpoint(dt=1e-3))
-    run.run(until=2e-3)
-    measured = gx.probes.Position(cable.port("end"), "y")(run)
+    run = run_until(2e-3, cable, start, joint, dt=1e-3)
     # A joint of the start pulls on nothing: round-off.
-    assert measured == pytest.approx(1.0, abs=1e-12)
+    assert gx.probes.Position(cable.port("end"), "y")(run) == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(gx.InputError, match=r"its two points are 1\.41421 m apart at the start"):
         gx.Scene(
             cable, start, gx.constraints.BallJoint(cable.port("end"), gx.Ground((1.0, 0.0, 0.0)))
@@ -53,15 +52,11 @@ def test_a_ball_joint_takes_the_points_of_the_start() -> None:
 def test_a_link_keeps_the_distance_of_the_start() -> None:
     cable, start = turned()
     link = gx.constraints.Link(cable.port("end"), gx.Ground((0.0, 3.0, 0.0)))
-    run = gx.Simulation(
-        gx.Scene(cable, start, link, gx.Gravity(cable, (9.0, 2.0, 3.0))), gx.Midpoint(dt=1e-2)
-    )
-    run.run(until=5e-2)
+    run = run_until(5e-2, cable, start, link, gx.Gravity(cable, (9.0, 2.0, 3.0)), dt=1e-2)
     end = np.array([gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"])
     assert abs(end[0]) > 1e-3
-    measured = np.linalg.norm(end - (0.0, 3.0, 0.0))
     # The distance from TIP to (0, 3, 0) at the start.
-    assert measured == pytest.approx(2.0, rel=1e-10)
+    assert np.linalg.norm(end - (0.0, 3.0, 0.0)) == pytest.approx(2.0, rel=1e-10)
 
 
 @pytest.mark.mpi
@@ -83,8 +78,7 @@ def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(-0.2, 0.5, 0.0), comm=COMM, name="hub")
     bodies = (film, hub, gx.RigidRegion(film, "left", rigid_body=hub))
     motion = gx.RigidMotion(spin=(0.5, 0.0, 3.0), velocity=(0.0, 1.0, 0.0))
-    before = gx.Simulation(gx.Scene(*bodies, motion), gx.Midpoint(dt=0.02))
-    before.run(until=0.2)
+    before = run_until(0.2, *bodies, motion, dt=0.02)
     after = gx.Simulation(
         gx.Scene(*bodies, gx.StartFrom(before.system), motion), gx.Midpoint(dt=0.02)
     )

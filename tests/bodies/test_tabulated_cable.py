@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 # Soft and hard in tension, with a plateau, and soft in compression beyond -1 %.
@@ -28,8 +29,7 @@ def strain_measure(x: np.ndarray) -> np.ndarray:
 
 def test_force_goes_through_the_points_and_on_with_the_last_slopes() -> None:
     assert MEASURED.force_at(STRAIN) == pytest.approx(FORCE, abs=1e-12)
-    measured = MEASURED.force_at(np.array([0.08, -0.09]))
-    assert measured == pytest.approx([100.0, -8.0], abs=1e-12)
+    assert MEASURED.force_at(np.array([0.08, -0.09])) == pytest.approx([100.0, -8.0], abs=1e-12)
     error = abs(MEASURED.EA / 1000.0 - 1)
     assert error < 1e-12
 
@@ -40,8 +40,7 @@ def test_potential_is_the_integral_of_the_force() -> None:
     force = MEASURED.force_at(at)
     work = np.concatenate([[0.0], np.cumsum(np.diff(at) * (force[1:] + force[:-1]) / 2)])
     work -= work[at == 0][0]
-    measured = MEASURED.corners.energy(at)
-    assert measured == pytest.approx(work, abs=1e-13)
+    assert MEASURED.corners.energy(at) == pytest.approx(work, abs=1e-13)
 
 
 def test_average_does_the_change_of_the_potential() -> None:
@@ -53,8 +52,7 @@ def test_average_does_the_change_of_the_potential() -> None:
     e1 = strain_measure(x1)
     S, D = bars.average(e0, e1)
     work = S[:, 0] * (e1 - e0)[:, 0]
-    expected = bars.energy(e1) - bars.energy(e0)
-    assert work == pytest.approx(expected, abs=1e-13)
+    assert work == pytest.approx(bars.energy(e1) - bars.energy(e0), abs=1e-13)
     δ = 1e-7
     ahead, _ = bars.average(e0, e1 + δ)
     behind, _ = bars.average(e0, e1 - δ)
@@ -72,8 +70,7 @@ def test_two_points_are_a_rope_and_three_a_bar() -> None:
         line_density=1.0,
     )
     x = np.linspace(-0.4, 2.0, 13)
-    expected = 50.0 * np.maximum(x, 0)
-    assert rope.force_at(x) == pytest.approx(expected)
+    assert rope.force_at(x) == pytest.approx(50.0 * np.maximum(x, 0))
     assert bar.force_at(x) == pytest.approx(50.0 * x)
 
 
@@ -97,10 +94,8 @@ def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
     assert abs(run.energy_error) < 1e-10
     assert now.momentum == pytest.approx(run.first.momentum, abs=1e-11)
     assert now.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-11)
-    measured = min(map(np.min, seen))
-    assert measured < -0.01
-    measured = max(map(np.max, seen))
-    assert measured > 0.02
+    assert min(map(np.min, seen)) < -0.01
+    assert max(map(np.max, seen)) > 0.02
 
 
 def string_strains(
@@ -153,24 +148,19 @@ def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
     )
     tape = gx.connectors.Tape.along_edges(film, MEASURED, edges="bottom")
     ends = [gx.Fixed(film, edge) for edge in ("left", "right")]
-    statics = gx.Equilibrium(gx.Scene(film, tape, *ends))
-    statics.find()
+    statics = at_rest(film, tape, *ends)
     force, _ = statics.reaction(ends[1])
-    expected = MEASURED.force_at(np.array(0.03))
-    assert force[0] == pytest.approx(expected, rel=1e-6)
+    assert force[0] == pytest.approx(MEASURED.force_at(np.array(0.03)), rel=1e-6)
     stored = statics.result.totals.stored["tape"]
-    expected = 0.5 * MEASURED.corners.energy(np.array(0.03))
-    assert stored == pytest.approx(expected, rel=1e-9)
+    assert stored == pytest.approx(0.5 * MEASURED.corners.energy(np.array(0.03)), rel=1e-9)
 
 
 def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
     path = tmp_path / "rope.csv"
     path.write_text("# braid, 3 mm\nforce [kN], strain [%]\n-0.004, -1\n0, 0\n0.01, 1\n0.07, 6\n")
     law = gx.TabulatedCable.from_csv(path, line_density=0.1)
-    expected = (-0.01, 0.0, 0.01, 0.06)
-    assert law.strain == pytest.approx(expected)
-    expected = (-4.0, 0.0, 10.0, 70.0)
-    assert law.force == pytest.approx(expected)
+    assert law.strain == pytest.approx((-0.01, 0.0, 0.01, 0.06))
+    assert law.force == pytest.approx((-4.0, 0.0, 10.0, 70.0))
 
 
 @pytest.mark.parametrize(

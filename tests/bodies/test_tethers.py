@@ -11,6 +11,7 @@ import gossamer_fx as gx
 from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN
+from tests.small_scenes import run_until
 
 K = 400.0
 MASS = 0.5
@@ -53,8 +54,7 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
     # what the tether has stored comes back: the mass flies inwards with that energy
     run.run(until=0.6)
     measured = gx.probes.Velocity(mass.port(), "x")(run)
-    expected = -math.sqrt(2 * elastic / MASS)
-    assert measured == pytest.approx(expected, rel=0.01)
+    assert measured == pytest.approx(-math.sqrt(2 * elastic / MASS), rel=0.01)
 
 
 @pytest.mark.mpi
@@ -73,8 +73,7 @@ def test_an_empty_reel_holds() -> None:
     )
     left = MASS * 9 / 2 - 0.2 * BRAKE
     measured = gx.probes.Velocity(mass.port(), "x")(run)
-    expected = -math.sqrt(2 * left / MASS)
-    assert measured == pytest.approx(expected, rel=1e-3)
+    assert measured == pytest.approx(-math.sqrt(2 * left / MASS), rel=1e-3)
 
 
 @pytest.mark.mpi
@@ -94,14 +93,11 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
         length=lambda t: start + 0.25 * t**2 * (3 - 2 * t),
         stiffness=K,
     )
-    run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
-    run.run(until=1.0)
+    run = run_until(1.0, mass, tether, dt=2e-2)
     x, y = (gx.probes.Position(mass.port(), axis)(run) for axis in "xy")
-    measured = run.totals.angular_momentum[2]
-    assert measured == pytest.approx(MASS * ω * L**2, rel=1e-12)
+    assert run.totals.angular_momentum[2] == pytest.approx(MASS * ω * L**2, rel=1e-12)
     assert abs(run.energy_error) < 1e-13
-    measured = math.hypot(x, y)
-    assert measured == pytest.approx(start + 0.25, abs=0.01)
+    assert math.hypot(x, y) == pytest.approx(start + 0.25, abs=0.01)
     assert run.totals.supplied < 0
 
 
@@ -120,8 +116,7 @@ def test_the_tangent_of_a_tether_is_the_derivative() -> None:
             if abs(l1 - l0) > 1e-6:
                 slope = ropes._tension(np.array([l1]))[1]
                 above, below = (ropes._tension(np.array([l1 + s * δ]))[0] for s in (1, -1))
-                expected = (above - below) / 2 / δ
-                assert slope == pytest.approx(expected, rel=1e-4, abs=1e-3)
+                assert slope == pytest.approx((above - below) / 2 / δ, rel=1e-4, abs=1e-3)
 
 
 @pytest.mark.mpi
@@ -141,10 +136,8 @@ def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> No
         angle=lambda t: 3.0 * t,
     )
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
-    run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
-    run.run(until=0.2)
-    measured = gx.probes.AngularVelocity(hub.frame(), "z")(run)
-    assert measured == pytest.approx(3.0, rel=1e-4)
+    run = run_until(0.2, hub, mass, rope, motor, spin, dt=5e-3)
+    assert gx.probes.AngularVelocity(hub.frame(), "z")(run) == pytest.approx(3.0, rel=1e-4)
     first = run.first
     gained = run.totals.energy - first.energy
     assert run.totals.supplied == pytest.approx(gained, abs=1e-9 * first.energy)
@@ -166,8 +159,7 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
         gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
-    measured = gx.probes.MeanSpin(film, "z")(run)
-    assert measured == pytest.approx(4.0, rel=1e-12)
+    assert gx.probes.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
     x, y = (gx.probes.Position(corner, axis)(run) for axis in "xy")
     measured = gx.probes.PolarPosition(
         corner,
@@ -179,8 +171,7 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     assert measured == pytest.approx(math.atan2(y, x), rel=1e-12)
     run.run(until=5e-3)
     weight = 0.01 + law.density * law.thickness * 0.04
-    measured = run.totals.momentum[2]
-    assert measured == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
+    assert run.totals.momentum[2] == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
 
 
 @pytest.mark.mpi
@@ -194,11 +185,9 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
         displacement=lambda X: -0.2 * X,
         velocity=lambda X: X,
     )
-    run = gx.Simulation(
-        gx.Scene(film, gx.Damping(film, stiffness_factor=1e-5, tension_only=tension_only)),
-        gx.Midpoint(dt=1e-3),
+    run = run_until(
+        0.01, film, gx.Damping(film, stiffness_factor=1e-5, tension_only=tension_only), dt=1e-3
     )
-    run.run(until=0.01)
     # of the kinetic energy three quarters are its flight as a whole, for it reaches from 0 to 0.2 m
     lost = run.totals.dissipated / run.first.kinetic
     assert lost == pytest.approx(0.0 if tension_only else 1 / 4, rel=0.1)
@@ -217,8 +206,7 @@ def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
         )
         held = [gx.Fixed(film, side) for side in ("left", "right", "top", "bottom")]
         damping = gx.Damping(film, stiffness_factor=1e-6, tension_only=tension_only)
-        run = gx.Simulation(gx.Scene(film, *held, damping), gx.Midpoint(dt=1e-6))
-        run.run(until=1e-5)
+        run = run_until(1e-5, film, *held, damping, dt=1e-6)
         lost.append(run.totals.dissipated)
         assert abs(run.energy_error) < 1e-12
     assert lost[0] > 0 and lost[1] == pytest.approx(lost[0], rel=1e-9)
@@ -257,8 +245,7 @@ def test_a_bundle_is_its_ropes(comm) -> None:
                 )
                 for k, pair in enumerate(ends)
             ]
-        run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
-        run.run(until=5e-3)
+        run = run_until(5e-3, film, *ropes, dt=1e-3)
         motions.append((gx.probes.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
     assert motions[0] == pytest.approx(motions[1], rel=1e-9) and motions[0][1] > 0
 
@@ -274,5 +261,4 @@ def test_a_weight_hangs_at_the_length_that_is_out() -> None:
     search = gx.Equilibrium(gx.Scene(mass, tether, gx.Gravity(mass, (0.0, 0.0, -9.81))))
     search.find(at=0.5)
     measured = gx.fields.positions(search, mass)[..., 2].ravel()[:1]
-    expected = -(L + 0.5 + MASS * 9.81 / K)
-    assert measured == pytest.approx(expected, rel=1e-9)
+    assert measured == pytest.approx(-(L + 0.5 + MASS * 9.81 / K), rel=1e-9)

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
+from tests.small_scenes import run_until
 
 LAW = gx.Linear(
     E=1e6,
@@ -72,10 +73,7 @@ def test_three_films_of_different_meshes_on_a_line(comm) -> None:
         )
         for film in films[1:]
     ]
-    run = gx.Simulation(
-        gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3)
-    )
-    run.run(until=5e-3)
+    run = run_until(5e-3, *films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0)), dt=1e-3)
     conserved(run)
     for corner in ("bottom left", "top left"):
         places = [
@@ -92,16 +90,14 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
         gx.CableLaw(EA=100.0, line_density=0.1),
         name="cable",
     )
-    run = gx.Simulation(
-        gx.Scene(
-            film,
-            cable,
-            gx.Tie(cable, film, group_a=None, group_b="left"),
-            gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
-        ),
-        gx.Midpoint(dt=1e-3),
+    run = run_until(
+        3e-3,
+        film,
+        cable,
+        gx.Tie(cable, film, group_a=None, group_b="left"),
+        gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
+        dt=1e-3,
     )
-    run.run(until=3e-3)
     conserved(run)
     end = [gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"]
     expected = [gx.probes.Position(film.port("top left"), axis)(run) for axis in "xyz"]

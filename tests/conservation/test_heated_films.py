@@ -9,6 +9,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import momentum_changes, run_until
 
 ThermalExpansion = gx.materials.ThermalExpansion
 NUMBERS = {"density": 1400.0, "thickness": 1e-4}
@@ -49,17 +50,13 @@ def sheet_in_flight(
         velocity=thrown,
         thermal=ThermalExpansion(alpha, waves),
     )
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
-    run.run(until=steps * 1e-3)
-    return run
+    return run_until(steps * 1e-3, film, dt=1e-3, tolerances=TIGHT)
 
 
 def momentum_error(run: gx.Simulation) -> float:
     """Largest change of momentum or angular momentum [kg m/s, kg m²/s]."""
-    linear = run.totals.momentum - run.first.momentum
     # Of the larger one, as both must stay.
-    angular = run.totals.angular_momentum - run.first.angular_momentum
-    return float(max(abs(linear).max(), abs(angular).max()))
+    return max(momentum_changes(run))
 
 
 @pytest.mark.mpi
@@ -98,8 +95,7 @@ def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
         rest_curvature=np.diag((0.1, 0.0, 0.0)),
         velocity=thrown,
     )
-    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
-    run.run(until=0.05)
+    run = run_until(0.05, plate, dt=1e-3, tolerances=TIGHT)
     assert abs(run.energy_error) < 1e-11
     assert momentum_error(run) < 1e-12
 
@@ -146,8 +142,7 @@ def test_lines_close_their_balance(comm, kind: str) -> None:
             "table": gx.TabulatedCable([0.0, 1e-3, 5e-2], [0.0, 5.0, 900.0], line_density=0.01),
         }[kind]
         body = gx.Cable(curve, law, thermal=expansion, velocity=swinging)
-    run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
-    run.run(until=0.05)
+    run = run_until(0.05, body, dt=1e-3, tolerances=TIGHT)
     assert run.totals.supplied != 0
     assert abs(run.energy_error) < 1e-10
 
@@ -162,8 +157,7 @@ def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
         thermal=ThermalExpansion(2e-5, waves),
     )
     damping = gx.Damping(film, stiffness_factor=1e-4, tension_only=tension_only)
-    run = gx.Simulation(gx.Scene(film, damping), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
-    run.run(until=0.03)
+    run = run_until(0.03, film, damping, dt=1e-3, tolerances=TIGHT)
     assert run.totals.dissipated > 0
     assert abs(run.energy_error) < 1e-11
 
@@ -235,11 +229,6 @@ def test_steps_that_are_undone_leave_the_balance_closed(comm) -> None:
         thermal=ThermalExpansion(2e-5, waves),
     )
     control = gx.StepControl(error=1e-7, max_step=4e-3)
-    run = gx.Simulation(
-        gx.Scene(film),
-        gx.Midpoint(dt=2e-3, tolerances=TIGHT),
-        control=control,
-    )
-    run.run(until=0.03)
+    run = run_until(0.03, film, dt=2e-3, tolerances=TIGHT, control=control)
     assert run.substeps > 0
     assert abs(run.energy_error) < 1e-11

@@ -92,11 +92,9 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     # 50 steps in which the gas flows in: the film must move by the gas alone.
     assert abs(run.energy_error) < 1e-12
     error = np.abs(last.momentum - first.momentum).max()
-    limit = 1e-12 * np.abs(first.momentum).max()
-    assert error < limit
+    assert error < 1e-12 * np.abs(first.momentum).max()
     error = np.abs(last.angular_momentum - first.angular_momentum).max()
-    limit = 1e-11 * np.abs(first.angular_momentum).max()
-    assert error < limit
+    assert error < 1e-11 * np.abs(first.angular_momentum).max()
 
 
 @pytest.mark.mpi
@@ -139,9 +137,8 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
     errors = gx.Series({"error": lambda run: run.energy_error, "size": lambda run: run.totals.size})
     watched = fall(errors)
     alone = fall()
-    limit = 1e-2 * errors["size"].max()
     # At the end the energies are almost zero, below 1 % of the largest.
-    assert alone.totals.size < limit
+    assert alone.totals.size < 1e-2 * errors["size"].max()
     assert alone.energy_error == errors["error"][-1] == watched.energy_error != 0
 
 
@@ -183,8 +180,7 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
     if comm.rank == 0:
         rows = list(csv.DictReader((folder / "ledger.csv").open()))
         assert len(rows) == run.step + 1
-        measured = float(rows[-1]["time"])
-        assert measured == pytest.approx(run.time)
+        assert float(rows[-1]["time"]) == pytest.approx(run.time)
 
 
 def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:

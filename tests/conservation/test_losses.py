@@ -95,13 +95,11 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     # the midpoint rule slows a film in drift by the same factor in each step
     factor = (1 - DRAG * DT / 2) / (1 + DRAG * DT / 2)
     film = LAW.density * LAW.thickness * (1 + 4) / 2
-    expected = film * (1 - factor ** (2 * steps))
-    assert lost["air"] == pytest.approx(expected, rel=1e-10)
+    assert lost["air"] == pytest.approx(film * (1 - factor ** (2 * steps)), rel=1e-10)
     assert abs(lost["strain"]) < 1e-15  # nothing is strained
     # the brake pulls with B from where the tether is stretched by B/k
     elastic = BRAKE**2 / 2 / STIFFNESS
-    expected = MASS * SPEED**2 / 2 - elastic
-    assert lost["reel"] == pytest.approx(expected, rel=1e-3)
+    assert lost["reel"] == pytest.approx(MASS * SPEED**2 / 2 - elastic, rel=1e-3)
     # the other mass flies back when its rope is slack again
     v = gx.probes.Velocity(
         next(body for body in run.system.bodies if body.name == "at rope").port(), "y"
@@ -112,8 +110,7 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert run.totals.dissipated == sum(lost.values()) and abs(run.energy_error) < 1e-12
     COMM.barrier()
     row = list(csv.DictReader((folder / "ledger.csv").open(encoding="utf-8")))[-1]
-    measured = [float(row[f"dissipated {name}"]) for name in lost]
-    assert measured == list(lost.values())
+    assert [float(row[f"dissipated {name}"]) for name in lost] == list(lost.values())
     assert float(row["dissipated"]) == run.totals.dissipated
 
 
@@ -172,9 +169,8 @@ def test_restarts_go_on_with_each_cause(folder: Path) -> None:
     for comm, written in ((COMM, "all"), (MPI.COMM_SELF, "all"), (COMM, "own 0")):
         again = run_to(20, scene(comm), restart=folder / written).totals.losses
         assert list(again) == list(whole)
-        measured = list(again.values())
         # Steps agree to Newton's tolerance on any number of ranks.
-        assert measured == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
+        assert list(again.values()) == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
 
 
 @pytest.mark.mpi

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import momentum_changes, run_until
 
 NUMBERS = {"density": 1400.0, "thickness": 1e-4}
 FABRIC = gx.Orthotropic(
@@ -64,9 +65,7 @@ def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulati
         velocity=thrown,
     )
     tolerances = gx.Tolerances(relative=1e-12)
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=tolerances))
-    run.run(until=steps * 1e-3)
-    return run
+    return run_until(steps * 1e-3, film, dt=1e-3, tolerances=tolerances)
 
 
 def momentum_errors(run: gx.Simulation) -> list[float]:
@@ -74,11 +73,7 @@ def momentum_errors(run: gx.Simulation) -> list[float]:
     film_mass = NUMBERS["density"] * NUMBERS["thickness"]
     # √(2 m T) with a film of 1 m²: the largest momentum that this kinetic energy allows.
     scale = math.sqrt(2 * film_mass * run.first.kinetic)
-    changes = (
-        run.totals.momentum - run.first.momentum,
-        run.totals.angular_momentum - run.first.angular_momentum,
-    )
-    return [abs(change).max() / scale for change in changes]
+    return [change / scale for change in momentum_changes(run)]
 
 
 @pytest.mark.mpi
@@ -167,8 +162,7 @@ def test_a_reduced_film_keeps_energy(comm) -> None:
     reduced = gx.reduction.reduce(film, [shapes], modes=6)
     tolerances = gx.Tolerances(relative=1e-12)
     # Reduction keeps the rule, so energy closes; a sum over sampled cells has more round-off.
-    run = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=1e-3, tolerances=tolerances))
-    run.run(until=0.02)
+    run = run_until(0.02, reduced, dt=1e-3, tolerances=tolerances)
     assert max(run.totals.stored.values()) > 1e-9
     assert abs(run.energy_error) <= 1e-11
 
@@ -179,7 +173,6 @@ def test_damping_takes_what_the_energy_loses(law, tension_only: bool) -> None:
     film = gx.Membrane(sheet(MPI.COMM_SELF, 5, 5), law, velocity=thrown)
     damping = gx.Damping(film, stiffness_factor=1e-4, tension_only=tension_only)
     tolerances = gx.Tolerances(relative=1e-12)
-    run = gx.Simulation(gx.Scene(film, damping), gx.Midpoint(dt=1e-3, tolerances=tolerances))
-    run.run(until=0.02)
+    run = run_until(0.02, film, damping, dt=1e-3, tolerances=tolerances)
     assert run.totals.dissipated > 1e-8
     assert abs(run.energy_error) <= 1e-12

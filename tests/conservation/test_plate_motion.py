@@ -11,6 +11,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 LAW = gx.Linear(
     E=1e9,
@@ -66,10 +67,7 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
         rotation=True,
         direction=direction,
     )
-    run = gx.Simulation(
-        gx.Scene(plate, clamp), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
-    )
-    run.run(until=0.03)
+    run = run_until(0.03, plate, clamp, dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
     # The clamp's work must matter.
     assert run.totals.supplied > 1e-4 and run.totals.kinetic > 1e-4
     assert abs(run.energy_error) < 1e-9

@@ -82,5 +82,4 @@ def test_round_off_grows_but_the_ledger_closes(comm, scene, dt: float) -> None:
         if comm.rank == 0:
             print(f"after {step} steps positions differ by {difference:.1e} m")
     assert all(abs(run.energy_error) < 1e-10 for run in runs)
-    measured = runs[0].totals.energy
-    assert measured == pytest.approx(runs[1].totals.energy, rel=1e-9)
+    assert runs[0].totals.energy == pytest.approx(runs[1].totals.energy, rel=1e-9)

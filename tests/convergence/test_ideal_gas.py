@@ -78,14 +78,10 @@ FILLING = {
 def test_filling_of_a_tank(case):
     p, T, full, T_full, rows = FILLING[case]
     found, run = histories(filling(p, T), 0.25, [*rows, full, full + 15])
-    measured = found[:-2, 0, :2]
-    expected = np.array(list(rows.values()))
     # Tables come from integrations that are converged to all their digits; steps of 0.25 s give
     # 1e-3.
-    assert measured == pytest.approx(expected, rel=1e-3)
-    measured = found[-2:, 0, :2]
-    expected = np.array([(P0, T_full)] * 2)
-    assert measured == pytest.approx(expected, rel=1e-3)
+    assert found[:-2, 0, :2] == pytest.approx(np.array(list(rows.values())), rel=1e-3)
+    assert found[-2:, 0, :2] == pytest.approx(np.array([(P0, T_full)] * 2), rel=1e-3)
     assert closes(run)
 
 
@@ -96,9 +92,8 @@ def test_filling_is_of_second_order(case, before):
     p, T, *_ = FILLING[case]
     steps = [0.5, 0.25, 0.125]
     *runs, exact = (histories(filling(p, T), dt, [before])[0][0, 0, 0] for dt in [*steps, 0.01])
-    measured = observed_order(steps, np.array(runs) - exact)
     # The finest step has a third-order term of a few per cent.
-    assert measured == pytest.approx(2, abs=0.2)
+    assert observed_order(steps, np.array(runs) - exact) == pytest.approx(2, abs=0.2)
 
 
 @pytest.mark.parametrize("case", FILLING)
@@ -109,8 +104,7 @@ def test_temperature_of_a_filled_tank_is_that_of_the_enthalpy_it_got(case):
     found, _ = histories(filling(p, T), 0.7, np.linspace(0, full, 6)[1:])
     _, T_now, m = found[:, 0].T
     # Energy balance of an adiabatic tank: enthalpy γ T0 per mass flows in.
-    expected = m_start * T + 1.4 * T0 * (m - m_start)
-    assert m * T_now == pytest.approx(expected, rel=1e-12)
+    assert m * T_now == pytest.approx(m_start * T + 1.4 * T0 * (m - m_start), rel=1e-12)
 
 
 # ---- choked blow-down into a vacuum: V = 0.01 m³, C_d A = 2e-6 m², 3e5 Pa, 300 K -----------------
@@ -233,11 +227,8 @@ def test_piston():
     exact = np.array(list(PISTON.values()))
     found, run = piston(5e-4, PISTON)
     x, v, *gas = range(5)
-    measured = found[:, [x, *gas]]
-    expected = exact[:, [x, *gas]]
-    assert measured == pytest.approx(expected, rel=5e-3)
-    measured = found[:-1, v]
-    assert measured == pytest.approx(exact[:-1, v], rel=0.02)
+    assert found[:, [x, *gas]] == pytest.approx(exact[:, [x, *gas]], rel=5e-3)
+    assert found[:-1, v] == pytest.approx(exact[:-1, v], rel=0.02)
     assert found[-1, v] == pytest.approx(
         exact[-1, v], abs=0.02 * abs(exact[:, v]).max()
     )  # it turns round there
@@ -263,7 +254,6 @@ def test_piston_is_of_second_order():
 @pytest.mark.slow
 def test_velocity_of_the_piston_where_it_turns():
     found, run = piston(1e-4, PISTON)
-    expected = np.array(list(PISTON.values()))[:, 1]
     # 2 %: the velocity passes through zero nearby.
-    assert found[:, 1] == pytest.approx(expected, rel=0.02)
+    assert found[:, 1] == pytest.approx(np.array(list(PISTON.values()))[:, 1], rel=0.02)
     assert abs(run.energy_error) <= 1e-8

@@ -63,9 +63,8 @@ def test_positions_and_velocities_converge_with_order_two(law, order):
         assert abs(run.energy_error) <= 1e-12
     print(np.array(errors))
     for position_or_velocity in np.array(errors).T:
-        measured = -np.diff(np.log2(position_or_velocity))
         # The order between each two steps, and over all of them.
-        assert measured == pytest.approx(np.full(3, 2.0), abs=0.2)
+        assert -np.diff(np.log2(position_or_velocity)) == pytest.approx(np.full(3, 2.0), abs=0.2)
         assert observed_order(steps, position_or_velocity) == pytest.approx(2, abs=0.1)
 
 
@@ -77,6 +76,5 @@ def test_taut_film_moves_as_one_that_cannot_wrinkle():
     )
     error = abs(linear - wrinkling).max()
     # Round-off of two code paths for one law.
-    limit = 1e-10 * abs(linear).max()
-    assert error <= limit
+    assert error <= 1e-10 * abs(linear).max()
     assert run_wrinkling.iterations <= run_linear.iterations + 5 and run_wrinkling.substeps == 0

@@ -62,4 +62,4 @@ def test_the_code_of_a_notebook_is_that_of_the_demo(generate) -> None:
         compile(definitions, name, "exec")
         compile(main, name, "exec")
         assert "def " in definitions
-        assert main or name == "robust_tube", "its scene is run by `gossamer sweep` only"
+        assert main

@@ -74,8 +74,7 @@ def test_petals_have_the_windmill_torque_of_the_closed_form() -> None:
     torque = ikaros_devices.windmill(MPI.COMM_SELF, petals(tilt))
     mirrored, both, _ = OPTICS.coefficients()
     pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
-    expected = pressure * 4 * 3.0 * tilt * (mirrored + both)
-    assert abs(torque) == pytest.approx(expected, rel=1e-5)
+    assert abs(torque) == pytest.approx(pressure * 4 * 3.0 * tilt * (mirrored + both), rel=1e-5)
     # Petals that are turned the other way drive it the other way.
     opposite = ikaros_devices.windmill(MPI.COMM_SELF, petals(-tilt))
     assert opposite == pytest.approx(-torque, rel=1e-9)

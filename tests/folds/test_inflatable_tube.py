@@ -59,9 +59,8 @@ def test_its_parts(comm) -> None:
     for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
-    measured = [math.degrees(c.rest_angle) for c in it.creases]
     # Half of the fold angle of 2.8 rad, for both layers.
-    assert measured == pytest.approx([-80.2, 80.2], abs=0.1)
+    assert [math.degrees(c.rest_angle) for c in it.creases] == pytest.approx([-80.2, 80.2], abs=0.1)
     turned = tube(
         comm,
         folds=FOLDS,
@@ -74,8 +73,7 @@ def test_its_parts(comm) -> None:
     assert np.allclose(turned.positions(), np.column_stack([-y, x, z + 1.0]), atol=1e-12)
     plain = tube(comm)
     assert plain.start is None and plain.contact is None and not plain.creases
-    measured = sum(1 for _ in plain.requires())
-    assert measured == 5
+    assert sum(1 for _ in plain.requires()) == 5
 
 
 def test_the_stiffness_of_contact_is_that_of_the_argument_and_needs_contact(comm):
@@ -111,10 +109,8 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
     first, second = (run.chamber(bag.name).pressure for bag in it.chambers)
     # The first compartment fills before the second.
     assert first > second > 0.99
-    measured = series["ring"].max()
     # The ring between the compartments is still less than half open.
-    limit = 0.5 * math.pi * DIAMETER**2 / 4
-    assert measured < limit
+    assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
 
 
 @pytest.mark.mpi
@@ -135,8 +131,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
         caps={"inlet": block, "tip": 2e-3},
     )
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
-    measured = [cap.rigid_body.name for cap in it.caps]
-    assert measured == ["block", "tube tip bar"]
+    assert [cap.rigid_body.name for cap in it.caps] == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
     width = math.pi * DIAMETER / 2
     start = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]
@@ -145,9 +140,8 @@ def test_caps_keep_the_ends_straight(comm) -> None:
         np.array([gx.probes.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"])
         for side in ("left", "right")
     ]
-    measured = np.linalg.norm(ends[0] - ends[1])
     # The bar is rigid: the distance of its two ends is constant.
-    assert measured == pytest.approx(width, rel=1e-9)
+    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(width, rel=1e-9)
     measured = np.mean(ends, axis=0)
     expected = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]
     assert measured == pytest.approx(expected, abs=1e-9)
@@ -207,8 +201,7 @@ def test_the_demo(tmp_path) -> None:
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12
     assert found["penetrations"] == 0
     assert np.isfinite(found["pressure_3"]) and found["pressure_1"] > found["pressure_3"]
-    measured = (tmp_path / "folded_tube.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (tmp_path / "folded_tube.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.slow

@@ -63,12 +63,10 @@ def test_the_tubes_stand_out_in_v(tmp_path) -> None:
         and found["mass_error"] < 1e-12
         and found["angular_momentum_drift"] < 1e-9
     )
-    expected = 0.6 * math.cos(sprout.HALF)
-    assert found["reach"] == pytest.approx(expected, rel=0.1)
+    assert found["reach"] == pytest.approx(0.6 * math.cos(sprout.HALF), rel=0.1)
     assert found["span"] > 0.55
     assert found["pressure_left_2"] == pytest.approx(found["pressure_left_1"], rel=1e-2)
-    measured = (tmp_path / "sprout.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (tmp_path / "sprout.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.mpi
@@ -195,5 +193,4 @@ def test_a_run_ends_when_its_motion_has_settled() -> None:
     run = run_until(5.0, mass, spring, damper, dt=2e-4, events=[end])
     assert settling(run) <= 0.01
     # At the start of the window the envelope has fallen to a hundredth.
-    expected = math.log(100.0) / 40.0 + sprout.SETTLING_WINDOW
-    assert run.time == pytest.approx(expected, rel=0.1)
+    assert run.time == pytest.approx(math.log(100.0) / 40.0 + sprout.SETTLING_WINDOW, rel=0.1)

@@ -27,6 +27,7 @@ from tests.invariance.transformations import (
     Transformation,
     transformations,
 )
+from tests.small_scenes import at_rest
 
 # The rule is compared, and not what Newton's iteration leaves.
 TIGHT = gx.Tolerances(relative=1e-13)
@@ -71,8 +72,7 @@ def results(
     at = Description(transformation, comm)
     made = kind.make(at)
     if kind.dt == 0:
-        statics = gx.Equilibrium(gx.Scene(*at.in_order(made.parts)))
-        statics.find()
+        statics = at_rest(*at.in_order(made.parts))
         system = statics.system
         pressures = []
         account = ()

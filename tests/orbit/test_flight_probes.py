@@ -47,17 +47,13 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         # The probe reads the same state: only round-off separates the two.
         assert measured == pytest.approx(getattr(found, name), rel=1e-12)
     measured = gx.probes.OrbitState(orbit, "altitude")(run)
-    expected = np.linalg.norm(r) - orbit.radius
-    assert measured == pytest.approx(expected, rel=1e-12)
+    assert measured == pytest.approx(np.linalg.norm(r) - orbit.radius, rel=1e-12)
     assert gx.probes.OrbitState(orbit, "sunlit")(run) == 1.0
     assert gx.probes.OrbitState(orbit, "depth")(run) < 0
-    measured = gx.probes.SunAngle(orbit, sail)(run)
-    assert measured == pytest.approx(0.4, abs=1e-3)
+    assert gx.probes.SunAngle(orbit, sail)(run) == pytest.approx(0.4, abs=1e-3)
     normal = body.frame().directors[2]
-    measured = gx.probes.SunAngle(orbit, normal)(run)
-    assert measured == pytest.approx(0.0, abs=1e-3)
-    measured = gx.probes.Attitude(orbit, normal, axis="across")(run)
-    assert measured == pytest.approx(0.8, abs=1e-6)
+    assert gx.probes.SunAngle(orbit, normal)(run) == pytest.approx(0.0, abs=1e-3)
+    assert gx.probes.Attitude(orbit, normal, axis="across")(run) == pytest.approx(0.8, abs=1e-6)
     push = [
         gx.probes.LoadResultant(
             orbit,
@@ -68,8 +64,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         for axis in "xyz"
     ]
     # An ideal mirror of 1 m² at 0.4 rad: 2 P cos² α.
-    expected = 2 * 4.563e-6 * math.cos(0.4) ** 2
-    assert math.hypot(*push) == pytest.approx(expected, rel=1e-3)
+    assert math.hypot(*push) == pytest.approx(2 * 4.563e-6 * math.cos(0.4) ** 2, rel=1e-3)
     # light on the film at its own place turns the whole about the centre of mass of both
     torque = [
         gx.probes.LoadResultant(
@@ -174,5 +169,4 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
         dt=0.1,
         outputs=[picture],
     )
-    measured = (folder / "flight.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (folder / "flight.png").read_bytes()[1:4] == b"PNG"

@@ -236,9 +236,8 @@ def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     )
     height = RADIUS / gx.orbit.Orbit(gx.orbit.Elements(RADIUS)).radius
     share = float(view_factor(np.array([0.0]), height)[0])
-    expected = (share * 237.0 / STEFAN_BOLTZMANN) ** 0.25
     # 3000 s are some time constants of the film.
-    assert end.heat.mean == pytest.approx(expected, rel=1e-4)
+    assert end.heat.mean == pytest.approx((share * 237.0 / STEFAN_BOLTZMANN) ** 0.25, rel=1e-4)
 
 
 def test_albedo_adds_to_the_day_side_only(comm) -> None:

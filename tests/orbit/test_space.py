@@ -74,9 +74,8 @@ ORBITS = [
 def test_elements_of_their_own_state(orbit: Elements) -> None:
     again = elements_of(*orbit.state())
     measured = (again.a, again.e, again.i)
-    expected = (orbit.a, orbit.e, orbit.i)
     # Conversions to and from elements lose a few bits.
-    assert measured == pytest.approx(expected, rel=1e-12, abs=1e-14)
+    assert measured == pytest.approx((orbit.a, orbit.e, orbit.i), rel=1e-12, abs=1e-14)
     for angle in ("node", "perigee", "anomaly"):
         difference = getattr(again, angle) - getattr(orbit, angle)
         error = abs(math.remainder(difference, 2 * math.pi))
@@ -103,11 +102,9 @@ def test_keplers_motion_obeys_newtons_law(orbit: Elements) -> None:
     r1, v1 = orbit.after(t).state()
     error = np.linalg.norm(found[:3] - r1)
     # DOP853 at 1e-13.
-    limit = 1e-9 * np.linalg.norm(r1)
-    assert error < limit
+    assert error < 1e-9 * np.linalg.norm(r1)
     error = np.linalg.norm(found[3:] - v1)
-    limit = 1e-9 * np.linalg.norm(v1)
-    assert error < limit
+    assert error < 1e-9 * np.linalg.norm(v1)
 
 
 def test_what_is_no_orbit_is_refused() -> None:
@@ -174,10 +171,8 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
         seen = np.mean(np.linalg.norm(nearest, axis=-1) > RADIUS)
         # The count has the error of the points on the limb.
         assert sunlit_in_cone(place, sun) == pytest.approx(seen, abs=0.006)
-    measured = sunlit_in_cone(np.array([7e6, 0, 0]), sun)
-    assert measured == 1
-    measured = sunlit_in_cone(np.array([-7e6, 0, 0]), sun)
-    assert measured == 0
+    assert sunlit_in_cone(np.array([7e6, 0, 0]), sun) == 1
+    assert sunlit_in_cone(np.array([-7e6, 0, 0]), sun) == 0
     far = np.array([-3e9, 0, 0])
     # Beyond the tip of the umbra: one less the ratio of the two discs.
     annular = 1 - (math.asin(RADIUS / 3e9) / math.asin(SUN_RADIUS / (AU + 3e9))) ** 2
@@ -228,8 +223,7 @@ def test_lit_from_the_back_the_sides_change_places() -> None:
             lambertian=0.79,
         ),
     )
-    measured = JPL_SAIL.coefficients(back=True)
-    assert measured == swapped.coefficients()
+    assert JPL_SAIL.coefficients(back=True) == swapped.coefficients()
     black = Optics(reflectivity=0.0, emissivity=0.9)
     assert black.coefficients() == (0, 0, 1)
 
@@ -273,10 +267,8 @@ def test_free_molecular_flow_is_the_integral_over_maxwells_molecules(
             wall,
             special_numbers,
         )
-        measured = s**2 / 2 * (A + c * B)
-        assert measured == pytest.approx(pressure, rel=1e-7, abs=1e-12)
-        measured = s**2 / 2 * B * math.sin(angle)
-        assert measured == pytest.approx(shear, rel=1e-7, abs=1e-12)
+        assert s**2 / 2 * (A + c * B) == pytest.approx(pressure, rel=1e-7, abs=1e-12)
+        assert s**2 / 2 * B * math.sin(angle) == pytest.approx(shear, rel=1e-7, abs=1e-12)
 
 
 class special_numbers:

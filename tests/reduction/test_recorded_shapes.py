@@ -86,8 +86,7 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
     error = np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0)
     # Runs on different numbers of ranks.
     assert error < 1e-8
-    measured = gx.reduction.reduce(film, [read], modes=2).basis.size
-    assert measured == 5
+    assert gx.reduction.reduce(film, [read], modes=2).basis.size == 5
 
 
 @pytest.mark.mpi

@@ -13,6 +13,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube_section import cylinder
 from tests.contact.scenes import SIGMA, film
+from tests.small_scenes import at_rest
 
 # Activation distance [m] and gravity [m/s²].
 DISTANCE = 1e-3
@@ -191,8 +192,7 @@ def test_an_obstacle_that_jumps_is_named(comm):
         motion=lambda t: (0.0, 0.0, 0.0 if t <= 0 else 5 * DISTANCE),
     )
     contact = gx.Contact(sheet_on_floor, floor, distance=DISTANCE)
-    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(sheet_on_floor)))
-    equilibrium.find()
+    equilibrium = at_rest(contact, gx.Gravity(sheet_on_floor))
     with pytest.raises(
         gx.NoEquilibrium, match=r"no pseudo-step converged.*an obstacle moves by 0\.005 m"
     ):

@@ -97,8 +97,7 @@ def test_parts_are_free_apart(comm):
         f"{kind} {axis} of 'other'" for kind in ("translation", "rotation") for axis in "xyz"
     ]
     measured = [words.split(" about")[0] for words in found.free]
-    expected = [m.split(" about")[0] for m in motions]
-    assert measured == expected
+    assert measured == [m.split(" about")[0] for m in motions]
     assert not found.regular
 
 

@@ -39,20 +39,15 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     points, strain = gx.fields.field_values(equilibrium, film, field="strain1")
     _, stress = gx.fields.field_values(equilibrium, film, field="stress1")
     # Green's strain of the stretch 1.02.
-    expected = column((1.02**2 - 1) / 2)
-    assert strain == expected
-    expected = column(E * (1.02**2 - 1) / 2)
-    assert stress == expected
+    assert strain == column((1.02**2 - 1) / 2)
+    assert stress == column(E * (1.02**2 - 1) / 2)
     assert points.shape == (len(strain), 3)
     x = gx.fields.positions(equilibrium, film)
-    measured = comm.allreduce(float(x[:, 0].max()), max)
-    assert measured == column(2.04)
+    assert comm.allreduce(float(x[:, 0].max()), max) == column(2.04)
     _, u = gx.fields.field_values(equilibrium, film, field="displacement")
     assert u.shape[1] == 3
-    measured = gx.probes.Position(film.port("top right"), "x")(equilibrium)
-    assert measured == column(2.04)
-    measured = gx.probes.AreaFraction(film, "taut")(equilibrium)
-    assert measured == column(1.0)
+    assert gx.probes.Position(film.port("top right"), "x")(equilibrium) == column(2.04)
+    assert gx.probes.AreaFraction(film, "taut")(equilibrium) == column(1.0)
     other = gx.Membrane(sheet(comm, 1, 1), LAW, name="other")
     with pytest.raises(gx.InputError, match="'other' is not in the scene"):
         gx.fields.positions(equilibrium, other)
@@ -77,14 +72,11 @@ def test_reaction_of_a_clamped_beam(comm):
     equilibrium = at_rest(clamp, gx.loads.Force(tip, F))
     x = [gx.probes.Position(tip, axis)(equilibrium) for axis in "xyz"]
     force, moment = equilibrium.reaction(clamp)
-    expected = [-3.0, 2.0, -5.0]
-    assert force == pytest.approx(expected, abs=1e-6)
+    assert force == pytest.approx([-3.0, 2.0, -5.0], abs=1e-6)
     # Moment about the clamp with the arm of the deflected tip.
-    expected = -np.cross(x, F)
-    assert moment == pytest.approx(expected, abs=1e-6)
+    assert moment == pytest.approx(-np.cross(x, F), abs=1e-6)
     _, elsewhere = equilibrium.reaction(clamp, about=(1.0, 2.0, 3.0))
-    expected = moment - np.cross((1.0, 2.0, 3.0), force)
-    assert elsewhere == pytest.approx(expected, abs=1e-6)
+    assert elsewhere == pytest.approx(moment - np.cross((1.0, 2.0, 3.0), force), abs=1e-6)
 
 
 @pytest.mark.mpi
@@ -123,8 +115,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     # Both weights.
     assert force == pytest.approx([0, 0, 50.0], abs=1e-6)
     assert moment == pytest.approx([0, -15.0, 0], abs=1e-6)
-    measured = gx.probes.JointForce(top, "z")(equilibrium)
-    assert measured == pytest.approx(50.0)
+    assert gx.probes.JointForce(top, "z")(equilibrium) == pytest.approx(50.0)
 
     stone = gx.RigidBody(
         2.0,
@@ -151,9 +142,8 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
         gx.Midpoint(dt=1e-3),
         outputs=[series],
     ).run(until=0.05)
-    measured = np.hypot(series["x"], series["y"])[1:]
     # m ω² r of the stone, to h².
-    assert measured == pytest.approx(2.0 * 3.0**2 * 0.5, rel=1e-4)
+    assert np.hypot(series["x"], series["y"])[1:] == pytest.approx(2.0 * 3.0**2 * 0.5, rel=1e-4)
     assert series["ω"] == pytest.approx(3.0, rel=1e-6)
 
 
@@ -170,10 +160,8 @@ def test_angular_velocity_of_a_beam(comm):
         velocity=lambda X: np.cross((0.3, 0.0, 2.0), X.T).T,
     )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=1e-3))
-    measured = gx.probes.AngularVelocity(beam.frame("end"), "z")(run)
-    assert measured == pytest.approx(2.0)
-    measured = gx.probes.AngularVelocity(beam.frame("end"), "x")(run)
-    assert measured == pytest.approx(0.3)
+    assert gx.probes.AngularVelocity(beam.frame("end"), "z")(run) == pytest.approx(2.0)
+    assert gx.probes.AngularVelocity(beam.frame("end"), "x")(run) == pytest.approx(0.3)
     with pytest.raises(gx.InputError, match="ground does not turn"):
         gx.probes.AngularVelocity(gx.ground_frame(), "z")
 

@@ -148,8 +148,7 @@ def test_gores_have_the_circumference_of_the_body() -> None:
     gores = mylar_gores(12)
     # Length of the meridian from pole to pole: the diameter of the flat disc.
     assert gores.length == pytest.approx(2.0, rel=1e-3)
-    measured = 12 * gores.width(np.array(gores.length / 2))
-    assert measured == pytest.approx(2 * np.pi * MYLAR_RADIUS)
+    assert 12 * gores.width(np.array(gores.length / 2)) == pytest.approx(2 * np.pi * MYLAR_RADIUS)
     film = gx.Membrane(
         gores.mesh(COMM, along=8, across=2),
         gx.TensionField(
@@ -212,8 +211,7 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
         found = statics.find(at=t)
     # All poles are one point, although the ties there are one more than needed.
     ends = [statics.system.state.vector(film.port(f"first {k}")) for k in range(n)]
-    measured = np.ptp(ends, axis=0)
-    assert measured == pytest.approx(0.0, abs=1e-8)
+    assert np.ptp(ends, axis=0) == pytest.approx(0.0, abs=1e-8)
     state = statics.system.state
     line = seams[0].lines(statics.system.initial)[0]
     x = line.positions(state)
@@ -325,5 +323,4 @@ def test_demo_of_a_pumpkin_balloon(tmp_path: Path) -> None:
     # Eight gores: 6 % from the limit.
     assert found["radius/limit"] == pytest.approx(1.0, abs=0.06)
     assert 0.5 < found["load in tendons"] < 1.0
-    measured = (tmp_path / "pumpkin.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (tmp_path / "pumpkin.png").read_bytes()[1:4] == b"PNG"

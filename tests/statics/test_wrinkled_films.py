@@ -55,8 +55,7 @@ def test_torsion_of_a_hub(comm, torque):
 def test_reference_of_the_hub_is_continuous_where_wrinkles_begin():
     critical = hub_torsion.TENSION * hub_torsion.HUB**2
     before, after = (hub_torsion.exact(factor * critical) for factor in (0.9999, 1.0001))
-    measured = pytest.approx(hub_torsion.HUB, rel=1e-3)
-    assert measured == after.R
+    assert pytest.approx(hub_torsion.HUB, rel=1e-3) == after.R
     assert after.θ == pytest.approx(before.θ, rel=1e-3)
 
 
@@ -66,10 +65,7 @@ def test_fields_of_wrinkles_are_drawn(folder):
     found = wrinkle_fields.main(folder)
     assert found["strip wrinkled"] == pytest.approx(1 - wrinkle_fields.K**-0.5, abs=0.01)
     assert found["airbag wrinkled"] == pytest.approx(0.70, abs=0.02)
-    measured = (folder / "wrinkle_fields.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (folder / "wrinkle_fields.png").read_bytes()[1:4] == b"PNG"
     strip = wrinkle_fields.bent_strip(8)
     wrinkled = strip.state == 1
-    measured = abs(strip.direction[wrinkled, 1])
-    expected = np.ones(wrinkled.sum())
-    assert measured == pytest.approx(expected, abs=1e-2)
+    assert abs(strip.direction[wrinkled, 1]) == pytest.approx(np.ones(wrinkled.sum()), abs=1e-2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import shutil
 import sys
@@ -12,6 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.checks import errors
 from tests.survival.scenes import DT, fluttering_sheet
+from tests.survival.small_disk import NOT_ALLOWED, made_read_only
 
 COMM = MPI.COMM_WORLD
 NEVER_SENT = 4711  # tag of a message
@@ -38,6 +40,12 @@ class Trouble:
                 # no file may become larger than the largest is now
                 size = max(p.stat().st_size for p in self.out.rglob("*") if p.is_file())
                 resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, size // 2))
+            case "full-disk" if COMM.rank == 0:
+                with contextlib.suppress(OSError), (self.out / "filler").open("wb") as file:
+                    file.write(bytes(3_000_000))
+            case "read-only" if COMM.rank == 0:
+                if not made_read_only(str(self.out)):
+                    COMM.Abort(NOT_ALLOWED)
             case "ledger removed" if COMM.rank == 0:
                 (self.out / "ledger.csv").unlink()
             case "folder removed" if COMM.rank == 0:

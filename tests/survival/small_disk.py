@@ -10,13 +10,24 @@ import ctypes
 import sys
 
 NOT_ALLOWED = 77
+# Flags of mount(2).
+MS_RDONLY = 1
+MS_REMOUNT = 32
+MS_BIND = 4096
 
 
-def main() -> int:
-    mount = ctypes.CDLL(None, use_errno=True).mount
-    failed = mount(b"tmpfs", sys.argv[1].encode(), b"tmpfs", ctypes.c_ulong(0), b"size=2m")
-    return NOT_ALLOWED if failed else 0
+def mount(source: str, folder: str, flags: int = 0, options: str = "") -> bool:
+    """Mount a file system on a folder; whether the system allows it."""
+    call = ctypes.CDLL(None, use_errno=True).mount
+    words = source.encode(), folder.encode(), b"tmpfs"
+    return call(*words, ctypes.c_ulong(flags), options.encode()) == 0
+
+
+def made_read_only(folder: str) -> bool:
+    """Put a folder on itself, read-only: files that are open stay so, others cannot be written."""
+    again = MS_BIND | MS_REMOUNT | MS_RDONLY
+    return mount(folder, folder, MS_BIND) and mount(folder, folder, again)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(0 if mount("tmpfs", sys.argv[1], options="size=2m") else NOT_ALLOWED)

@@ -17,6 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
+from tests.small_scenes import run_until
 from tests.survival.scenes import (
     DT,
     Watch,
@@ -137,8 +138,7 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
         # The run and its two restarts
         assert len(parts) == 3
         measured = np.concatenate([part.times for part in parts]) / DT
-        expected = [0, 2, 4, 6, 8, 10, 12, 14, 15]
-        assert measured == pytest.approx(expected, abs=1e-9)
+        assert measured == pytest.approx([0, 2, 4, 6, 8, 10, 12, 14, 15], abs=1e-9)
 
 
 @pytest.mark.mpi
@@ -148,9 +148,7 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
     run.run(until=4 * DT)
     COMM.barrier()
     if COMM.rank == 0:
-        measured = table(folder / "ledger.csv")[:, 1].tolist()
-        expected = [0, 1, 2, 3, 4]
-        assert measured == expected
+        assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2, 3, 4]
         [part] = read_records(folder / "film.pvd")
         assert part.times == pytest.approx([0, 2 * DT, 4 * DT])
 
@@ -187,10 +185,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     folder: Path, keep: int, steps: list[int]
 ) -> None:
     ball = gx.PointMass(1.0, comm=COMM)
-    run = gx.Simulation(
-        gx.Scene(ball), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=1, keep=keep)
-    )
-    run.run(until=5 * DT)
+    run_until(5 * DT, ball, dt=DT, checkpoints=gx.Checkpoints(folder, every=1, keep=keep))
     COMM.barrier()
     assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from tests.small_scenes import run_until
 from tests.survival.scenes import GAS, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -38,8 +39,7 @@ def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None
         control=control,
     )
     run.run(until=10.0)
-    expected = math.sqrt(2 * (1 - height) / 9.81)
-    assert run.time == pytest.approx(expected, abs=1e-11)
+    assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
     assert run.system.q0.array_r[2] <= height
     assert abs(run.energy_error) <= 1e-13
 
@@ -91,10 +91,7 @@ def test_pressure_opens_a_valve() -> None:
         then=lambda run: opened.append(run.time),
         name="relief",
     )
-    run = gx.Simulation(
-        gx.Scene(tank, bottle, filling, relief), gx.Midpoint(dt=5e-3), events=[event]
-    )
-    run.run(until=0.2)
+    run = run_until(0.2, tank, bottle, filling, relief, dt=5e-3, events=[event])
     assert len(opened) == 1 and 0 < opened[0] < 0.2
     assert run.chamber("bottle").pressure < 2e5
     assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13

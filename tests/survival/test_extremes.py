@@ -9,6 +9,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.stability import STUDY, cases, problem, values_of
 from gossamer_fx.core.checks.errors import NotConverged
+from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
 
@@ -56,6 +57,5 @@ def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
     assert pytest.approx(1e-2) == run.chamber("room").volume
     with pytest.raises(NotConverged):
         run.solver.step(0.05)
-    patient = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=20)
-    patient.run(until=0.05)
+    patient = run_until(0.05, mass, room, dt=0.05, halvings=20)
     assert patient.chamber("room").volume > 0 and abs(patient.energy_error) <= 1e-9

@@ -14,7 +14,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from tests.survival.on_ranks import complete, complete_module
+from tests.survival.on_ranks import complete, complete_module, python
 from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -31,11 +31,14 @@ def meet(
     return complete_module("faults", folder, what, *options, ranks=ranks)
 
 
-def on_small_disk(folder: Path, script: str) -> subprocess.CompletedProcess[str]:
+def on_small_disk(
+    folder: Path, script: str, what: str = "nothing", ranks: int = 1
+) -> subprocess.CompletedProcess[str]:
     """Run a script in which `$mount` mounts a file system of 2 MB in memory on a folder, and `$run`
     is the program of faults; skip the test where no file system can be mounted."""
     variables = f"mount='{sys.executable} -m tests.survival.small_disk {folder}'; "
-    variables += f"run='{sys.executable} -m tests.survival.faults {folder} nothing fields'; "
+    program = " ".join([*python(ranks), "-m", "tests.survival.faults"])
+    variables += f"run='{program} {folder} {what} fields'; "
     folder.mkdir()
     said = complete([*MOUNTING, "sh", "-c", f"{variables} $mount || exit 77; {script}"])
     if said.returncode == 77 or "unshare" in said.stderr:
@@ -106,6 +109,29 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     )
     assert said.returncode == 0, said.stderr
     assert "Cannot write" in said.stdout and "No space left on device" in said.stdout
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [("full-disk", "No space left on device"), ("read-only", "Read-only file system")],
+)
+def test_a_disk_that_takes_no_more_during_a_run_is_named(
+    tmp_path: Path, what: str, words: str, ranks: int
+) -> None:
+    """After six of twenty steps; a restart goes on when it can be written again."""
+    disk = tmp_path / "disk"
+    said = on_small_disk(
+        disk, f"$run; code=$?; cp -r {disk}/. {tmp_path}; exit $code", what=what, ranks=ranks
+    )
+    assert said.returncode == 3, said.stdout + said.stderr
+    assert said.stdout.count("Cannot write") == 1 and words in said.stdout
+    assert "Traceback" not in said.stderr
+    steps = rows(tmp_path / "ledger.csv")
+    assert steps == list(range(len(steps))) and len(steps) >= 6
+    assert whole_checkpoints(tmp_path / "checkpoints")[-1] >= "step-00000004"
+    assert meet(tmp_path, "nothing", "fields", "restart", ranks=ranks).returncode == 0
+    assert rows(tmp_path / "ledger.csv") == list(range(61))
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.forms import compilation
 from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import run_until
 
 ROOT = Path(gx.__file__).parent.parent
 LIBRARIES = (
@@ -49,8 +50,7 @@ def recorded(folder: Path) -> None:
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, 2, 2), gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-5)
     )
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1), outputs=[gx.Recording(folder)])
-    run.run(until=0.2)
+    run_until(0.2, film, dt=0.1, outputs=[gx.Recording(folder)])
 
 
 @pytest.mark.parametrize(
@@ -94,6 +94,22 @@ def test_reading_a_mesh_executes_no_file_beside_it(trap: Path, monkeypatch) -> N
     monkeypatch.chdir(trap)
     assert gx.read_mesh("mesh.msh", MPI.COMM_SELF).domain.topology.dim == mesh.domain.topology.dim
     assert marks(trap) == []
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to another user")
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_kernels_of_another_user_are_refused(tmp_path: Path, monkeypatch, what) -> None:
+    """Two users of one cache: the second one is refused in a sentence."""
+    folder = tmp_path / "kernels"
+    folder.mkdir(mode=0o700)
+    kernel = folder / "libffcx_forms_1.so"
+    kernel.write_bytes(b"")
+    nobody = 65534
+    os.chown(folder if what == "folder" else kernel, nobody, nobody)
+    monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": str(folder)})
+    with pytest.raises(gx.InputError, match="belongs to another user"):
+        compilation.private_cache()
+    assert kernel.exists()
 
 
 @pytest.mark.parametrize("what", ["folder", "file"])

@@ -38,6 +38,8 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
+from gossamer_fx.presets.fibres import VECTRAN_HT
+from gossamer_fx.presets.films import KAPTON_HN
 from tests.sentences import is_line_of_command, is_sentence
 from tests.small_scenes import AIR, LINEAR, WRINKLING
 
@@ -48,7 +50,7 @@ ZERO = (0.0, 0.0, 0.0)
 X = (1.0, 0.0, 0.0)
 Z = (0.0, 0.0, 1.0)
 # Seconds after which a case counts as hanging: many times what the slowest one takes.
-HANGS = int(os.environ.get("HANGS", "150"))
+HANGS = 150
 # Bytes that a case may take, so that one that asks for all of them fails alone.
 MEMORY = 4 * 2**30
 LONGEST_SENTENCE = 700
@@ -179,7 +181,9 @@ def said(words: list[str], capture: Any = None) -> Any:
         except SystemExit as leave:
             code = leave.code
     if code in (1, 2):
-        assert is_line_of_command(err.getvalue()), err.getvalue()
+        # Lines of progress may come before.
+        *_, last = err.getvalue().splitlines(keepends=True)
+        assert is_line_of_command(last), err.getvalue()
         raise gx.InputError(err.getvalue().strip())
     return "taken"
 
@@ -202,7 +206,7 @@ MESHES: dict[str, Case] = {
     "points in a plane of two coordinates": lambda at: of_arrays([p[:2] for p in SQUARE]),
     "points of 1e200 m": lambda at: of_arrays(1e200 * np.array(SQUARE)),
     "points of 1e-200 m": lambda at: of_arrays(1e-200 * np.array(SQUARE)),
-    "far from the origin": lambda at: of_arrays(np.array(SQUARE) + [1e12, 0, 0]),
+    "far from the origin": lambda at: of_arrays(np.add(SQUARE, [1e12, 0, 0])),
     "complex points": lambda at: mesh_of_arrays(
         ONE, lambda: (1j * np.array(SQUARE), np.array(TRIANGLES), {})
     ),
@@ -231,7 +235,9 @@ MESHES: dict[str, Case] = {
         == 2e-4
     ),
     "a mesh of a mesh": lambda at: gx.Membrane(film(), LINEAR),
-    "a domain for a mesh": lambda at: gx.Membrane(sheet(ONE, 2, 2).domain, LINEAR),
+    "a domain for a mesh": lambda at: (
+        run(gx.Membrane(sheet(ONE, 2, 2).domain, LINEAR)).time == 2e-4
+    ),
     "lines for a film": lambda at: gx.Membrane(line(ONE, [ZERO, X], 2), LINEAR),
     "triangles for a cable": lambda at: gx.Cable(sheet(ONE, 1, 1), gx.CableLaw(1.0, 1.0)),
     "gmsh of points": lambda at: of_gmsh(lambda model: model.occ.addPoint(0, 0, 0)),
@@ -258,15 +264,15 @@ MESHES: dict[str, Case] = {
     "1e9 elements": lambda at: line(ONE, [ZERO, X], 10**9),
     "a line of one point": lambda at: line(ONE, [ZERO], 2),
     "a line of no length": lambda at: line(ONE, [ZERO, ZERO], 2),
-    "a line that comes back": lambda at: run(
-        gx.Cable(line(ONE, [ZERO, X, ZERO], 2), gx.CableLaw(1e5, 0.1))
+    "a line that comes back": lambda at: (
+        run(gx.Cable(line(ONE, [ZERO, X, ZERO], 2), gx.CableLaw(1e5, 0.1))).time == 2e-4
     ),
     "a closed line of two points": lambda at: line(ONE, [ZERO, X], 1, closed=True),
     "elements of another count": lambda at: line(ONE, [ZERO, X], [1, 2]),
     "points of two numbers": lambda at: line(ONE, [(0, 0), (1, 0)], 2),
     "points that are words": lambda at: line(ONE, ["a", "b"], 2),
     "a ring inside out": lambda at: ring(ONE, 2.0, 1.0, 2, 8),
-    "a ring with two cells around": lambda at: ring(ONE, 1.0, 2.0, 1, 2),
+    "a ring with two cells around": lambda at: ring(ONE, 1.0, 2.0, 1, 2).cells == 8,
     "a sphere of one cell": lambda at: sphere(ONE, 1.0, 1),
     "a disc of 1e8 cells": lambda at: quarter_disc(ONE, 10**8),
     "a sphere of 1e8 cells": lambda at: sphere(ONE, 1.0, 10**8),
@@ -277,8 +283,8 @@ MESHES: dict[str, Case] = {
     "a creased film of tiny cells": lambda at: creased_film(
         ONE, [(0, 0), (1, 0), (1, 1), (0, 1)], [], [1e-7] * 4
     ),
-    "a crease outside the film": lambda at: creased_film(
-        ONE, [(0, 0), (1, 0), (1, 1), (0, 1)], [((5, 5), (6, 6))], [0.3] * 4
+    "a crease outside the film": lambda at: (
+        creased_film(ONE, [(0, 0), (1, 0), (1, 1), (0, 1)], [((5, 5), (6, 6))], [0.3] * 4).cells > 8
     ),
     "a group by number": lambda at: sheet(ONE, 1, 1).group(3),
     "a curve by number": lambda at: sheet(ONE, 1, 1).group(None),
@@ -307,7 +313,7 @@ MESH_FILES: dict[str, Case] = {
     "a billion nodes said": lambda at: gx.read_mesh(
         written(
             at / "a.msh",
-            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99999999999 1 99999999999\n$EndNodes\n",
+            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99999999 1 99999999\n$EndNodes\n",
         ),
         ONE,
     ),
@@ -493,7 +499,7 @@ BODIES: dict[str, Case] = {
     "an open quote": lambda at: table(at, HEADER + '"0,0\n1,5\n'),
     "null characters": lambda at: table(at, HEADER + "0,0\n\0,5\n"),
     "old line ends": lambda at: table(at, "strain [%],force [N]\r0,0\r1,5\r").EA == 500.0,
-    "semicolons": lambda at: table(at, "strain [%];force [N]\n0;0\n1;5\n"),
+    "semicolons": lambda at: table(at, "strain [%];force [N]\n0;0\n1;5\n").EA == 500.0,
     "decimal commas": lambda at: table(at, HEADER + "0,0\n1,5,5\n"),
     "no rows": lambda at: table(at, HEADER),
     "one row": lambda at: table(at, HEADER + "0,0\n"),
@@ -530,7 +536,6 @@ BODIES: dict[str, Case] = {
     "a port at None": lambda at: body().port_at(None),
     "nodes of a number": lambda at: film().nodes(7),
     "a frame of a beam by number": lambda at: beam().frame(3),
-    "a frame of a film": lambda at: film().frame("left"),
     "a port of weights": lambda at: gx.Port(film(), (0, 1), (1.0,)),
     "a port of weights nan": lambda at: gx.Port(film(), (0,), (math.nan,)),
     "a port of a word": lambda at: gx.Port("film", (0,)),
@@ -543,13 +548,13 @@ BODIES: dict[str, Case] = {
     "a displacement of None": lambda at: run(film(displacement=lambda X: None)),
     "a displacement of two rows": lambda at: run(film(displacement=lambda X: X[:2])),
     "a displacement transposed": lambda at: run(film(displacement=lambda X: X.T)),
-    "a displacement to one point": lambda at: run(film(displacement=lambda X: -X)),
+    "a displacement to one point": lambda at: run(film(displacement=lambda X: -X)).time == 2e-4,
     "a displacement that turns over": lambda at: (
         run(film(displacement=lambda X: np.stack([-2 * X[0], 0 * X[0], 0 * X[0]]))).time == 2e-4
     ),
     "a displacement by exit": lambda at: run(film(displacement=lambda X: [][0])),
     "a velocity of bool": lambda at: run(film(velocity=lambda X: X > 9)).time == 2e-4,
-    "a velocity of 1e9 m/s": lambda at: run(film(velocity=lambda X: 1e9 * X)),
+    "a velocity of 1e9 m/s": lambda at: run(film(velocity=lambda X: 1e9 * X)).time == 2e-4,
     "a property of another law": lambda at: run(film(properties={"E2": 1.0})),
     "a property of words": lambda at: run(film(properties={"E": "a"})),
     "a property by group of nobody": lambda at: run(film(properties={"E": {"wing": 1e9}})),
@@ -563,7 +568,9 @@ BODIES: dict[str, Case] = {
     "an unsymmetric stress": lambda at: run(film(initial_stress=np.triu(np.ones((3, 3))))),
     "stress and strain": lambda at: run(film(initial_stress=np.eye(3), initial_strain=np.eye(3))),
     "a strain of -2": lambda at: run(film(initial_strain=-2 * np.diag([1, 1, 0]))),
-    "thermal without gradient": lambda at: film(thermal=gx.materials.ThermalExpansion(1e-5)),
+    "thermal without gradient": lambda at: (
+        run(film(thermal=gx.materials.ThermalExpansion(1e-5))).time == 2e-4
+    ),
     "thermal of a function of nan": lambda at: run(
         film(thermal=gx.materials.ThermalExpansion(1e-5, temperature=lambda X, t: math.nan))
     ),
@@ -581,11 +588,14 @@ BODIES: dict[str, Case] = {
     ),
     "a length of 0": lambda at: run(cable(length_factor=0.0)),
     "a length and a tension": lambda at: run(cable(length_factor=0.9, initial_tension=5.0)),
-    "a branched beam": lambda at: run(
-        gx.Beam(
-            gx.gmsh_mesh(tripod, ONE),
-            gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
-        )
+    "a branched beam": lambda at: (
+        run(
+            gx.Beam(
+                gx.gmsh_mesh(tripod, ONE),
+                gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
+            )
+        ).time
+        == 2e-4
     ),
     "an orthotropic law across the film": lambda at: run(
         gx.Membrane(sheet(ONE, 2, 2), gx.Orthotropic(1e9, 1e8, 0.3, 1e8, 1400.0, 1e-4, direction=Z))
@@ -603,12 +613,8 @@ BODIES: dict[str, Case] = {
         )
     ),
     "stiffnesses of words": lambda at: gx.LinearOrthotropic.from_stiffnesses("a", "b"),
-    "a lamina of no thickness": lambda at: next(
-        one for one in vars(gx.presets).values() if type(one).__name__ == "FilmMaterial"
-    ).law(thickness="thin"),
-    "a fibre of -1": lambda at: next(
-        one for one in vars(gx.presets).values() if type(one).__name__ == "Fibre"
-    ).law(linear_density=-1.0),
+    "a lamina of no thickness": lambda at: KAPTON_HN.law(thickness="thin"),
+    "a fibre of -1": lambda at: VECTRAN_HT.law(linear_density=-1.0),
     "a section inside out": lambda at: gx.sections.tube(0.01, 0.02, E=1.0, nu=0.3, density=1.0),
 }
 
@@ -635,7 +641,7 @@ def of_list() -> bool:
     at = [1.0, 0.0, 0.0]
     made = gx.PointMass(1.0, at, comm=ONE)
     at[0] = 5.0
-    return bool(run(made).state[made].positions()[0, 0] == 1.0)
+    return bool(run(made).system.state[made].positions()[0, 0] == 1.0)
 
 
 def of_array() -> bool:
@@ -655,7 +661,9 @@ SCENES: dict[str, Case] = {
     "a scene in a scene": lambda at: gx.Scene(gx.Scene(film())),
     "a stepper in a scene": lambda at: gx.Scene(film(), gx.Midpoint(dt=0.1)),
     "an output in a scene": lambda at: gx.Scene(film(), gx.Ledger(at / "a.csv")),
-    "one film twice": lambda at: (lambda sail: run(sail, sail))(film()),
+    "one film twice": lambda at: (lambda sail: same(energy(run(sail, sail)), energy(run(sail))))(
+        film()
+    ),
     "one film in two scenes": lambda at: twice(film(velocity=lambda X: X)),
     "one mesh of two films": lambda at: (
         lambda mesh: (
@@ -704,8 +712,9 @@ SCENES: dict[str, Case] = {
         run(film(), gx.PointMass(1.0, comm=MPI.COMM_WORLD)).time == 2e-4
     ),
     "a null communicator": lambda at: run(gx.PointMass(1.0, comm=MPI.COMM_NULL)),
-    "two rigid motions": lambda at: run(
-        film(), gx.RigidMotion(spin=Z), gx.RigidMotion(spin=Z, name="b")
+    "two rigid motions": lambda at: same(
+        energy(run(film(), gx.RigidMotion(spin=Z), gx.RigidMotion(spin=Z, name="b"))),
+        energy(run(film(), gx.RigidMotion(spin=(0.0, 0.0, 2.0)))),
     ),
     "start from twice": lambda at: (
         lambda found: run(film(), gx.StartFrom(found.system), gx.StartFrom(found.system, name="b"))
@@ -748,7 +757,9 @@ SCENES: dict[str, Case] = {
         lambda sail: gx.loads.EdgeLoad(sail, "film", force=Z)
     ),
     "fixed twice": lambda at: (
-        lambda sail: run(sail, gx.Fixed(sail, "left"), gx.Fixed(sail, "left", name="b"))
+        lambda sail: (
+            run(sail, gx.Fixed(sail, "left"), gx.Fixed(sail, "left", name="b")).time == 2e-4
+        )
     )(film()),
     "fixed with two motions": lambda at: (
         lambda sail: run(
@@ -760,31 +771,39 @@ SCENES: dict[str, Case] = {
     "a motion that changes its points": lambda at: (
         with_film(lambda sail: gx.Fixed(sail, "left", motion=changed)).time == 2e-4
     ),
-    "a motion that jumps": lambda at: with_film(
-        lambda sail: gx.Fixed(sail, "left", motion=lambda X, t: 0 * X + 1e6 * (t > 0))
+    "a motion that jumps": lambda at: (
+        with_film(
+            lambda sail: gx.Fixed(sail, "left", motion=lambda X, t: 0 * X + 1e6 * (t > 0))
+        ).time
+        == 2e-4
     ),
-    "a motion that does not start at rest": lambda at: with_film(
-        lambda sail: gx.Fixed(sail, "left", motion=lambda X, t: 0 * X + 1.0)
+    "a motion that does not start at rest": lambda at: (
+        with_film(lambda sail: gx.Fixed(sail, "left", motion=lambda X, t: 0 * X + 1.0)).time == 2e-4
     ),
     "all fixed": lambda at: with_film(lambda sail: gx.Fixed(sail, "film")).time == 2e-4,
-    "components twice": lambda at: gx.Fixed(film(), "left", components=(0, 0)),
+    "components twice": lambda at: (
+        with_film(lambda sail: gx.Fixed(sail, "left", components=(0, 0))).time == 2e-4
+    ),
     "components of floats": lambda at: gx.Fixed(film(), "left", components=(0.0, 1.0)),
     "components and a normal": lambda at: gx.Fixed(film(), "left", components=(0,), normal=Z),
     "a tie to itself": lambda at: (
         lambda sail: run(sail, gx.Tie(sail, sail, group_a="left", group_b="left"))
     )(film()),
     "a tie of bodies far apart": lambda at: (lambda a, b: run(a, b, gx.Tie(a, b, group_a="left")))(
-        film(), gx.Membrane(arrays(np.array(SQUARE) + [9, 9, 9], TRIANGLES), LINEAR, name="b")
+        film(), gx.Membrane(arrays(np.add(SQUARE, [9, 9, 9]), TRIANGLES), LINEAR, name="b")
     ),
     "a tie of two masses": lambda at: gx.Tie(mass(), mass("b")),
     "a seam to itself": lambda at: (lambda sail: run(sail, gx.Seam(sail, "left", sail, "left")))(
         film()
     ),
     "two seams of one edge": lambda at: (
-        lambda sail: run(
-            sail,
-            gx.Seam(sail, "left", sail, "right", name="a"),
-            gx.Seam(sail, "left", sail, "top", name="b"),
+        lambda sail: (
+            run(
+                sail,
+                gx.Seam(sail, "left", sail, "right", name="a"),
+                gx.Seam(sail, "left", sail, "top", name="b"),
+            ).time
+            == 2e-4
         )
     )(film()),
     "a seam that closes before it begins": lambda at: gx.Seam(
@@ -821,7 +840,7 @@ SCENES: dict[str, Case] = {
         )
     )(body(), body(name="b")),
     "a joint of frames that are turned": lambda at: (
-        lambda a, b: run(a, b, gx.constraints.FixedJoint(a.frame(), b.frame()))
+        lambda a, b: run(a, b, gx.constraints.FixedJoint(a.frame(), b.frame())).time == 2e-4
     )(body(), body(name="b", attitude=((0, 1, 0), (-1, 0, 0), (0, 0, 1)))),
     "a motor that jumps": lambda at: (
         lambda a: run(a, gx.constraints.Driven(a, Z, lambda t: 100.0 * (t > 0)))
@@ -833,7 +852,10 @@ SCENES: dict[str, Case] = {
         lambda a: run(a, gx.connectors.Spring(a.port(), a.port(), stiffness=1.0, length=1.0))
     )(mass()),
     "a spring of no length": lambda at: (
-        lambda a, b: run(a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1.0, length=1.0))
+        lambda a, b: (
+            run(a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1.0, length=1.0)).time
+            == 2e-4
+        )
     )(mass(), mass("b")),
     "a rope bundle of other counts": lambda at: (
         lambda a, b: gx.connectors.RopeBundle(
@@ -851,7 +873,7 @@ SCENES: dict[str, Case] = {
     "a frame of one port thrice": lambda at: (
         lambda a: run(a, gx.Frame(a.port(), (a.port(), a.port(), a.port())), gx.Gravity(a))
     )(mass()),
-    "a frame of two directors": lambda at: gx.Frame(mass().port(), (mass().port(),) * 2),
+    "a frame of two directors": lambda at: run(gx.Frame(mass().port(), (mass().port(),) * 2)),
     "a crease of the rim": lambda at: with_film(
         lambda sail: gx.connectors.Crease(sail, "left", stiffness=1.0)
     ),
@@ -908,15 +930,19 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "masses that coincide": lambda at: (
         lambda a, b: run(a, b, gx.Contact(a, b, distance=1e-3, radius={"mass": 0.1, "b": 0.1}))
     )(mass(), mass("b")),
-    "a plane of no normal": lambda at: gx.contact.Plane(point=ZERO, normal=ZERO),
+    "a plane of no normal": lambda at: touching(gx.contact.Plane(point=ZERO, normal=ZERO)),
     "a box of axes that lean": lambda at: gx.contact.Box(
         centre=ZERO, sizes=(1.0, 1.0, 1.0), axes=(X, (1.0, 1.0, 0.0), Z)
     ),
-    "a cylinder of no length": lambda at: gx.contact.Cylinder(start=ZERO, end=ZERO, radius=1.0),
+    "a cylinder of no length": lambda at: touching(
+        gx.contact.Cylinder(start=ZERO, end=ZERO, radius=1.0, name="rod")
+    ),
     "a sphere around a film": lambda at: touching(
         gx.contact.Sphere(centre=ZERO, radius=9.0, name="ball"),
     ),
-    "two obstacles of one name": lambda at: touching(gx.contact.Sphere(centre=Z, radius=0.1)),
+    "two obstacles of one name": lambda at: (
+        touching(gx.contact.Sphere(centre=(0, 0, -5.0), radius=0.1)).time == 2e-4
+    ),
     "an obstacle that jumps": lambda at: touching(
         gx.contact.Sphere(
             centre=(0, 0, -5.0), radius=1.0, motion=lambda t: (0, 0, 9.0 * (t > 0)), name="ball"
@@ -934,12 +960,12 @@ CONTACT_AND_GAS: dict[str, Case] = {
         gx.contact.Box(centre=ZERO, sizes=(9.0, 9.0, 9.0), name="box")
     ),
     "a pressure of 0": lambda at: inflated(pressure=0.0),
-    "a pressure of 1e15": lambda at: inflated(pressure=1e15),
-    "a temperature of 1e-9": lambda at: inflated(temperature=1e-9),
+    "a pressure of 1e15": lambda at: inflated(pressure=1e15).time == 2e-4,
+    "a temperature of 1e-9": lambda at: inflated(temperature=1e-9).time == 2e-4,
     "no dead volume": lambda at: inflated(dead_volume=0.0),
     "a valve of nan": lambda at: inflated(valve=lambda t: math.nan),
     "a valve of a list": lambda at: inflated(valve=lambda t: [1e-6]),
-    "a valve of 1e9 m²": lambda at: inflated(valve=1e9),
+    "a valve of 1e9 m²": lambda at: inflated(valve=1e9).time == 2e-4,
     "a valve that raises": lambda at: inflated(valve=lambda t: {}["area"]),
     "a chamber of a sheet": lambda at: (
         lambda sail: run(sail, gx.Chamber(sail, gas=AIR, pressure=1.0, temperature=3.0))
@@ -1041,7 +1067,9 @@ RUNS: dict[str, Case] = {
     "on after a failure": lambda at: failed_then_on(),
     "an event in the past": lambda at: run(mass(), events=[gx.At(-1.0)]),
     "an event of words": lambda at: run(mass(), events=["stop"]),
-    "an event twice": lambda at: (lambda one: run(mass(), events=[one, one]))(gx.At(1e-4)),
+    "an event twice": lambda at: (lambda one: run(mass(), events=[one, one]).time == 2e-4)(
+        gx.At(1e-4)
+    ),
     "an event that raises": lambda at: run(mass(), events=[gx.At(1e-4, then=lambda run: 1 / 0)]),
     "an event that takes nothing": lambda at: run(mass(), events=[gx.At(1e-4, then=lambda: 1)]),
     "an event of a probe of words": lambda at: run(mass(), events=[gx.When(lambda run: "a")]),
@@ -1068,13 +1096,15 @@ RUNS: dict[str, Case] = {
     "a stepper that is a number": lambda at: gx.Simulation(gx.Scene(mass()), 1e-4),
     "a stepper that is a class": lambda at: gx.Simulation(gx.Scene(mass()), gx.Midpoint),
     "a scene that is a film": lambda at: gx.Simulation(film(), gx.Midpoint(dt=1e-4)),
-    "no halvings and a hard step": lambda at: run(
-        film(velocity=lambda X: 1e6 * X), dt=1.0, until=1.0, halvings=0
+    "no halvings and a hard step": lambda at: (
+        run(film(velocity=lambda X: 1e6 * X), dt=1.0, until=1.0, halvings=0).time == 1.0
     ),
     "a control without room": lambda at: simulation(
         mass(), control=gx.StepControl(min_step=1.0, max_step=0.5)
     ),
-    "a control longer than the step": lambda at: run(mass(), control=gx.StepControl(min_step=1.0)),
+    "a control longer than the step": lambda at: (
+        run(mass(), control=gx.StepControl(min_step=1.0)).time == 2e-4
+    ),
     "a record every 0": lambda at: gx.Recording(at / "run", every=0),
     "a record every half": lambda at: gx.Recording(at / "run", every=0.5),
     "records at unsorted times": lambda at: (
@@ -1133,15 +1163,14 @@ RUNS: dict[str, Case] = {
     "vtu of a mass": lambda at: run(mass(), outputs=[gx.outputs.VTU(at / "a.pvd")]),
     "a log in a folder": lambda at: gx.run.log_to(ONE, at),
     "a log in a file": lambda at: gx.run.log_to(ONE, written(at / "b", "") / "a.log"),
-    "state of a film that is not there": lambda at: run(mass()).state[film()],
-    "state by name": lambda at: run(mass()).state["mass"],
-    "a state of nothing": lambda at: run(mass()).set_state({}),
+    "state of a film that is not there": lambda at: run(mass()).system.state[film()],
+    "state by name": lambda at: run(mass()).system.state["mass"],
     "a restart of nothing": lambda at: again(at, lambda folder: None).time == 4e-4,
     "a restart of an empty page": lambda at: again(at, lambda f: page(f).write_text("")),
     "a restart of another page": lambda at: again(at, lambda f: page(f).write_text("[1, 2]")),
-    "a restart without a page": lambda at: again(at, lambda f: page(f).unlink()),
-    "a restart of a folder for a page": lambda at: again(
-        at, lambda f: (page(f).unlink(), page(f).mkdir())
+    "a restart without a page": lambda at: again(at, lambda f: page(f).unlink()).time == 4e-4,
+    "a restart of a folder for a page": lambda at: (
+        again(at, lambda f: (page(f).unlink(), page(f).mkdir())).time == 4e-4
     ),
     "a restart of cut arrays": lambda at: again(
         at, lambda f: [one.write_bytes(one.read_bytes()[:50]) for one in first(f).glob("*.npz")]
@@ -1186,7 +1215,7 @@ RUNS: dict[str, Case] = {
     ),
     "an export in a file": lambda at: gx.plot.export(recorded(at), written(at / "b", "")),
     "a table by number": lambda at: recorded(at).table(3),
-    "a table outside": lambda at: recorded(at).table("../../etc/passwd"),
+    "a table outside": lambda at: recorded(at).table("../../etc/passwd") == {},
     "values of a frame that is not there": lambda at: recorded(at).values("state", 99),
     "values of a word": lambda at: recorded(at).values("state", "first"),
     "a frame at a word": lambda at: recorded(at).frame("noon"),
@@ -1200,7 +1229,7 @@ RUNS: dict[str, Case] = {
     "measured in latin-1": lambda at: measured(at, "time [s],a\n0,1\n# ö".encode("latin-1")),
     "measured in UTF-16": lambda at: measured(at, "time [s],a\n0,1\n".encode("utf-16")),
     "measured in unknown units": lambda at: measured(at, "time [furlong],a\n0,1\n"),
-    "measured in an empty unit": lambda at: measured(at, "time [],a\n0,1\n"),
+    "measured in an empty unit": lambda at: measured(at, "time [],a\n0,1\n") is None,
     "measured in powers": lambda at: measured(at, "time [s],a [²]\n0,1\n"),
     "measured nothing": lambda at: measured(at, "time [s],a\n"),
     "measured at times that fall": lambda at: measured(at, "time [s],a\n1e-4,1\n0,2\n") is None,
@@ -1258,7 +1287,8 @@ def swept(at: Path, outcome: Callable[..., Any], over: Any = None) -> Any:
 
     module = SimpleNamespace(outcome=outcome, over=over or {"a": [1, 2]})
     sys.modules["of_the_test"] = module  # type: ignore[assignment]
-    design = "import gossamer_fx as gx, of_the_test as t\nSWEEP = gx.sweep.Factorial(t.outcome, t.over)\n"
+    imports = "import gossamer_fx as gx, of_the_test as t\n"
+    design = f"{imports}SWEEP = gx.sweep.Factorial(t.outcome, t.over)\n"
     return said(["sweep", str(written(at / "design.py", design)), "-o", str(at / "out")])
 
 
@@ -1278,12 +1308,16 @@ ANALYSES: dict[str, Case] = {
     "a joint force of a load": lambda at: at_rest().joint_force(None),
     "a chamber of no name": lambda at: at_rest().chamber("bottle"),
     "an equilibrium of a film": lambda at: gx.Equilibrium(film()),
-    "an equilibrium that floats": lambda at: gx.Equilibrium(gx.Scene(film())).find(),
+    "an equilibrium that floats": lambda at: (
+        gx.Equilibrium(gx.Scene(film())).find().within_tolerance
+    ),
     "an equilibrium that falls": lambda at: held(lambda sail: gx.Gravity(mass("b"))),
     "an equilibrium of a load that raises": lambda at: held(
         lambda sail: gx.Pressure(sail, lambda t: 1 / 0)
     ),
-    "an equilibrium of 1e60 Pa": lambda at: held(lambda sail: gx.Pressure(sail, 1e60)),
+    "an equilibrium of 1e60 Pa": lambda at: (
+        held(lambda sail: gx.Pressure(sail, 1e60)).result.within_tolerance
+    ),
     "modes of no number": lambda at: gx.analysis.modes(at_rest(), 0),
     "modes of half": lambda at: gx.analysis.modes(at_rest(), 1.5),
     "modes of a scene": lambda at: gx.analysis.modes(gx.Scene(film()), 1),
@@ -1347,11 +1381,13 @@ ANALYSES: dict[str, Case] = {
     "statics in a file": lambda at: gx.outputs.record(
         at_rest(), [gx.Ledger(written(at / "b", "") / "a.csv")], at=[0.0]
     ),
-    "statics at nothing": lambda at: gx.outputs.record(at_rest(), [gx.Ledger(at / "a.csv")], at=[]),
+    "statics at nothing": lambda at: (
+        gx.outputs.record(at_rest(), [gx.Ledger(at / "a.csv")], at=[]) is None
+    ),
     "statics at words": lambda at: gx.outputs.record(
         at_rest(), [gx.Ledger(at / "a.csv")], at=["a"]
     ),
-    "modes recorded of nothing": lambda at: gx.outputs.record_modes(at_rest(), [], at / "m"),
+    "modes recorded of nothing": lambda at: gx.outputs.record_modes(at_rest(), [], at / "m") == [],
     "modes recorded in a file": lambda at: gx.outputs.record_modes(
         at_rest(), gx.analysis.modes(at_rest(), 1), written(at / "m", "")
     ),
@@ -1386,14 +1422,6 @@ ANALYSES: dict[str, Case] = {
     "a sweep over one value": lambda at: gx.sweep.Factorial(lambda comm, folder, a: {}, {"a": 3}),
     "a sweep over 1e12 runs": lambda at: swept(
         at, lambda comm, folder, **values: {"y": 1.0}, {f"a{k}": list(range(10)) for k in range(12)}
-    ),
-    "a sweep of 20 factors": lambda at: gx.sweep.RobustDesign(
-        lambda comm, folder, **v: {"y": 1.0},
-        {f"a{k}": [1, 2, 3] for k in range(20)},
-        {"y": "smaller"},
-    ),
-    "a goal of no name": lambda at: gx.sweep.RobustDesign(
-        lambda comm, folder, **v: {"y": 1.0}, {"a": [1, 2]}, {"y": "best"}
     ),
 }
 
@@ -1453,7 +1481,7 @@ FOLDS_AND_ORBITS: dict[str, Case] = {
         run(mass(), gx.fold.Zigzag(1.0, 2).start(film())).time == 2e-4
     ),
     "1e9 panels": lambda at: gx.fold.Zigzag(1.0, 10**9).mark(sheet(ONE, 2, 2)),
-    "a place of words": lambda at: gx.fold.Zigzag(1.0, 2).place("a", "b"),
+    "a place of words": lambda at: gx.fold.Zigzag(1.0, 2).mark("a"),
     "a star of no reach": lambda at: gx.fold.Star(n=8, side=0.04, columns=2, reach=0),
     "an Ikaros inside out": lambda at: gx.fold.Ikaros(n=4, inner=9, outer=5, pitch=0.3),
     "an orbit below the ground": lambda at: flown(
@@ -1645,16 +1673,32 @@ def in_a_process(case: Case, at: Path) -> str:
     return answer.read_text() if answer.exists() else "crash without words"
 
 
-@pytest.mark.parametrize("group", GROUPS)
-def test_wrong_use_is_refused_in_a_sentence_or_harmless(tmp_path: Path, group: str) -> None:
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Modules and kernels are loaded once, and not in each process."""
+    at = tmp_path_factory.mktemp("warm")
+    gx.write_report(recorded(at), at / "report.html")
+    touching()
+    inflated()
+    at_rest()
+    drawn(at, square)
+
+
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
+def test_wrong_use_is_refused_in_a_sentence_or_harmless(
+    tmp_path: Path, warm: None, every: int
+) -> None:
     counts: Counter[str] = Counter()
     bad = []
-    for number, (what, case) in enumerate(GROUPS[group].items()):
+    cases = [(f"{group}, {what}", case) for group in GROUPS for what, case in GROUPS[group].items()]
+    for number, (what, case) in enumerate(cases[::every]):
         found = in_a_process(case, tmp_path / f"{number:03d}")
-        counts[found.split(" ")[0]] += 1
+        kind = found.split(" ")[0]
+        counts[kind] += 1
         if os.environ.get("SHOW"):
-            print(f"  {group}, {what}: {found}")
-        if not found.startswith(("sentence", "taken")):
-            bad.append(f"{group}, {what}: {found}")
-    print(f"{group}: {dict(counts)}")
+            print(f"  {what}: {found}", flush=True)
+        if kind not in ("sentence", "taken"):
+            bad.append(f"{what}: {found}")
+    print(f"{counts.total()} kinds of wrong use: {dict(counts)}")
     assert not bad, "\n".join(bad)
+    assert counts.total() >= (500 if every == 1 else 50)

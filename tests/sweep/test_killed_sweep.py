@@ -30,7 +30,7 @@ def outcome(comm, folder, a, b):
         print("end", a, b, os.getpid(), file=file, flush=True)
     return {"y": a + b}
 
-SWEEP = gx.sweep.RobustDesign(outcome, {"a": [1, 2], "b": [1, 2, 3]}, goals={"y": "smaller"})
+SWEEP = gx.sweep.Factorial(outcome, {"a": [1, 2], "b": [1, 2, 3]})
 """
 
 

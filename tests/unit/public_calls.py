@@ -499,14 +499,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     )
     add("reduction.OutsideBasis", body=gx.reduction.reduce(film, [motion], modes=1))
     add("reduction.reduce", body=film, motions=[motion], modes=1)
-    add(
-        "sweep.RobustDesign",
-        outcome=lambda comm, folder, **values: {"y": 1.0},
-        control={"a": [1, 2]},
-        goals={"y": "smaller"},
-        noise={"n": [0.0, 1.0]},
-        usual={"a": 1},
-    )
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
     add("plot.InlineReport", run=reader, height=500)
     # Files are exported by one process; here each rank has a folder.

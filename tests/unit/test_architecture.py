@@ -96,23 +96,22 @@ def test_families_of_mechanics_do_not_know_each_other(path: Path) -> None:
             assert rest[0] in below, f"{room} imports {module}"
 
 
-def houses_on(page: str) -> list[tuple[str, set[str]]]:
-    """Houses and their rooms as the picture of a page shows them."""
-    text = (ROOT / page).read_text()
+def houses_on_the_map() -> list[tuple[str, set[str]]]:
+    """Houses and their rooms as the picture in CONTRIBUTING shows them."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
     picture = re.search(r"^```text\n(app .*?)^```", text, re.MULTILINE | re.DOTALL)
     assert picture is not None
     rows = [re.split(r"  +", line) for line in picture.group(1).splitlines()]
     return [(house, set(rooms.split(" · "))) for house, rooms in rows]
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
-def test_the_map_is_that_of_the_tree(page: str) -> None:
-    shown = houses_on(page)
+def test_the_map_is_that_of_the_tree() -> None:
+    shown = houses_on_the_map()
     assert [house for house, _ in shown] == list(reversed(HOUSES))
     assert {p.name for p in PACKAGE.iterdir() if (p / "__init__.py").exists()} == set(HOUSES)
     for house, rooms in shown:
         files = [p for p in (PACKAGE / house).iterdir() if not p.name.startswith("__")]
-        assert rooms == {p.stem for p in files}, f"the rooms of {house} in {page}"
+        assert rooms == {p.stem for p in files}, f"the rooms of {house}"
 
 
 @pytest.mark.parametrize("room", WRITTEN_AS_EXTENSIONS)

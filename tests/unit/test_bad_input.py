@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import re
+import signal
 from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
@@ -395,6 +396,19 @@ def test_bodies_on_other_ranks_are_refused(comm) -> None:
         return
     with pytest.raises(gx.InputError, match=r"'hub' is on 2 ranks and 'sail' on 1.*same comm"):
         scene.compile()
+
+
+def test_ctrl_c_names_the_command_that_goes_on(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    stop = "events=[gx.At(1e-3, lambda run: signal.raise_signal(signal.SIGINT))], until=until)"
+    scene = GOOD.replace("until=until)", stop).replace("import goss", "import signal\nimport goss")
+    Path("scene.py").write_text(scene)
+    words = ["run", "scene.py", "-o", "a run", "--quiet", "cells=1"]
+    assert exit_code([*words, "--overwrite"]) == 130
+    go_on = "gossamer: go on with: ./gossamer run scene.py -o 'a run' --quiet cells=1 --restart\n"
+    assert capsys.readouterr().err.endswith(go_on)
+    # As the launcher hands it on.
+    assert gx.run.Interrupted(signal.SIGUSR2).signal is signal.SIGINT
 
 
 def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> None:

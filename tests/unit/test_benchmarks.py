@@ -64,27 +64,23 @@ def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
     growth = (large["cost"] / large["Newton/step"]) / (small["cost"] / small["Newton/step"])
     slope = math.log(growth) / math.log(large["dofs"] / small["dofs"])
     assert exponent and float(exponent[1]) == pytest.approx(slope, abs=1e-3)
-    measured = (tmp_path / name / f"{name}.png").read_bytes()[1:4]
-    assert measured == b"PNG"
+    assert (tmp_path / name / f"{name}.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.parametrize("name, peer", [("ranks", "one-rank"), ("direct", "direct")])
 def test_other_ways_give_the_same_energy(name, peer, tmp_path):
     said, rows = bench(name, tmp_path)
-    measured = {row["program"] for row in rows}
-    assert measured == {"gossamer", peer}
+    assert {row["program"] for row in rows} == {"gossamer", peer}
     for figure in ("energy", "stored"):
         assert max(differences(rows, figure)) < 1e-8
-    measured = float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1])
-    assert measured > 0
+    assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 0
 
 
 def test_twice_the_sheet_on_twice_the_ranks(tmp_path):
     _, (one, two) = bench("weak", tmp_path)
     measured = (one["program"], two["program"])
     assert measured == ("one-rank", "gossamer")
-    expected = 2 * float(one["dofs"])
-    assert float(two["dofs"]) == pytest.approx(expected, rel=0.01)
+    assert float(two["dofs"]) == pytest.approx(2 * float(one["dofs"]), rel=0.01)
 
 
 def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(tmp_path):
@@ -104,8 +100,7 @@ def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(tmp_path):
     _, (row,) = bench("gradient", tmp_path)
     assert float(row["energy's gradient off by"]) < 1e-6
     assert float(row["backward [s]"]) > 0
-    measured = int(float(row["parameters"]))
-    assert measured > 100
+    assert int(float(row["parameters"])) > 100
 
 
 def test_law_times_of_orthotropic_films_are_compared_with_isotropic_ones(tmp_path):
@@ -139,10 +134,8 @@ def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
 )
 def test_peers_solve_the_same_problem(name, peer, tmp_path):
     said, rows = bench(name, tmp_path)
-    measured = {row["program"] for row in rows}
-    assert measured == {"gossamer", peer}
-    measured = float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1])
-    assert measured > 0
+    assert {row["program"] for row in rows} == {"gossamer", peer}
+    assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 0
 
 
 def test_a_contestant_that_fails_is_told_and_ends_nothing(tmp_path, monkeypatch):

@@ -81,8 +81,7 @@ def swing(*items: object) -> gx.Simulation:
     spring = gx.connectors.Spring(
         ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=50.0, length=0.2
     )
-    run = run_until(0.1, ball, spring, *items, dt=0.01)
-    return run
+    return run_until(0.1, ball, spring, *items, dt=0.01)
 
 
 def test_a_kind_that_overrides_nothing_changes_nothing() -> None:

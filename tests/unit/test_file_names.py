@@ -67,8 +67,7 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
     COMM.barrier()
     if COMM.rank == 0:
         reader = gx.plot.RunReader(folder / "run")
-        expected = [0, DT, 2 * DT, 3 * DT, 4 * DT]
-        assert reader.times == pytest.approx(expected)
+        assert reader.times == pytest.approx([0, DT, 2 * DT, 3 * DT, 4 * DT])
         for name, v in ((one, 1.0), (other, -2.0)):
             part, k = reader.bodies[name].at(4)
             moved = part.positions(k) - part.X

@@ -175,8 +175,7 @@ def test_wall_warms_the_gas_exponentially(dt):
     U = state.internal_energy
     for t in (dt, 3 * dt):
         run.run(until=t)
-        expected = 350.0 - 150.0 * math.exp(-rate * t)
-        assert state.temperature == pytest.approx(expected, rel=1e-9)
+        assert state.temperature == pytest.approx(350.0 - 150.0 * math.exp(-rate * t), rel=1e-9)
     assert run.totals.supplied == pytest.approx(state.internal_energy - U, rel=1e-12)
     assert abs(run.energy_error) <= 1e-13
 
@@ -202,8 +201,7 @@ def test_graph_of_five_chambers_keeps_mass_and_energy():
     assert run.totals.mass == pytest.approx(mass, rel=1e-12)
     assert run.totals.energy == pytest.approx(energy, rel=1e-12)
     assert run.totals.supplied == 0 == run.totals.mass_supplied
-    expected = np.full(5, 0.4 * energy / sum(volumes))
-    assert pressures(states) == pytest.approx(expected, rel=1e-4)
+    assert pressures(states) == pytest.approx(np.full(5, 0.4 * energy / sum(volumes)), rel=1e-4)
     temperatures = [s.temperature for s in states]
     assert min(temperatures) > 150 and max(temperatures) < 1260
 

@@ -116,12 +116,8 @@ def test_area_vector_of_a_sphere(comm):
     n = area_vector(film.deformation(x))
     for component in range(3):
         assert abs(integral(film, n[component])) <= 1e-12
-    measured = integral(film, ufl.dot(x, n) / 3)
-    expected = 4 / 3 * math.pi * 1.5**3
-    assert measured == pytest.approx(expected, rel=3e-4)
-    measured = integral(film, ufl.sqrt(ufl.dot(n, n)))
-    expected = 4 * math.pi * 1.5**2
-    assert measured == pytest.approx(expected, rel=2e-4)
+    assert integral(film, ufl.dot(x, n) / 3) == pytest.approx(4 / 3 * math.pi * 1.5**3, rel=3e-4)
+    assert integral(film, ufl.sqrt(ufl.dot(n, n))) == pytest.approx(4 * math.pi * 1.5**2, rel=2e-4)
 
 
 @pytest.mark.mpi
@@ -148,8 +144,7 @@ def test_mass_and_initial_state(comm, order):
     function = moved(film, lambda X: np.full_like(X, 3.0))
     kinetic, *_ = film.terms(InitialState([film], film.comm))
     energy = comm.allreduce(fem.assemble_scalar(fem.form(0.5 * kinetic.mass(function, function))))
-    expected = 0.5 * 1400.0 * 1e-3 * 2.0 * 27.0
-    assert energy == pytest.approx(expected, rel=1e-12)
+    assert energy == pytest.approx(0.5 * 1400.0 * 1e-3 * 2.0 * 27.0, rel=1e-12)
 
 
 def test_tension_is_the_positive_part_of_a_stress():

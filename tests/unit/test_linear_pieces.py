@@ -29,9 +29,8 @@ def test_pieces_of_a_triangle_fill_it(order: int) -> None:
         nodes = middles(CORNERS)
     numbers = np.arange(nodes.shape[1])
     pieces = linear_pieces(numbers[None], 2)
-    measured = areas(nodes[0][pieces])
     # The area of the triangle is 0.5.
-    assert measured == pytest.approx(0.5 / len(pieces))
+    assert areas(nodes[0][pieces]) == pytest.approx(0.5 / len(pieces))
     assert len(pieces) == order**2
 
 
@@ -39,9 +38,8 @@ def test_pieces_of_a_line() -> None:
     order_one = np.array([[4, 5]])
     assert linear_pieces(order_one, 1).tolist() == [[4, 5]]
     order_two = np.array([[4, 5, 6]])
-    measured = linear_pieces(order_two, 1).tolist()
     # The node in the middle is the last one of a line of order 2.
-    assert measured == [[4, 6], [6, 5]]
+    assert linear_pieces(order_two, 1).tolist() == [[4, 6], [6, 5]]
 
 
 def test_the_order_of_nodes_is_that_of_dolfinx() -> None:

@@ -137,7 +137,7 @@ def test_missing_files_and_two_pictures_at_a_time_are_refused(
 ) -> None:
     for words, culprit in (
         (["--with", str(tmp_path / "no.csv")], "no.csv"),
-        (["--with", str(tmp_path)], "Cannot read"),
+        (["--with", str(tmp_path)], "There is no table"),
         (["--with", "a.csv", "--curves"], "one of them"),
     ):
         assert main(["plot", str(fall), *words]) == 2

@@ -98,6 +98,37 @@ def test_sizes_of_meshes(comm, folder):
         assert (folder / "area.png").stat().st_size > 1000
 
 
+def test_a_mesh_without_a_number_is_named_and_the_others_are_kept(caplog, folder):
+    def quantity(n):
+        lost = math.nan if n == 8 else 1.0 + n**-2
+        return {"kept [m]": 2.0 + n**-2, "lost [m]": lost}
+
+    found = convergence(quantity, meshes=[2, 4, 8, 16, 32])
+    assert "lost [m] is not finite on the mesh of h = 0.125" in caplog.text
+    assert "kept" not in caplog.text
+    assert found.exact == pytest.approx({"kept [m]": 2.0, "lost [m]": 1.0})
+    assert found.orders["lost [m]"] == pytest.approx([math.nan, 2, math.nan, 2, 2], nan_ok=True)
+    assert "lost [m] is not finite on the mesh of h = 0.125" in found.table()
+    found.plot(folder / "errors.png")
+
+
+def test_values_of_each_unit_have_axes_of_their_own(monkeypatch, folder):
+    drawn = {}
+
+    def draw(path, rows, **further):
+        drawn.update(rows)
+
+    monkeypatch.setattr("gossamer_fx.analysis.mesh_convergence.draw_error_curves", draw)
+    names = ["height [m]", "width [m]", "stress [Pa]", "share"]
+    found = convergence(lambda n: dict.fromkeys(names, 1.0), meshes=[2, 4])
+    found.plot(folder / "values.png")
+    assert {label: [curve.name for curve in curves] for label, curves in drawn.items()} == {
+        "value [m]": ["height [m]", "width [m]"],
+        "value [Pa]": ["stress [Pa]"],
+        "value": ["share"],
+    }
+
+
 def test_what_is_refused():
     with pytest.raises(gx.InputError, match="there are 1 meshes"):
         convergence(float, meshes=[2])

@@ -1,4 +1,4 @@
-"""The page "Your own part" of CONTRIBUTING: its code is run as a reader would, and conserves."""
+"""The page "Your own item" of CONTRIBUTING: its code is run as a reader would, and conserves."""
 
 from __future__ import annotations
 

@@ -147,8 +147,7 @@ def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> No
     # The study's values have six digits.
     for edge, found in CIRCLE.items():
         for (n, s), value in found.items():
-            measured = disc_frequency(n, s, edge == "free")
-            assert measured == pytest.approx(value, rel=1e-5)
+            assert disc_frequency(n, s, edge == "free") == pytest.approx(value, rel=1e-5)
     assert jn_zeros(0, 1)[0] == pytest.approx(2.404826, rel=1e-6)
 
 
@@ -156,17 +155,13 @@ def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas(
     for edge, values in SQUARE.items():
         measured = square_frequencies(edge == "clamped")[: len(values)]
         assert measured == pytest.approx(np.array(values), rel=1e-5)
-        expected = np.array(LEISSA[edge])
-        assert np.array(values) == pytest.approx(expected, rel=1.1e-2)
+        assert np.array(values) == pytest.approx(np.array(LEISSA[edge]), rel=1.1e-2)
 
 
 @pytest.mark.parametrize("load", DISC)
 def test_the_clamped_disc_rises_as_its_meridian_says(load: float) -> None:
-    measured = clamped_disc(load, 0.01, 12)
-    assert measured == pytest.approx(DISC[load], rel=1e-3)
+    assert clamped_disc(load, 0.01, 12) == pytest.approx(DISC[load], rel=1e-3)
 
 
 def test_a_small_load_lifts_the_clamped_disc_as_linear_theory_says() -> None:
-    measured = clamped_disc(0.01, 0.01, 12)
-    expected = 0.01 * 12 * (1 - NU**2) / 64
-    assert measured == pytest.approx(expected, rel=1e-3)
+    assert clamped_disc(0.01, 0.01, 12) == pytest.approx(0.01 * 12 * (1 - NU**2) / 64, rel=1e-3)

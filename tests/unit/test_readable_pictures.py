@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import re
 from base64 import b64decode
+from functools import partial
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -252,6 +254,38 @@ def test_without_any_ffmpeg_one_sentence_says_what_to_install(
     with pytest.raises(gx.InputError, match=r"imageio-ffmpeg, or write a \.gif\.$"):
         gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4")
     assert not list(tmp_path.iterdir())
+
+
+def test_curves_of_many_parts_leave_none_of_them_out(tmp_path: Path) -> None:
+    """Twelve springs and twelve weights: seven colours show the extent of all, and all energy."""
+    parts: list[Any] = []
+    probes: dict[str, Any] = {}
+    for k in range(1, 13):
+        weight = gx.PointMass(1.0, position=(k, 0.0, 0.0), comm=MPI.COMM_SELF, name=f"weight {k}")
+        spring = gx.connectors.Spring(
+            weight.port(), gx.Ground((k, 1.0, 0.0)), stiffness=10.0 * k, length=0.5, name=f"tie {k}"
+        )
+        parts += [weight, spring]
+        probes[f"force {k} [N]"] = gx.probes.Tension(spring)
+    outputs = [gx.Recording(tmp_path, probes=probes, every=1)]
+    gx.Simulation(gx.Scene(*parts), gx.Midpoint(dt=0.01), outputs=outputs).run(until=0.05)
+    reader = gx.plot.RunReader(tmp_path)
+    panels: dict[str, Any] = {}
+    for panel in run_curves(reader).panels:
+        assert isinstance(panel, partial)
+        # The first words are the title, the first dictionary the curves.
+        curves = [one for one in panel.args if isinstance(one, dict)]
+        for title in [one for one in panel.args if isinstance(one, str)][:1]:
+            panels[title] = curves[0]
+    # At the start the tension of spring k is 5 k.
+    for title in ("Tension", "force [N]"):
+        ends = {name: values[0] for name, values in panels[title].items()}
+        assert ends == pytest.approx({"largest of 12": 60, "mean of 12": 32.5, "least of 12": 5})
+    energies = panels["Energy"]
+    assert len(energies) == 7 and "in 9 others" in energies
+    shown = sum(values for name, values in energies.items() if name.startswith("in "))
+    stored = sum(v for name, v in reader.table("ledger.csv").items() if name.startswith("stored "))
+    assert shown == pytest.approx(stored, rel=1e-12)
 
 
 def test_the_panel_of_states_counts_all_films_by_their_area(tmp_path: Path) -> None:

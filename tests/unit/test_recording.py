@@ -265,7 +265,7 @@ def test_scales_show_what_matters() -> None:
     "act, culprit",
     [
         (lambda run: gx.plot.strip(run, "stres", path="x.png"), "stres"),
-        (lambda run: gx.plot.strip(run, "state", path="x.png", count=0), "number of pictures"),
+        (lambda run: gx.plot.strip(run, "state", path="x.png", count=0), "count is 0"),
         (lambda run: gx.plot.field(run, "state", times=[1.0], path="x.png"), "t = 1 s"),
         (lambda run: gx.plot.animate(run, "state", path="x.avi"), ".gif"),
         (lambda run: gx.plot.animate(run, "state", path="x.gif", seconds=0.0), "0.0 s"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import inspect
 import io
 import os
 import re
@@ -13,7 +12,6 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Iterator
-from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 
@@ -53,9 +51,8 @@ def test_the_reference_has_every_public_name_once(generate: ModuleType) -> None:
 
 
 def test_names_in_texts_and_programs_exist() -> None:
-    """What follows `gx.`, in pages, docstrings, demos and tests, but for the page that lists old
-    names."""
-    files = [page for page in PAGES if page.name != "migration.md"]
+    """What follows `gx.`, in pages, docstrings, demos and tests."""
+    files = list(PAGES)
     for folder in ("gossamer_fx", "demos", "tests"):
         files += sorted((ROOT / folder).rglob("*.py"))
     found = set()
@@ -174,28 +171,3 @@ def test_exit_codes_on_the_page_of_messages_are_those_of_signals_and_errors() ->
     page = (DOCS / "messages.md").read_text(encoding="utf-8")
     codes = {int(code) for code in re.findall(r"exit code (\d+)", page)}
     assert codes == {1, 2} | {128 + number for number in SIGNALS}
-
-
-# ---- from 0.1 to 1.0 -----------------------------------------------------------------------------
-
-MIGRATION = (DOCS / "migration.md").read_text(encoding="utf-8")
-
-
-def test_the_page_of_changes_lists_every_name_of_a_namespace() -> None:
-    listed = set()
-    rows = re.findall(r"^\| `gx\.([a-z]+)` \| (`[\w`, ]*`) \|$", MIGRATION, re.MULTILINE)
-    for namespace, names in rows:
-        listed |= {f"{namespace}.{name}" for name in re.findall(r"`(\w+)`", names)}
-    assert listed == {name for name in public_names() if "." in name}
-
-
-def test_new_arguments_on_the_page_of_changes_exist_and_old_ones_do_not() -> None:
-    rows = re.findall(r"^\| `gx\.([\w.]+)` \| (`.*`) \| (`.*`) \|$", MIGRATION, re.MULTILINE)
-    assert len(rows) > 40
-    for name, old, new in rows:
-        known = set(inspect.signature(attrgetter(name)(gossamer_fx)).parameters)
-        assert set(re.findall(r"`(\w+)`", new)) <= known, name
-        # An old name may have become that of another argument.
-        assert not (set(re.findall(r"`(\w+)`", old)) - set(re.findall(r"`(\w+)`", new))) & known, (
-            name
-        )

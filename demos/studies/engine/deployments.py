@@ -18,6 +18,13 @@ LEDGER = (
 )
 
 
+def arguments(case: str) -> dict[str, float]:
+    """Arguments of a demo that a case names, e.g. "disc rev=2 cells=2"."""
+    given = dict(word.split("=") for word in case.split() if "=" in word)
+    whole = ("cells", "n")
+    return {name: int(text) if name in whole else float(text) for name, text in given.items()}
+
+
 def nudged(value: float, start: str) -> float:
     """A value at the start of a run, a little changed where the start is "nudged"."""
     return value * (1 + NUDGE * (start == "nudged"))

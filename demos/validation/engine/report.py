@@ -66,7 +66,7 @@ def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Ite
 
 
 def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
-    """Cells of a table with one row for each quantity of a case, the worst test beside the best."""
+    """Cells of a table with one row for each quantity of a case, with its best and worst test."""
     yield SUMMARY_HEAD
     groups: dict[tuple[str, str, str], list[Comparison]] = {}
     for case, results in cases:

@@ -367,8 +367,17 @@ def _find(
     )
     item_name, _, what = name.rpartition(".")
     items = [item for item in system.items if getattr(item, "name", None) == item_name]
-    known = ", ".join(sorted({str(getattr(item, "name", "")) for item in system.items} - {""}))
-    check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
+    # Items without parameters would be refused next.
+    known = {
+        str(getattr(one, "name", ""))
+        for one in system.items
+        if _names_of(system, one, in_time, scalars)
+    }
+    check(
+        bool(items),
+        f"gradient: the scene has no item '{item_name}'; its items with parameters are: "
+        f"{', '.join(sorted(known - {''})) or 'none'}.",
+    )
     check(
         len(items) == 1,
         f"gradient: {len(items)} items of the scene are called '{item_name}'; "

@@ -17,6 +17,7 @@ Algorithm.
 2. If it fails, shorten h, and let a ceiling for h grow slowly from below the step that failed.  If
    it took few iterations, let h grow up to the ceiling.
 3. Repeat until the unbalanced force without inertia is `tolerance` times the external force.
+   Obstacles that move, move in a pseudo-step as far as bodies may stay where they are.
 4. Solve once more without inertia, to see whether the tangent is regular.
 
 A plate, or any film that resists compression, has an indefinite tangent until its wrinkles are

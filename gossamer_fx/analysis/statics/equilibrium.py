@@ -97,6 +97,8 @@ class Equilibrium:
         state.
 
         For increments of load call it several times, with loads that are functions of time.
+        Obstacles with a motion go from the time of the present state to `at` in as many
+        pseudo-steps as the gaps need; loads and supports take the times on the way with them.
 
         Args:
             at: time of loads and prescribed positions [s].

@@ -11,6 +11,7 @@ import argparse
 import math
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -60,8 +61,9 @@ def main(words: Sequence[str]) -> int:
         from gossamer_fx.app.cli.demo import validate
 
         return validate(words[1:])
-    wanted = _parser().parse_args(_with_values(words))
-    wanted.words = list(words)
+    complete = _with_values(words)
+    wanted = _parser().parse_args(complete)
+    wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
 
@@ -91,6 +93,9 @@ def main(words: Sequence[str]) -> int:
     from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
+    if comm.size > 1:
+        # The launcher hands Ctrl-C on as this signal.
+        signal.signal(signal.SIGUSR2, signal.default_int_handler)
     if _ranks_are_alone(comm):
         return 1
     try:
@@ -226,7 +231,7 @@ def _parser() -> argparse.ArgumentParser:
         "design",
         type=Path,
         metavar="FILE",
-        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+        help="a scene file, with --over; or a file with a Factorial named SWEEP",
     )
     sweep.add_argument(
         "--over",
@@ -388,7 +393,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         run.run(until=case.until)
     except Interrupted:
         if comm.rank == 0:
-            given = [word for word in wanted.words if word not in ("--restart", "--overwrite")]
+            given = [w for w in wanted.words if not w.startswith(("--restart", "--overwrite"))]
             command = shlex.join(["./gossamer", *given, "--restart"])
             print(f"gossamer: go on with: {command}", file=sys.stderr, flush=True)
         raise
@@ -504,9 +509,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """
     from gossamer_fx.app.cli.user_files import guarded, load
     from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
-    from gossamer_fx.app.sweep.robust_design import RobustDesign
-    from gossamer_fx.app.sweep.sweep_report import run_design
-    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.core.checks.errors import InputError, check
 
     path: Path = wanted.design
     check(
@@ -527,18 +530,13 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         check_same_scene(comm, path, folder)
     else:
         design = getattr(module, "SWEEP", None)
-    check(
-        isinstance(design, RobustDesign | Factorial),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
-        "the arguments of a scene file with --over.",
-    )
-    if isinstance(design, Factorial):
-        sweep = design
-        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
-    else:
-        assert isinstance(design, RobustDesign)
-        robust = design
-        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
+    if not isinstance(design, Factorial):
+        raise InputError(
+            f"'{path}' has no SWEEP; let it be a gx.sweep.Factorial, or vary the arguments of a "
+            "scene file with --over."
+        )
+    sweep = design
+    text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
     if comm.rank == 0:
         print(f"{text}\nwritten to {folder}")
 

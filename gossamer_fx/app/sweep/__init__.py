@@ -1,4 +1,4 @@
-"""Many runs of one model: plain sweeps and robust designs, whose runs several processes share."""
+"""Many runs of one model: sweeps, whose runs several processes share."""
 
 from gossamer_fx.core.checks.lazy_names import lazy_names
 

@@ -1,2 +1,1 @@
 from .factorial import Factorial as Factorial
-from .robust_design import RobustDesign as RobustDesign

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.materials.orthotropic import LinearOrthotropic, Orthotropic
 
 
@@ -58,11 +57,6 @@ class Lamina:
         Raises:
             InputError: a thickness that is not positive, another `kind`, or what the law refuses.
         """
-        check(
-            kind in (LinearOrthotropic, Orthotropic),
-            f"{self.name}: {kind!r} is not a law of orthotropic films; "
-            "give LinearOrthotropic or Orthotropic.",
-        )
         return kind(
             self.E1,
             self.E2,

@@ -413,9 +413,10 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
     if issubclass(origin, Mapping):
         return _mapping(arguments[0], arguments[1])
     if issubclass(origin, type):
+        names = " or ".join(one.__name__ for one in get_args(arguments[0]) or arguments)
         return Kind(
             lambda value: isinstance(value, type) and issubclass(value, arguments[0]),
-            f"a kind of {arguments[0].__name__}",
+            f"a kind of {names}",
         )
     if issubclass(origin, Collection):
         return _collection(arguments[0])
@@ -562,8 +563,9 @@ _SIMPLE: dict[Any, Kind] = {
 def _shown(value: Any) -> str:
     """A value as a message shows it: itself if that is short, else its class."""
     text = repr(value)
+    # The end of a path is the name of the file.
     if isinstance(value, str | PathLike) and len(text) > _MAX_SHOWN:
-        return f"{text[:_MAX_SHOWN]}..."
+        return f"'...{os.fspath(value)[-_MAX_SHOWN:]}'"
     # Objects show in angle brackets what they contain, which is not what is wrong with them.
     is_object = text.startswith("<")
     if "\n" in text or len(text) > _MAX_SHOWN or is_object or " object at " in text:

@@ -1,8 +1,8 @@
 """Strain measures of surfaces and lines in space, as UFL expressions.
 
 The unknowns are positions x [m] (and the directors of beams); the mesh is the stress-free shape.
-Every measure is quadratic in the unknowns and does not change under rigid motions, which is what
-the energy-conserving time step needs.
+No measure changes under rigid motions.  All are quadratic in the unknowns, except those of beams,
+which have a discrete derivative: that is what the energy-conserving time step needs.
 
 Surface tensors have components in the local orthonormal axes B of the mesh (see `cell_axes`).
 Symmetric ones are written as vectors: strains as (E11, E22, 2 E12), stresses as (S11, S22, S12), so
@@ -21,6 +21,11 @@ Expr = Any
 
 # The smallest square of the radius of Mohr's circle, see `half_trace_and_radius`.
 SMALLEST_SQUARE = 1e-30
+
+# Squares of the length of d2 × d3 between which a beam's normal is a unit vector.  An element of
+# order 2 that bends by a quarter of a circle has 0.98; shorter or longer normals are those of
+# iterates, or of a mesh that is too coarse.
+NORMALISED = (0.9, 1.1)
 
 
 def cell_axes(mesh: Mesh) -> Expr:
@@ -135,28 +140,116 @@ def bar_strain(x: Expr) -> Expr:
 
 
 def beam_strain(q: Expr) -> Expr:
-    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a geometrically exact beam whose coordinates q (9,) are the
-    positions x [m] and the directors d2, d3 [-], which span the cross-section:
+    """Strains (Γ, γ2, γ3, κ2, κ3, τ) of a geometrically exact beam whose coordinates q (9,) are the
+    positions x [m] and the directors d2, d3 [-], which span the cross-section with the unit normal
+    d1 = d2 × d3/|d2 × d3|:
 
-        ε = ½(x'·x' - 1)               axial strain [-]
+        Γ = x'·d1 - 1                  axial strain [-]
         γ_i = x'·d_i                   transverse shear [-]
-        κ_i = x'·d_i'                  curvature [1/m]
+        κ_i = d1·d_i'                  curvature [1/m]
         τ = ½(d2'·d3 - d3'·d2)         twist [1/m]
+
+    They are quadratic in (x, d1, d2, d3), but not in q.
     """
-    # Derivatives along the beam of x, d2 and d3, named dx, dd2 and dd3
-    dq = line_derivative(q)
-    dx, dd2, dd3 = _three_vectors(dq)
     _, d2, d3 = _three_vectors(q)
+    dx, dd2, dd3 = _three_vectors(line_derivative(q))
+    d1 = _unit_normal(q)
     return ufl.as_vector(
         [
-            (ufl.dot(dx, dx) - 1) / 2,
+            ufl.dot(dx, d1) - 1,
             ufl.dot(dx, d2),
             ufl.dot(dx, d3),
-            ufl.dot(dx, dd2),
-            ufl.dot(dx, dd3),
+            ufl.dot(d1, dd2),
+            ufl.dot(d1, dd3),
             (ufl.dot(dd2, d3) - ufl.dot(dd3, d2)) / 2,
         ]
     )
+
+
+def beam_strain_change(q0: Expr, q1: Expr, w: Expr) -> Expr:
+    """Discrete derivative De(q0, q1)[w] (6,) of `beam_strain` along w (9,), with
+
+        De(q0, q1)[q1 - q0] = e(q1) - e(q0)    De(q0, q1)[ω × ½(q0 + q1)] = 0 for all ω (3,).
+
+    A product changes by Δ(a·b) = Δa·b_m + a_m·Δb with the means over both ends, marked m.  The
+    change of the normal follows from what holds at both ends, d1·d1 = ℓ², d1·d2 = 0 and d1·d3 = 0:
+
+        Δd1·d1m = ½Δℓ²    Δd1·d2m = -d1m·Δd2    Δd1·d3m = -d1m·Δd3                               (1)
+
+    These are three equations for Δd1, and w in place of Δ gives the derivative.  The change of the
+    product d2 × d3 itself would not turn with the means (d1m is not the normal of d2m and d3m), and
+    the force would have a moment.  ℓ² is 1, or beyond `NORMALISED` a multiple of
+
+        G = |d2 × d3|² = g22 g33 - g23²,    g_ij = d_i·d_j,
+
+    and piecewise linear in G: its mean slope over the step is exact.
+    """
+    mean = (q0 + q1) / 2
+    _, d2, d3 = _three_vectors(mean)
+    dx, dd2, dd3 = _three_vectors(line_derivative(mean))
+    _, w2, w3 = _three_vectors(w)
+    dw, dw2, dw3 = _three_vectors(line_derivative(w))
+    d1 = (_unit_normal(q0) + _unit_normal(q1)) / 2
+    # The change of G along w, and half the slope of ℓ² by G: zero where normals are unit vectors.
+    g22, g33, g23 = ((one + two) / 2 for one, two in zip(_products(q0), _products(q1), strict=True))
+    by_2 = g33 * d2 - g23 * d3
+    by_3 = g22 * d3 - g23 * d2
+    change = 2 * (ufl.dot(by_2, w2) + ufl.dot(by_3, w3))
+    least, largest = NORMALISED
+    G0 = _squared_length(q0)
+    G1 = _squared_length(q1)
+    slope = _share_below(G0, G1, least) / least + (1 - _share_below(G0, G1, largest)) / largest
+    # Equations (1), solved by the reciprocal basis of d1, d2 and d3.
+    along_1 = ufl.cross(d2, d3)
+    along_2 = ufl.cross(d3, d1)
+    along_3 = ufl.cross(d1, d2)
+    sides = slope / 2 * change * along_1 - ufl.dot(d1, w2) * along_2 - ufl.dot(d1, w3) * along_3
+    w1 = sides / ufl.dot(d1, along_1)
+    return ufl.as_vector(
+        [
+            ufl.dot(dw, d1) + ufl.dot(dx, w1),
+            ufl.dot(dw, d2) + ufl.dot(dx, w2),
+            ufl.dot(dw, d3) + ufl.dot(dx, w3),
+            ufl.dot(w1, dd2) + ufl.dot(d1, dw2),
+            ufl.dot(w1, dd3) + ufl.dot(d1, dw3),
+            (ufl.dot(dw2, d3) + ufl.dot(dd2, w3) - ufl.dot(dw3, d2) - ufl.dot(dd3, w2)) / 2,
+        ]
+    )
+
+
+def _unit_normal(q: Expr) -> Expr:
+    """Unit normal d1 (3,) of the section with the coordinates q (9,).
+
+    Interpolated directors are neither unit vectors nor orthogonal between the nodes: d2 × d3 itself
+    makes the error of a curvature six times as large.  In the first iterates of a large rotation,
+    where directors are several times too long, the quotient would cost twice the iterations; beyond
+    `NORMALISED` the normal is d2 × d3 times a constant.
+    """
+    _, d2, d3 = _three_vectors(q)
+    least, largest = NORMALISED
+    square = ufl.max_value(ufl.min_value(_squared_length(q), largest), least)
+    return ufl.cross(d2, d3) / ufl.sqrt(square)
+
+
+def _squared_length(q: Expr) -> Expr:
+    """G = |d2 × d3|² at the coordinates q (9,)."""
+    g22, g33, g23 = _products(q)
+    return g22 * g33 - g23**2
+
+
+def _products(q: Expr) -> tuple[Expr, Expr, Expr]:
+    """d2·d2, d3·d3 and d2·d3 at the coordinates q (9,)."""
+    _, d2, d3 = _three_vectors(q)
+    return ufl.dot(d2, d2), ufl.dot(d3, d3), ufl.dot(d2, d3)
+
+
+def _share_below(a: Expr, b: Expr, bound: float) -> Expr:
+    """Share of the path from a to b that is below a bound."""
+    crosses = ufl.lt((a - bound) * (b - bound), 0.0)
+    length = ufl.conditional(crosses, b - a, 1.0)
+    share = (ufl.min_value(b, bound) - ufl.min_value(a, bound)) / length
+    all_or_none = ufl.conditional(ufl.lt(a + b, 2 * bound), 1.0, 0.0)
+    return ufl.conditional(crosses, share, all_or_none)
 
 
 def _three_vectors(q: Expr) -> list[Expr]:

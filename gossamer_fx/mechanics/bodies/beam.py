@@ -15,7 +15,7 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.forms.compilation import compile_form
-from gossamer_fx.core.forms.kinematics import Expr, beam_strain, line_derivative
+from gossamer_fx.core.forms.kinematics import Expr, beam_strain, beam_strain_change
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices, Port, Vector
 from gossamer_fx.core.model.state import State
@@ -44,12 +44,13 @@ class Beam(Curve):
 
     Material points x + X2 d2 + X3 d3.  Strains, taken at two Gauss points where nothing locks,
 
-        ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
+        Γ = x'·d1 - 1   γ_i = x'·d_i   κ_i = d1·d_i'   τ = ½(d2'·d3 - d3'·d2)
 
-    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² +
-    EI_i κ_i² + GJ τ²) per length; kinetic energy ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay
-    orthonormal at the nodes, by multipliers: imposed between nodes it would lock.  See Simo, CMAME
-    49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for beams in directors.
+    with the unit normal d1 = d2 × d3 of the section, less those of the mesh, to which an initial
+    axial strain may be added; W = ½(EA Γ² + GA_i γ_i² + EI_i κ_i² + GJ τ²) per length; kinetic
+    energy ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers:
+    imposed between nodes it would lock.  See Simo, CMAME 49 (1985) 55, whose strains they are, and
+    Betsch & Steinmann, IJNME 54 (2002) 1775, for beams in directors.
 
     Args:
         mesh: line elements in space, straight or curved: the stress-free shape.
@@ -77,6 +78,7 @@ class Beam(Curve):
     """
 
     strains = 6
+    discrete_derivative = staticmethod(beam_strain_change)
 
     def __init__(
         self,
@@ -137,7 +139,7 @@ class Beam(Curve):
         return self._reference.x.array.reshape(-1, 3, 3)[nodes]
 
     def measure(self, q: Expr) -> Expr:
-        """Strains (ε, γ2, γ3, κ2, κ3, τ)."""
+        """Strains (Γ, γ2, γ3, κ2, κ3, τ)."""
         strains = beam_strain(q) - beam_strain(self._reference)
         initial = self.initial_strain
         if initial is None:
@@ -152,20 +154,17 @@ class Beam(Curve):
         stiffnesses = (c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ)
         return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
 
-    def axial_force(self, q: Expr, S: Expr) -> Expr:
-        """Axial force [N] at coordinates q (9,) with the stress S (6,) of the density: the
-        component along x' of the force ∂W/∂x' of a section.
+    def _free_strain(self, alphas: tuple[Expr, ...], ΔT: Expr) -> Expr:
+        return ufl.as_vector([alphas[0] * ΔT] + [0 * ΔT] * (self.strains - 1))
 
-        N = S_ε |x'| + Σ (S_γi x'·d_i + S_κi x'·d_i')/|x'|, as shear and curvature are functions of
-        x', too.  Of a bent beam the last part is not small: κ² EI.
-        """
-        dq = line_derivative(q)
-        dx = ufl.as_vector([dq[0], dq[1], dq[2]])
-        stretch = ufl.sqrt(ufl.dot(dx, dx))
-        # x'·d_i and x'·d_i', which are not zero in the mesh of a curved beam
-        products = beam_strain(q)
-        across = sum(S[i] * products[i] for i in range(1, 5))
-        return S[0] * stretch + across / stretch
+    def axial_strain(self, e: Expr) -> Expr:
+        """Axial strain Γ [-] of the strains e (6,) of `measure` less the thermal strain."""
+        return e[0]
+
+    def axial_force(self, q: Expr, S: Expr) -> Expr:
+        """Axial force [N] of the stress S (6,) of the density, whatever the coordinates q (9,): the
+        component along the normal of the section."""
+        return S[0]
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
@@ -176,7 +175,7 @@ class Beam(Curve):
 
     def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(self, self.mass)
-        yield stored_energy(self, (), quadratic=True)
+        yield stored_energy(self, (), quadratic=True, discrete_derivative=self.discrete_derivative)
         # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
@@ -47,7 +48,10 @@ class BarLaw:
     """
 
     line_density: float
-    quadratic: bool = False
+
+    @property
+    def quadratic(self) -> bool:
+        return False
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference length [J/m] of e = (ε,)."""
@@ -65,28 +69,63 @@ class BarLaw:
 @check_arguments
 @dataclass(frozen=True)
 class CableLaw(BarLaw):
-    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N =
-    EA ε λ.
+    """A bar whose energy is quadratic in its strain: W = ½ EA ε² or ½ EA (λ - 1)² per reference
+    length, with ε = ½(λ² - 1).  Its tension is N = EA ε λ (St. Venant-Kirchhoff) or EA (λ - 1).
 
     Args:
         EA: axial stiffness [N], positive.
         line_density: mass per reference length [kg/m], positive.
+        strain: "green" for ε, "engineering" for λ - 1, as most programs have it.  At 1 % the
+            tensions differ by 1.5 %.
 
     Raises:
-        InputError: a number that is not positive.
+        InputError: a number that is not positive, another strain.
 
     Example:
         >>> gx.CableLaw(1e4, 0.01).EA
         10000.0
+        >>> rope = gx.Cable(curve, gx.CableLaw(1e4, 0.01, strain="engineering"))
     """
 
     EA: Annotated[float, positive("N")]
     line_density: LineDensity
+    _: KW_ONLY
+    strain: Literal["green", "engineering"] = "green"
 
-    quadratic = True
+    @property
+    def quadratic(self) -> bool:
+        return self.strain == "green"
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return c.EA / 2 * e[0] ** 2
+        return c.EA / 2 * self._stretched_by(e) ** 2
+
+    def _stretched_by(self, e: Expr) -> Expr:
+        """The strain of this law, of e = (ε,)."""
+        return e[0] if self.strain == "green" else engineering_strain(e)
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """Of engineering strains x the whole path: with the mean force EA x_m and Δε = λ_m Δx, the
+        stress S = EA x_m/λ_m has S Δε = ΔW exactly."""
+        if self.strain == "green":
+            return []
+        return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
+
+    def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
+        x0 = engineering_strain(e0)
+        x1 = engineering_strain(e1)
+        return ufl.as_vector([c.EA * self._mean(x0, x1) / (1 + (x0 + x1) / 2)])
+
+    def _mean(self, x0: Expr, x1: Expr) -> Expr:
+        """The strain that bears, averaged over the path from x0 to x1."""
+        return (x0 + x1) / 2
+
+    def green_strain(self, share: Expr) -> Expr:
+        """The strain ε that has the tension N at the natural length, of N/EA."""
+        if self.strain == "green":
+            return share
+        # EA x/(1 + x) = N, as the stress EA x/λ along ε acts on the length 1.
+        x = share / (1 - share)
+        return x * (1 + x / 2)
 
 
 @check_arguments
@@ -100,11 +139,36 @@ class TensionOnly(CableLaw):
         'cable'
     """
 
-    # Its stress has a kink at zero strain, where the path of a step is divided.
-    quadratic = False
+    @property
+    def quadratic(self) -> bool:
+        # Its stress has a kink at zero strain, where the path of a step is divided.
+        return False
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
+        return c.EA / 2 * ufl.max_value(self._stretched_by(e), 0.0) ** 2
+
+    def _mean(self, x0: Expr, x1: Expr) -> Expr:
+        return mean_of_positive_part(x0, x1)
+
+
+# The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
+MIN_SQUARED_STRETCH = 1e-6
+
+
+def engineering_strain(e: Expr) -> Expr:
+    """x = λ - 1 of e = (ε,), without the difference of nearly equal numbers."""
+    squared = ufl.max_value(1 + 2 * e[0], MIN_SQUARED_STRETCH)
+    return (squared - 1) / (ufl.sqrt(squared) + 1)
+
+
+def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
+    """Average of max(y, 0) along the path from y0 to y1; `terms.point_energies` says how."""
+    positive0 = ufl.max_value(y0, 0.0)
+    positive1 = ufl.max_value(y1, 0.0)
+    passes_zero = ufl.lt(y0 * y1, 0.0)
+    change = ufl.conditional(passes_zero, y1 - y0, 1.0)
+    quotient = (positive1**2 - positive0**2) / (2 * change)
+    return ufl.conditional(passes_zero, quotient, (positive0 + positive1) / 2)
 
 
 class Curve(Meshed):
@@ -135,9 +199,12 @@ class Curve(Meshed):
             return strain
         tension = getattr(self.constants, "initial_tension", None)
         if tension is not None:
-            # At the natural length the axial force is EA ε0.
-            return tension / self.constants.EA
+            return self._strain_of_tension(tension / self.constants.EA)
         return None
+
+    def _strain_of_tension(self, share: Expr) -> Expr:
+        """The initial strain that has a tension N0 at the natural length, of N0/EA."""
+        return share
 
     @property
     def initial_force(self) -> Expr | None:
@@ -224,8 +291,17 @@ class Cable(Curve):
             "and both say how long the cable is without stress; give one of them.",
         )
         self._take_prestress(initial_tension, initial_strain)
-        if isinstance(law, TensionOnly) and initial_tension is not None:
+        tensions = np.zeros(0)
+        if initial_tension is not None:
             tensions = self.constants.initial_tension.x.array
+        if isinstance(law, CableLaw) and law.strain == "engineering":
+            check_on_all(
+                self.comm,
+                bool((tensions < law.EA).all()),
+                f"Cable '{name}': its initial_tension is {tensions.max(initial=0.0):g} N, "
+                f"and the law has {law.EA:g} N at most at the natural length; give less.",
+            )
+        if isinstance(law, TensionOnly):
             check_on_all(
                 self.comm,
                 bool((tensions >= 0).all()),
@@ -235,6 +311,10 @@ class Cable(Curve):
             )
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
+
+    def _strain_of_tension(self, share: Expr) -> Expr:
+        # Other laws have no initial tension.
+        return self.law.green_strain(share) if isinstance(self.law, CableLaw) else share
 
     def measure(self, x: Expr) -> Expr:
         """Green-Lagrange strain (ε,) of the positions x (3,) [m], a UFL vector, which the law
@@ -294,6 +374,10 @@ class Cable(Curve):
             # One ratio is that of the density, the other that of the stretch.
             stretch = stretch / self._length_ratio**2
         return S[0] * stretch
+
+    def axial_strain(self, e: Expr) -> Expr:
+        """Engineering strain λ - 1 of the strain e = (ε,) of `measure` less the thermal strain."""
+        return engineering_strain(e)
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

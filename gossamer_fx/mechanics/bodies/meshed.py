@@ -27,6 +27,7 @@ from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+    from gossamer_fx.mechanics.terms.element_energies import DiscreteDerivative
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
@@ -51,6 +52,8 @@ class Meshed(ABC):
     constants: SimpleNamespace
 
     bends = False  # whether it is a film with bending stiffness
+    # Of its strains, if they are not quadratic in the coordinates
+    discrete_derivative: DiscreteDerivative | None = None
 
     def _take_mesh(
         self, name: str, mesh: Mesh | DolfinxMesh, order: int, *, size: int, dim: int

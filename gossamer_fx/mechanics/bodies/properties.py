@@ -53,11 +53,12 @@ def vary(
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
     may_vary = [what for what in LIMITS if hasattr(law, what)]
+    choices = ["density"] if derived else may_vary
     for what, given in properties.items():
         check(
             what in may_vary,
             f"Membrane '{name}': there is no property {what!r} that may vary; "
-            f"choose from {', '.join(may_vary)}.",
+            f"choose from {', '.join(choices)}.",
         )
         check(
             not derived or what == "density",

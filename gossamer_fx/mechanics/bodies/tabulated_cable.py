@@ -45,11 +45,16 @@ from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.cable import BarLaw, LineDensity
+from gossamer_fx.mechanics.bodies.cable import (
+    MIN_SQUARED_STRETCH,
+    BarLaw,
+    CableLaw,
+    LineDensity,
+    TensionOnly,
+    engineering_strain,
+    mean_of_positive_part,
+)
 from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
-
-# The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
-MIN_SQUARED_STRETCH = 1e-6
 
 # Force at zero strain, as a fraction of the largest force, that counts as zero.
 ZERO_FORCE = 1e-9
@@ -149,7 +154,7 @@ class TabulatedCable(BarLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Equation (2) of the module."""
-        x = _engineering_strain(e)
+        x = engineering_strain(e)
         total = ufl.as_ufl(0.0)
         # A sum over corners, not a search of the segment: UFL has no branches with a table.
         for i, side in enumerate(self.corners.sides):
@@ -165,13 +170,13 @@ class TabulatedCable(BarLaw):
         """Mean stress S (1,) [N] of a step, equation (3) of the module, from the Green-Lagrange
         strains e0 and e1 (1,) at its ends."""
         # Engineering strains x0 and x1; s is the side, 1 or -1, of zero strain of a corner.
-        x0 = _engineering_strain(e0)
-        x1 = _engineering_strain(e1)
+        x0 = engineering_strain(e0)
+        x1 = engineering_strain(e1)
         # Sides are part of the kernel, as there are two of them; strains and slopes are constants.
         force = ufl.as_ufl(0.0)
         for i, side in enumerate(self.corners.sides):
             s = float(side)
-            mean = _mean_of_positive_part(s * (x0 - c.strains[i]), s * (x1 - c.strains[i]))
+            mean = mean_of_positive_part(s * (x0 - c.strains[i]), s * (x1 - c.strains[i]))
             force += c.slope_changes[i] * s * mean
         # Δε = λ_mean Δλ: a force along λ is divided by it to be a stress along ε.
         mean_stretch = 1 + (x0 + x1) / 2
@@ -266,6 +271,13 @@ def corners_of(strain: Array, force: Array) -> Corners:
     )
 
 
+def linear_corners(law: CableLaw) -> Corners:
+    """The corner at zero of a force that is linear in the engineering strain, on both sides or in
+    tension only."""
+    sides = np.array([1.0] if isinstance(law, TensionOnly) else [1.0, -1.0])
+    return Corners(np.zeros(len(sides)), sides, np.full(len(sides), law.EA), law.EA)
+
+
 def _check_table(strain: Array, force: Array) -> None:
     """Raise `InputError` unless measured points are a force law: two or more engineering strains
     (n,), rising from at most zero and above -1 to a positive one, and forces [N] (n,) that do not
@@ -349,22 +361,6 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
     return columns[0], columns[1]
 
 
-def _engineering_strain(e: Expr) -> Expr:
-    """x = λ - 1 of e = (ε,), without the difference of nearly equal numbers."""
-    squared = ufl.max_value(1 + 2 * e[0], MIN_SQUARED_STRETCH)
-    return (squared - 1) / (ufl.sqrt(squared) + 1)
-
-
 def _stretch(ε: Array) -> Array:
     """λ of ε = ½(λ² - 1)."""
     return np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
-
-
-def _mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
-    """Average of max(y, 0) along the path from y0 to y1; `terms.point_energies` says how."""
-    positive0 = ufl.max_value(y0, 0.0)
-    positive1 = ufl.max_value(y1, 0.0)
-    passes_zero = ufl.lt(y0 * y1, 0.0)
-    change = ufl.conditional(passes_zero, y1 - y0, 1.0)
-    quotient = (positive1**2 - positive0**2) / (2 * change)
-    return ufl.conditional(passes_zero, quotient, (positive0 + positive1) / 2)

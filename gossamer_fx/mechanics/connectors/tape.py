@@ -211,9 +211,9 @@ class Tape:
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
-        # e = √(EA L) ε, so that the energy of every bar is ½ e²; with a table e = ε.
+        # e = √(EA L) ε, so that the energy of every bar is ½ e²; for laws of λ - 1 e = ε.
         # Equal energies are one array, evaluated at once.
-        scale = np.sqrt(law.EA * L) if isinstance(law, CableLaw) else np.ones(len(L))
+        scale = np.sqrt(law.EA * L) if _is_green(law) else np.ones(len(L))
         vectors = [
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
         ]
@@ -225,21 +225,28 @@ class Tape:
 
 def _density(law: BarLaw, lengths: Array) -> PointDensity:
     """The stored energy [J] of bars with natural lengths (n,) [m], as a function of the measure e
-    of each, which `Tape.terms` makes: ½ e² for laws with a constant axial stiffness, e = ε for a
-    table."""
-    if isinstance(law, TensionOnly):
-        return OneSided()
-    if isinstance(law, CableLaw):
-        return Quadratic(1.0)
+    of each, which `Tape.terms` makes: ½ e² for laws that are quadratic in ε, e = ε for others."""
+    if _is_green(law):
+        return OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
     # Imported here: a scene without tables does not load them.
-    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars, TabulatedCable
+    from gossamer_fx.mechanics.bodies.tabulated_cable import (
+        TabulatedBars,
+        TabulatedCable,
+        linear_corners,
+    )
 
+    if isinstance(law, CableLaw):
+        return TabulatedBars(linear_corners(law), lengths)
     check(
         isinstance(law, TabulatedCable),
         f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
     )
     assert isinstance(law, TabulatedCable)
     return TabulatedBars(law.corners, lengths)
+
+
+def _is_green(law: BarLaw) -> bool:
+    return isinstance(law, CableLaw) and law.strain == "green"
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:

@@ -22,6 +22,9 @@ from gossamer_fx.mechanics.contact.potential import ContactLaw
 
 LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 
+# Activation distance over the shortest edge, at least: positions have errors of 1e-12 of it.
+ROUND_OFF = 1e-10
+
 # Activation distance and diameter of a body, over its shortest edge, at most: neighbours on one
 # film would otherwise begin to touch each other.
 MAX_REACH = 0.5
@@ -53,7 +56,8 @@ class Contact:
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.
             None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which
             stops what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean
-            pressure p of the loads.
+            pressure p of the loads or that of the prestress, and ten times as much whenever pairs
+            are closed to a third of d.
         law: "barrier" or "penalty".
         friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of
             friction is dissipated, in the ledger under the name of the contact.  An equilibrium has
@@ -166,6 +170,11 @@ class Contact:
         ends = facets.lines if is_line else facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2)
         lengths = np.linalg.norm(facets.X[ends[:, 0]] - facets.X[ends[:, 1]], axis=1)
         shortest = float(body.comm.allreduce(lengths.min(initial=np.inf), op=MPI.MIN))
+        check(
+            self.distance >= ROUND_OFF * shortest,
+            f"Contact '{self.name}': a distance of {self.distance:g} m is below the round-off of "
+            f"'{body.name}', whose shortest edge is {shortest:.3g} m; give a larger one.",
+        )
         check(
             self.distance + 2 * radius <= MAX_REACH * shortest,
             f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} "

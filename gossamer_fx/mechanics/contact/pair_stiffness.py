@@ -143,12 +143,14 @@ class PairStiffness:
         density = self.densities()[bodies]
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self.given is not None:
-            self._warning.check(
-                self.given,
-                bodies=bodies,
-                density=density.min(axis=1),
-                speed=np.maximum(-rate, 0),
-            )
+            # In an equilibrium there is nothing to stop.
+            if not self._system.rule.is_static:
+                self._warning.check(
+                    self.given,
+                    bodies=bodies,
+                    density=density.min(axis=1),
+                    speed=np.maximum(-rate, 0),
+                )
             return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
             pressure = STATIC_FACTOR * self._stiffening * self.static_pressure

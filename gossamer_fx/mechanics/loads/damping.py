@@ -123,7 +123,13 @@ class Damping:
             # potential of the Kelvin-Voigt stress β C ė.
             measure, energy = _unwrinkled(body)
             yield ViscousDissipation(
-                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx, factor
+                by_stiffness,
+                body,
+                measure,
+                lambda e_rate: β * energy(e_rate),
+                body.dx,
+                factor,
+                discrete_derivative=body.discrete_derivative,
             )
 
 

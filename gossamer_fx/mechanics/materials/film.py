@@ -164,6 +164,14 @@ class FilmLaw:
         """The bending stiffness of a plate of this material, uniform across its thickness."""
         raise TypeError(f"{type(self).__name__} has no bending stiffness")
 
+    @property
+    def has_wrinkle_maps(self) -> bool:
+        """Whether the law gives the taut strain and the bending stiffness of which maps are
+        made."""
+        law = type(self)
+        has_strain = law.taut_strain is not FilmLaw.taut_strain
+        return has_strain and law.bending_stiffness is not FilmLaw.bending_stiffness
+
 
 @dataclass(frozen=True)
 class IsotropicFilm(FilmLaw):

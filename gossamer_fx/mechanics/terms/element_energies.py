@@ -58,8 +58,9 @@ Cost.  The law is evaluated once at each point and iteration, as in Newton's met
 coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
 linear system of the size of the strain at each point that asks for it.
 
-Limits.  The measure e has to be quadratic, so that (3) is exact.  The choice of strains changes the
-iterates and not the solution: at its end ê = e(q1) to the tolerance of the iteration.
+Limits.  (3) is exact for quadratic measures.  Those of beams, which are not, are linearised at the
+last iterate, and have a discrete derivative in place of De(q_mid).  The choice of strains changes
+the iterates and not the solution: at its end ê = e(q1) to the tolerance of the iteration.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             if isinstance(term, StoredEnergy):
                 self._stored.append(StoredForces(term, at, system.rule))
             else:
-                self._viscous.append(ViscousForces(term, at))
+                self._viscous.append(ViscousForces(term, at, system.rule))
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
         for alike in _with_one_measure(self.elements):
@@ -203,10 +204,15 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         return [force.energy_form() for force in self._stored if force.term.body is body]
 
 
+# De(q0, q1)[w] (m,) of a measure that is not quadratic, a function of q0, q1 and w: it is e1 - e0
+# for w = q1 - q0, and zero for w = ω × ½(q0 + q1), so that forces have no moment.
+DiscreteDerivative = Callable[[Expr, Expr, Expr], Expr]
+
+
 @dataclass(frozen=True, eq=False)
 class StoredEnergy:
-    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the
-    strain alone.
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, or has a `discrete_derivative`;
+    `density` ψ is a function of the strain alone.
 
     `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a
     stress of which the geometric stiffness is positive; `c_law` computes stresses in place of
@@ -222,6 +228,7 @@ class StoredEnergy:
     quadratic: bool = False
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
     pulling: Callable[[Expr], Expr] | None = None
+    discrete_derivative: DiscreteDerivative | None = None
     c_law: CLaw | None = None
     thermal: ThermalStrain | None = None
     parameters: tuple[Parameter, ...] = ()
@@ -233,8 +240,8 @@ class ViscousDissipation:
     """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the
     loss 2∫∫φ(ė) dx dt.
 
-    `measure` is quadratic in q, `density` is φ as a function of its rate; `parameters` are
-    coefficients of φ.
+    `measure` is quadratic in q, or has a `discrete_derivative`; `density` is φ as a function of its
+    rate; `parameters` are coefficients of φ.
     """
 
     name: str
@@ -243,6 +250,7 @@ class ViscousDissipation:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     parameters: tuple[Parameter, ...] = ()
+    discrete_derivative: DiscreteDerivative | None = None
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
@@ -280,12 +288,13 @@ class ViscousForces(ElementForces):
 
     term: ViscousDissipation
 
-    def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
+    def __init__(self, term: ViscousDissipation, at: Coordinates, rule: StressRule) -> None:
         """Write the stresses down, and compile the loss.  Collective."""
         self.term = term
         self._at = at
+        self._rule = rule
         self.measure = term.measure(at.q1)
-        self._set_stresses(_linearised(self.measure, at), term.measure(at.q0))
+        self._set_stresses(_linearised(term, self.measure, at), term.measure(at.q0))
         change = self.measure - term.measure(at.q0)
         self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
 
@@ -314,7 +323,7 @@ class ViscousForces(ElementForces):
 
     def residual_form(self, w: Expr) -> ufl.Form:
         at = self._at
-        at_middle = _variation_in_middle(self.term, at, w)
+        at_middle = _variation(self.term, at, w, self._rule)
         change = self.measure - self.term.measure(at.q0)
         return ufl.dot(self._stress(change), at_middle) * self.term.dx
 
@@ -378,7 +387,7 @@ class StoredForces(ElementForces):
         self._strain_of_end: fem.Expression | None = None
         if rule.takes_mid_strain:
             self._strain_of_end = compile_expression(self._strain_at_end(), self._points)
-        self._linearised_strain = compile_expression(_linearised(e, at), self._points)
+        self._linearised_strain = compile_expression(_linearised(term, e, at), self._points)
 
     def _strain(self) -> Expr:
         """The strain whose stress acts: the measure less the thermal strain."""
@@ -538,7 +547,7 @@ class StoredForces(ElementForces):
             e0 -= self.thermal.start
         e1 = ufl.variable(self._strain())
         S_mean = self._rule.stress(term, e0, e1)
-        return ufl.dot(S_mean, _variation_in_middle(term, at, w)) * term.dx
+        return ufl.dot(S_mean, _variation(term, at, w, self._rule)) * term.dx
 
     def energy_form(self) -> ufl.Form:
         """The stored energy at q1."""
@@ -563,20 +572,18 @@ class ElementForms:
         stored = [force for force in forces if isinstance(force, StoredForces)]
         # Thermal strain does not depend on the coordinates, so that all terms have these
         # variations.
-        first_variation = ufl.derivative(term.measure(at.q1), at.q1, at.w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        in_step = _variation(term, at, at.w, rule)
         along_update = ufl.derivative(forces[0].measure, at.q1, at.dq)
-        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
         S = _sum([force.S for force in forces])
         D = _sum([force.D for force in forces])
         stress = _sum([force.linear_stress for force in forces])
-        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        self.residual = compile_form(ufl.dot(stress, in_step) * term.dx)
         stress_in_tangent = at.γ * S
         for force in stored:
             if force.term.pulling is not None and rule.is_static:
                 stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
-        material = ufl.dot(ufl.dot(D, along_update), at_middle)
-        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
+        material = ufl.dot(ufl.dot(D, along_update), in_step)
+        geometric = ufl.dot(stress_in_tangent, ufl.derivative(in_step, at.q1, at.dq))
         self.tangent = compile_form((material + geometric) * term.dx)
 
 
@@ -614,8 +621,13 @@ def _is_alike(one: ElementForces, other: ElementForces) -> bool:
     return renumber_indices(one.measure) == renumber_indices(other.measure)
 
 
-def _variation_in_middle(term: StoredEnergy | ViscousDissipation, at: Coordinates, w: Expr) -> Expr:
-    """De(q_mid)[w] (m,) of the measure of a term."""
+def _variation(
+    term: StoredEnergy | ViscousDissipation, at: Coordinates, w: Expr, rule: StressRule
+) -> Expr:
+    """De[w] (m,) of the measure of a term, with De[q1 - q0] = e1 - e0 if the rule conserves energy:
+    for quadratic measures that is De(q_mid)."""
+    if term.discrete_derivative is not None and rule.conserves:
+        return term.discrete_derivative(at.q0, at.q1, w)
     first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
     return ufl.replace(first_variation, {at.q1: at.mid})
 
@@ -628,11 +640,14 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
     return total
 
 
-def _linearised(e: Expr, at: Coordinates) -> Expr:
+def _linearised(term: StoredEnergy | ViscousDissipation, e: Expr, at: Coordinates) -> Expr:
     """The strain (3) of the module, which is linear in the last update δ of q1, of a strain e (m,)
-    that is quadratic in q1."""
-    second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
-    return e - second_variation / 2
+    of q1.  A measure that is not quadratic is evaluated where the update began."""
+    if term.discrete_derivative is None:
+        second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
+        return e - second_variation / 2
+    linear = e + ufl.derivative(e, at.q1, at.δ)
+    return ufl.replace(linear, {at.q1: at.q1 - at.δ})
 
 
 def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:

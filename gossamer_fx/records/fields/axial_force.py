@@ -21,11 +21,11 @@ from gossamer_fx.solve.system.system import System
 
 
 def axial_strain(shape: BodyShape) -> Expr:
-    """The strain λ - 1 = √(1 + 2ε) - 1 of which the tension of a cable or beam is a function.
+    """The strain of which the tension is a function: λ - 1 of a cable, Γ of a beam.
 
     The initial strain is contained in it, the thermal strain is not.
     """
-    return ufl.sqrt(1 + 2 * shape.elastic_strain()[0]) - 1
+    return shape.body.axial_strain(shape.elastic_strain())
 
 
 def tension(shape: BodyShape) -> Expr:

@@ -239,7 +239,11 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
         )
         if not is_missing:
             known.append(name)
-    fields = f"its fields are: {', '.join(known)}."
+    choices = known
+    if isinstance(body, Membrane) and not body.law.has_wrinkle_maps:
+        # Asked for, they are refused with the reason.
+        choices = [name for name in known if name not in WRINKLE_MAPS]
+    fields = f"its fields are: {', '.join(choices)}."
     check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
     for name in names:
         check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
@@ -321,8 +325,18 @@ class FieldFunctions:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
         shape = self._shape
-        expression = compile_expression(field.expression(shape), points)
-        return partial(_interpolate_mean, expression, shape, function)
+        expression = field.expression(shape)
+        compiled = compile_expression(expression, points)
+
+        def interpolate_mean() -> None:
+            """Sum the expression over the points of the path of the last step."""
+            total: Array = np.zeros_like(function.x.array)
+            for weight in shape.path_points(expression):
+                function.interpolate(compiled)
+                total += weight * function.x.array
+            function.x.array[:] = total
+
+        return interpolate_mean
 
     def update(self) -> None:
         """Set all functions to the accepted state, ghosts included.  Collective."""
@@ -330,15 +344,6 @@ class FieldFunctions:
         for function, update in zip(self.functions, self._updates, strict=True):
             update()
             function.x.scatter_forward()
-
-
-def _interpolate_mean(expression: fem.Expression, shape: BodyShape, function: fem.Function) -> None:
-    """Set a function to an expression, summed over the points of the path of the last step."""
-    total: Array = np.zeros_like(function.x.array)
-    for weight in shape.path_points(expression):
-        function.interpolate(expression)
-        total += weight * function.x.array
-    function.x.array[:] = total
 
 
 def _interpolate_gauss_values(values: GaussValues, function: fem.Function) -> None:

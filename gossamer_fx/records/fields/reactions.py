@@ -20,6 +20,7 @@ from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
 
+@runtime_checkable
 class NamedPart(Protocol):
     """A support or joint of a scene."""
 

@@ -40,7 +40,6 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.quality import area_vectors, corner_points
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.discrete_gradient import gradient
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
@@ -142,13 +141,10 @@ class WrinkleMap:
 
 def _check_law(film: Membrane) -> None:
     """Refuse films whose law does not give the taut strain of a stress, or no bending stiffness."""
-    law = type(film.law)
-    has_strain = law.taut_strain is not FilmLaw.taut_strain
-    has_bending = law.bending_stiffness is not FilmLaw.bending_stiffness
     check(
-        has_strain and has_bending,
-        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field "
-        "'state', or another law, e.g. TensionField.",
+        film.law.has_wrinkle_maps,
+        f"'{film.name}' has no maps of wrinkles, as its law is {type(film.law).__name__}; use the "
+        "field 'state', or another law, e.g. TensionField.",
     )
 
 

@@ -133,14 +133,14 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 def _csv_line(values: Iterable[Any]) -> bytes:
     """A row of a CSV file, with its line break, in UTF-8."""
     entries = []
-    for value in values:
+    for value in safe_cells(values):
         if isinstance(value, float):
             # The type of NumPy would be part of its representation.
             entries.append(repr(float(value)))
         else:
             entries.append(value)
     line = io.StringIO()
-    csv.writer(line).writerow(safe_cells(entries))
+    csv.writer(line).writerow(entries)
     # Names may contain half of a surrogate pair, e.g. from a file name, which has no UTF-8.
     return line.getvalue().encode(errors="backslashreplace")
 

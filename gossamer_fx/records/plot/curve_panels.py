@@ -83,12 +83,14 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     states = _thinned(run.table("states.csv"))
 
     energies = {"kinetic": ledger["kinetic"]}
-    energies |= {f"in {name}": energy for name, energy in _with_prefix(ledger, _STORED).items()}
+    # The kinetic, supplied and dissipated energy have a colour each.
+    stored = _with_sum_of_others(_with_prefix(ledger, _STORED), most=len(LINES) - 3)
+    energies |= {f"in {name}": energy for name, energy in stored.items()}
     energies |= {name: ledger[name] for name in ("supplied", "dissipated")}
-    colours = dict(zip(energies, cycle(LINES), strict=False))
+    colours = _line_colours(energies)
     t = run.along(ledger) / factor
     panels: list[Panel] = [partial(_lines, t, energies, colours, "Energy", "J")]
-    losses = _with_prefix(ledger, LOST)
+    losses = _with_sum_of_others(_with_prefix(ledger, LOST), most=len(LINES))
     if len(losses) > 1:
         panels.append(partial(_lines, t, losses, _line_colours(losses), "Energy lost", "J"))
     suffix = " pressure"
@@ -96,11 +98,14 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         name.removesuffix(suffix): values for name, values in gas.items() if name.endswith(suffix)
     }
     if pressures:
-        # a chamber has the colour of its energy
-        shades = {name: colours.get(f"in {name}", INK) for name in pressures}
+        pressures = _extent(pressures)
+        shades = _line_colours(pressures)
+        if all(f"in {name}" in colours for name in pressures):
+            # a chamber has the colour of its energy
+            shades = {name: colours[f"in {name}"] for name in pressures}
         panels.append(partial(_lines, run.along(gas) / factor, pressures, shades, "Pressure", "Pa"))
     tensions = _thinned(run.table("tensions.csv"))
-    means = _mean_tensions(tensions)
+    means = _extent(_mean_tensions(tensions))
     if means:
         times = run.along(tensions) / factor
         panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
@@ -122,7 +127,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         panels.append(partial(_iterations, t, ledger["iterations"]))
         probes = _thinned(run.table("probes.csv"))
         panels += [
-            partial(_probes, run.along(probes) / factor, title, curves)
+            partial(_probes, run.along(probes) / factor, title, _extent(curves))
             for title, curves in grouped(_without(probes, run.not_values)).items()
         ]
     return Curves(panels, start=float(t[0]), end=float(t[-1]), label=run.axis.label(unit))
@@ -216,21 +221,41 @@ def _area_shares(run: RunReader, states: Tables) -> Tables:
 
 
 def _mean_tensions(tensions: Tables) -> Tables:
-    """The mean tensions of lines by name; of many lines those with the largest ones.
+    """The mean tensions of lines by name.
 
     Args:
         tensions: tensions.csv, whose columns are called "NAME mean [N]", and so on; may be empty.
     """
     suffix = " mean [N]"
-    means = {
+    return {
         name.removesuffix(suffix): values
         for name, values in tensions.items()
         if name.endswith(suffix) and values.any()
     }
-    # As many as there are colours
-    largest_first = sorted(means, key=lambda name: -float(abs(means[name]).max()))
-    shown = set(largest_first[: len(LINES)])
-    return {name: values for name, values in means.items() if name in shown}
+
+
+def _with_sum_of_others(curves: Tables, most: int) -> Tables:
+    """At most so many curves of parts that add up: the largest, and the sum of the others."""
+    if len(curves) <= most:
+        return curves
+    largest_first = sorted(curves, key=lambda name: -float(abs(curves[name]).max()))
+    others = largest_first[most - 1 :]
+    shown = {name: values for name, values in curves.items() if name not in others}
+    return shown | {f"{len(others)} others": np.sum([curves[name] for name in others], axis=0)}
+
+
+def _extent(curves: Tables) -> Tables:
+    """Curves of parts alike, as many as there are colours: of more the largest, the mean and the
+    least value of all at each time."""
+    count = len(curves)
+    if count <= len(LINES):
+        return curves
+    values = np.array(list(curves.values()))
+    return {
+        f"largest of {count}": values.max(axis=0),
+        f"mean of {count}": values.mean(axis=0),
+        f"least of {count}": values.min(axis=0),
+    }
 
 
 def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:

@@ -151,7 +151,6 @@ def strip(
         >>> picture.is_file()
         True
     """
-    check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     views = strip_views(run, field, count, view or View())
     write_page(file_to_write(path), _title(run, field), views)
 

@@ -22,7 +22,7 @@ from gossamer_fx.core.drawing import table
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.fields.units import LINE_FIELDS, scaled_axis, with_unit
+from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.solid_frames import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
@@ -267,13 +267,15 @@ class RunReader:
             InputError: names the fields that were recorded.
         """
         known = self.known_fields()
-        names = list(self.films) or list(self.fields)
-        example = {name: ["displacement", field] for name in names[:1]}
+        remedy = "draw one of these"
+        if field == "direction":
+            remedy = "the direction of tension is not drawn"
+        elif field in NAMES:
+            remedy = "if a body of the scene has it, record it by gx.Recording(folder, fields=...)"
         check(
             field in known,
             f"The run in '{self.folder}' has no field {field!r}; its fields are: "
-            f"{', '.join(known)}. A run records others of `gx.fields` by gx.Recording(folder, "
-            f"fields={example}).",
+            f"{', '.join(known)}; {remedy}.",
         )
 
     @check_arguments

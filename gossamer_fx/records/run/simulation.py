@@ -399,7 +399,8 @@ class Simulation:
         if self._locks is not None:
             self._locks.acquire()
             self._locks.running = True
-        with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+        # Signals are noted until all files are closed.
+        with abort_on_lone_error(self.comm), Listener() as signals, ExitStack() as at_the_end:
             self._running = True
             at_the_end.callback(setattr, self, "_running", False)
             # Callbacks are called in reverse order: files are closed before they are released.
@@ -408,12 +409,13 @@ class Simulation:
                 at_the_end.callback(output.close, self)
             # Closing is collective: a rank that fails alone must end the program before it.
             with abort_on_lone_error(self.comm):
-                signal = self._start_and_go(until, signals)
+                self._start_and_go(until, signals)
+        signal = signals.heard(self.comm)
         if signal:
             self._leave(signal)
 
-    def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step to a time.  Collective.
+    def _start_and_go(self, until: float, signals: Listener) -> None:
+        """Record the start, and step to a time or until a signal comes.  Collective.
 
         Args:
             until: end time [s].
@@ -425,16 +427,16 @@ class Simulation:
         if not self.recorded:
             self._record(last=ended)
         if ended:
-            return 0
+            return
         times = {until}
         for output in self.outputs:
             times |= set(output.times)
         if self._monitor is not None:
             times |= set(self._monitor.times)
         milestones = sorted(t for t in times if self.time < t < until)
-        return self._go([*milestones, until], signals)
+        self._go([*milestones, until], signals)
 
-    def _go(self, milestones: Sequence[float], signals: Listener) -> int:
+    def _go(self, milestones: Sequence[float], signals: Listener) -> None:
         """Step to each milestone in turn, a time that must be met.  Collective.
 
         Args:
@@ -450,17 +452,15 @@ class Simulation:
                     # again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
-                    signal = signals.heard(self.comm)
-                    is_last = ended or signal > 0 or self.time == milestones[-1]
-                    self._record(last=is_last)
+                    ended = ended or signals.heard(self.comm) > 0
+                    self._record(last=ended or self.time == milestones[-1])
                 except Exception as error:
                     # `_save` is collective: all ranks must have the error.
                     agree_on_error(self.comm, error)
                     self._save()
                     raise
-                if ended or signal:
-                    return signal
-        return 0
+                if ended:
+                    return
 
     def _record(self, last: bool) -> None:
         """Let the outputs record the state, and write a checkpoint if it is due.  Collective."""

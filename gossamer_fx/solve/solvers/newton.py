@@ -77,6 +77,10 @@ MIN_LINEAR_RTOL = 1e-12
 REUSE_FACTORS_BELOW_TOLERANCE = 1e3
 REUSE_FACTORS_RATIO = 1e-6
 
+# Residual over the first one below which the message of a failure names the absolute tolerance that
+# would pass it: friction can keep an iteration at forces that are far below those of the scene.
+SMALL_RESIDUAL_RATIO = 1e-5
+
 # Residual over the first one below which tangents have their geometric stiffness, whatever the
 # delay: without it the iteration converges only linearly.
 COMPLETE_TANGENT_RATIO = 0.01
@@ -530,8 +534,16 @@ class Newton:
         first_unsolved = next(filter(None, unsolved), "")
         if first_unsolved:
             why += f", {first_unsolved},"
+        reference = self.convergence.reference
+        remedy = ""
+        # The tolerances of statics follow from the loads.
+        if residual.imbalance < SMALL_RESIDUAL_RATIO * reference and not self.system.rule.is_static:
+            remedy = (
+                "; if forces of this size do not matter, "
+                f"give Tolerances(absolute={2 * residual.imbalance:.0e})"
+            )
         return (
             f"{why} after {iterations} iterations, "
-            f"residual {residual.imbalance:.1e} N of {self.convergence.reference:.1e} N at first, "
-            f"largest in {self.system.locate(self._r)}"
+            f"residual {residual.imbalance:.1e} N of {reference:.1e} N at first, "
+            f"largest in {self.system.locate(self._r)}{remedy}"
         )

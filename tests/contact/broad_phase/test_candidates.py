@@ -16,6 +16,7 @@ from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
 from tests.contact.random_pairs import all_pairs, separate_triangles, table_of_primitives
+from tests.small_scenes import run_until
 
 TRIANGLES = 60
 RADIUS = 2e-3
@@ -116,8 +117,7 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
         for k in range(3)
     ]
     contact = gx.Contact(*films, distance=1e-3)
-    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
-    run.run(until=1e-3)
+    run = run_until(1e-3, contact, dt=1e-4)
     contact_set = run.system.active_sets[0]
     assert contact_set.search.count <= 4
     # 3 films of 98 nodes have some 1e5 pairs; those within reach are a few.

@@ -47,9 +47,8 @@ def test_no_near_pair_is_missed_and_none_is_found_twice() -> None:
     squared_distance, _ = closest_points(table_of_primitives(surface, missing), x)
     # Pairs that were left out are farther apart than the reach.
     assert squared_distance.min() > 0.05**2
-    measured = closest_points(found, x)[0].min()
     # And some that were found are nearer.
-    assert measured < 0.05**2
+    assert closest_points(found, x)[0].min() < 0.05**2
 
 
 def test_ranks_find_together_what_one_finds() -> None:
@@ -138,9 +137,8 @@ def test_connected_and_fixed_primitives_are_no_pairs() -> None:
     assert len(all_found) > len(found) > 0
     first = of_triangle[:, 0]
     second = found.second_point // 3
-    measured = {tuple(sorted(pair)) for pair in zip(first, second, strict=True)}
     # Only the pair of the first and the last triangle is neither connected nor fixed.
-    assert measured == {(0, 2)}
+    assert {tuple(sorted(pair)) for pair in zip(first, second, strict=True)} == {(0, 2)}
 
 
 @pytest.mark.slow

@@ -31,10 +31,8 @@ def drifted(drift: RigidDrift, x: np.ndarray, time: float) -> np.ndarray:
 def test_a_drift_is_undone() -> None:
     x = np.random.default_rng(0).uniform(size=(5, 3))
     # Error of the many steps; the closed form itself is exact.
-    measured = TURN.undone(drifted(TURN, x, 0.9), 0.9)
-    assert measured == pytest.approx(x, abs=1e-7)
-    measured = TURN.undone(x, 0.5)
-    assert measured == pytest.approx(x)
+    assert TURN.undone(drifted(TURN, x, 0.9), 0.9) == pytest.approx(x, abs=1e-7)
+    assert TURN.undone(x, 0.5) == pytest.approx(x)
 
 
 def test_the_drift_of_points_is_their_rigid_motion() -> None:

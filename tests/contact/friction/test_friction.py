@@ -95,8 +95,7 @@ def test_a_film_that_slides_is_stopped() -> None:
     error = abs(v[t > until + 5e-3]).max()
     assert error < 1e-5
     # All kinetic energy of the patch, ½ σ A v0², is lost by friction.
-    expected = {"contact": pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)}
-    assert run.totals.losses == expected
+    assert run.totals.losses == {"contact": pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)}
 
 
 @pytest.mark.slow
@@ -117,9 +116,8 @@ def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     share = a * SIGMA / (μ * p)
     v = (v[1:] + v[:-1])[-30:] / 2  # of steps: their ends swing about it for a while
     # The law is 1 - (1 - v/v_s)², solved for the speed v at which it carries the share.
-    expected = 1e-4 * (1 - math.sqrt(1 - share))
     # 5 %: mean of the last thirty steps.
-    assert v.mean() == pytest.approx(expected, rel=0.05)
+    assert v.mean() == pytest.approx(1e-4 * (1 - math.sqrt(1 - share)), rel=0.05)
 
 
 @pytest.mark.mpi

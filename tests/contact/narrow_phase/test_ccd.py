@@ -65,11 +65,9 @@ def test_a_radius_is_kept_clear_of() -> None:
     x1 = x0 - [[0, 0, 0.6], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
     pairs = table_of(PointTriangle.number, 1)
     # 0.4 is more than the radius of 0.2 and a tenth of the gap.
-    measured = len(stopped(pairs, x0, x1, np.array([0.2])))
-    assert measured == 0
-    measured = len(stopped(pairs, x0, x1, np.array([0.5])))
+    assert len(stopped(pairs, x0, x1, np.array([0.2]))) == 0
     # And less than the radius of 0.5.
-    assert measured == 1
+    assert len(stopped(pairs, x0, x1, np.array([0.5]))) == 1
 
 
 @pytest.mark.slow

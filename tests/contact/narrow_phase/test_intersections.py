@@ -77,8 +77,7 @@ def test_signs_of_volumes_near_zero() -> None:
         signs.append(sign_of_volume(np.vstack([corners[:3], moved])))
     # Four units in the last place lie on either side of the plane.
     assert signs in ([-1, 1], [1, -1])
-    measured = sign_of_volume(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
-    assert measured == 0
+    assert sign_of_volume(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])) == 0
 
 
 def test_the_answer_follows_the_exact_sign_near_zero() -> None:

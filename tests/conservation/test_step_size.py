@@ -1,0 +1,65 @@
+"""A step that does not resolve the motion: its ends alternate, its means do not."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.methods import step_size
+from demos.methods.step_size import swing, window
+
+ROOT = Path(gx.__file__).parent.parent
+UNTIL = 0.25  # s
+
+
+@pytest.mark.mpi
+def test_means_over_long_steps_do_not_alternate(comm, caplog) -> None:
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        series = step_size.move(comm, 5e-3, until=UNTIL)
+    swings = {name: swing(window(series, name)) for name in series.probes}
+    # The taut part changes by more than half of the dish from one end to the next.
+    assert swings["taut, end"] > 0.3 and swings["taut, mean"] < 0.07
+    tension = window(series, "tension, mean").mean()
+    assert swings["tension, end"] > 0.3 * tension
+    assert swings["tension, mean"] < 0.05 * tension
+    warnings = [record.getMessage() for record in caplog.records if "'dish'" in record.message]
+    assert len(warnings) == (comm.rank == 0)
+    if warnings:
+        assert "Damping with a stiffness_factor" in warnings[0]
+
+
+def test_means_are_those_of_a_step_five_times_shorter() -> None:
+    found = {}
+    for dt in (5e-3, 1e-3):
+        series = step_size.move(MPI.COMM_SELF, dt, until=UNTIL)
+        found[dt] = [window(series, f"{name}, mean").mean() for name in ("tension", "taut")]
+    (tension, taut), (exact_tension, exact_taut) = found.values()
+    assert tension == pytest.approx(exact_tension, rel=0.01)
+    # The shorter step resolves more of the vibrations, by which the dish is slack at times.
+    assert taut == pytest.approx(exact_taut, abs=0.2)
+
+
+def test_damping_near_the_step_removes_the_oscillation_as_the_page_says() -> None:
+    results = step_size.main(steps=[5e-3])
+    damped = [name for name in results if "damping" in name and name.endswith("swing [N]")]
+    assert len(damped) == 2
+    for name in damped:
+        undamped = name.replace(", damping of 5 ms", "")
+        assert results[name] < 0.05 * results[undamped]
+    page = (ROOT / "docs/howto/step_size.md").read_text(encoding="utf-8")
+    for name, row in (("dt = 5 ms", "5 ms"), ("dt = 5 ms, damping of 5 ms", "5 ms, with damping")):
+        line = next(line for line in page.splitlines() if line.startswith(f"| {row} |"))
+        _, _, *cells, _ = line.split("|")
+        shown = [float(number) for cell in cells for number in cell.split(",")]
+        found = [
+            results[f"{name}, {at}: {quantity}"]
+            for quantities in (("taut", "taut, swing"), ("tension [N]", "tension, swing [N]"))
+            for at in ("mean", "end")
+            for quantity in quantities
+        ]
+        # Vibrations that nothing damps depend on round-off.
+        assert found == pytest.approx(shown, abs=0.06)

@@ -1,0 +1,94 @@
+"""A scene file that sends itself SIGINT in the phase that the variable PHASE names: setup,
+compilation, statics, step, writing, closing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.core.forms.compilation import kernel_options
+from gossamer_fx.meshes.sheet import sheet
+
+SENT: list[str] = []
+LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+
+
+def interrupt(phase: str) -> None:
+    """Send SIGINT to this process or, once, to the launcher of the ranks, if it is the phase."""
+    # Not a variable of this module, with another value of which the scene would be another one.
+    if phase != os.environ["PHASE"]:
+        return
+    if MPI.COMM_WORLD.size == 1:
+        os.kill(os.getpid(), signal.SIGINT)
+    elif MPI.COMM_WORLD.rank == 0 and not SENT:
+        SENT.append(phase)
+        # The parent of mpirun, which is the parent of a rank.
+        status = Path(f"/proc/{os.getppid()}/stat").read_text()
+        os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGINT)
+        # The signal goes by the launcher and mpirun.
+        time.sleep(1.0)
+
+
+def interrupt_compilation() -> None:
+    """Send SIGINT as soon as a kernel is being compiled."""
+    cache = Path(kernel_options()["cache_dir"])
+    while not any(not path.with_suffix(".c.cached").exists() for path in cache.glob("*.c")):
+        time.sleep(0.01)
+    interrupt("compilation")
+
+
+class Interrupting:
+    """An output that is interrupted while it writes, and while it closes its file."""
+
+    times = ()
+
+    def open(self, run: gx.Simulation) -> None: ...
+
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        if run.step == 3:
+            interrupt("writing")
+
+    def close(self, run: gx.Simulation) -> None:
+        interrupt("closing")
+
+
+def held(film: gx.Membrane, motion: Callable[[np.ndarray, float], np.ndarray]) -> gx.Scene:
+    """A film of which one edge is fixed and the other one moved."""
+    return gx.Scene(film, gx.Fixed(film, "left"), gx.Fixed(film, "right", motion=motion))
+
+
+def build(comm: MPI.Intracomm) -> gx.Case:
+    """A film that is pulled, at rest first and then in time."""
+    if os.environ["PHASE"] == "compilation" and comm.rank == 0:
+        threading.Thread(target=interrupt_compilation, daemon=True).start()
+
+    def still(X: np.ndarray) -> np.ndarray:
+        interrupt("setup")
+        return 0 * X
+
+    def pulled(X: np.ndarray, t: float) -> np.ndarray:
+        if t == 0:
+            interrupt("statics")
+        if t > 2.5e-3:
+            interrupt("step")
+        return np.vstack([1e-3 + 0 * X[0], 0 * X[0], 0 * X[0]])
+
+    def film() -> gx.Membrane:
+        return gx.Membrane(sheet(comm, 2, 2), LAW, displacement=still)
+
+    gx.Equilibrium(held(film(), pulled)).find()
+    return gx.Case(
+        held(film(), pulled),
+        gx.Midpoint(dt=1e-3),
+        until=6e-3,
+        fields={"film": ("displacement",)},
+        outputs=[Interrupting()],
+    )
