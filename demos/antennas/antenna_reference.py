@@ -1,5 +1,4 @@
-"""Displacement of the tip of the swinging antenna, beside a model of the film as a shell in another
-program.
+"""Displacement of the tip of the swinging antenna, next to models of its film as a shell elsewhere.
 
 The paper compares its membrane, on 2 × 2, 3 × 3 and 4 × 4 elements with 4, 6 and 8 elements a boom
 (its Figs. 5 to 7), with a commercial code, in which the film is a thin shell that does not wrinkle.
@@ -179,7 +178,7 @@ def model_text(values: Mapping[str, Any]) -> str:
 
 
 def table(results: Sequence[Result]) -> str:
-    """Each run beside the finest shell of this program, as a table of Markdown."""
+    """Each run next to the finest shell of this program, as a table of Markdown."""
     finest = tip(results, SELF, FINEST)
     rows = [
         (
@@ -235,7 +234,8 @@ def claims(results: Sequence[Result]) -> list[str]:
     ]
 
 
-if __name__ == "__main__":
+# Each run is of one process.
+if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
     results = all_results()
     draw(results, Path("out") / NAME / f"{NAME}.png")
     print(table(results), *claims(results), sep="\n")
