@@ -1,5 +1,4 @@
-"""Displacement of the tip of the swinging antenna, beside a model of the film as a shell in another
-program.
+"""Displacement of the tip of the swinging antenna, next to models of its film as a shell elsewhere.
 
 The paper compares its membrane, on 2 × 2, 3 × 3 and 4 × 4 elements with 4, 6 and 8 elements a boom
 (its Figs. 5 to 7), with a commercial code, in which the film is a thin shell that does not wrinkle.
@@ -67,6 +66,7 @@ RUNS: Sequence[tuple[str, Mapping[str, Any]]] = (
     ("ngsolve", COARSE),
     ("ngsolve", {"n": 3, "tied": 0, "dt": 0.01}),
     ("ngsolve", REFERENCE),
+    *(("exudyn", {"n": n, "elements": n, "dt": 0.005}) for n in (3, 6)),
 )
 UNTIL = 2.0  # s
 # Interval of stored heights [s], and the time after which a peer has failed [s].
@@ -166,7 +166,9 @@ def draw(results: Sequence[Result], path: Path) -> None:
 
 def model_text(values: Mapping[str, Any]) -> str:
     """One of the runs in words."""
-    if values["program"] != SELF:
+    if values["program"] == "exudyn":
+        return f"shell in Exudyn, {values['n']}×{values['n']}-{values['elements']}"
+    if values["program"] == "ngsolve":
         strain = "the same strains" if values["tied"] else "strains of three points"
         return f"shell in NGSolve, {values['n']}×{values['n']}, {strain}"
     film = "shell" if values.get("shell") else "membrane"
@@ -176,7 +178,7 @@ def model_text(values: Mapping[str, Any]) -> str:
 
 
 def table(results: Sequence[Result]) -> str:
-    """Each run beside the finest shell of this program, as a table of Markdown."""
+    """Each run next to the finest shell of this program, as a table of Markdown."""
     finest = tip(results, SELF, FINEST)
     rows = [
         (
@@ -221,10 +223,19 @@ def claims(results: Sequence[Result]) -> list[str]:
     for words, pair in pairs.items():
         first, last, most = differences(*pair)
         apart.append(f"{words}: {first:.2f} mm at 1 s, {last:.2f} mm at 2 s, {most:.2f} mm at most")
-    return apart + [f"{words} {size:.1f} mm" for words, size in largest.items()]
+    exudyn = [
+        differences(tip(results, "exudyn", {"n": n, "elements": n, "dt": 0.005}), finest)[2]
+        for n in (3, 6)
+    ]
+    return [
+        *apart,
+        *(f"{words} {size:.1f} mm" for words, size in largest.items()),
+        "{:.1f} and {:.1f} mm".format(*exudyn),
+    ]
 
 
-if __name__ == "__main__":
+# Each run is of one process.
+if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
     results = all_results()
     draw(results, Path("out") / NAME / f"{NAME}.png")
     print(table(results), *claims(results), sep="\n")

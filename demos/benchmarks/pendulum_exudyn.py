@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import exudyn as exu
 import exudyn.shells
@@ -28,7 +29,9 @@ THICKNESS = 2e-5
 RADIUS = 0.02
 WALL = 5e-4
 G = 1.0
-case = words({"n": 6, "elements": 12, "dt": 1e-2, "until": 2.0, "radius": 0.9, "every": 0.01})
+case = words(
+    {"n": 6, "elements": 12, "dt": 1e-2, "until": 2.0, "radius": 0.9, "every": 0.01, "output": ""}
+)
 n = case["n"]
 elements = case["elements"]
 
@@ -151,4 +154,8 @@ result = {
     "film, rms [mm]": 1e3 * float(np.sqrt(np.mean(deflection**2))),
     "film, largest [mm]": 1e3 * deflection.max(),
 }
+if case["output"]:
+    instants = mbs.GetSensorStoredData(of_corners[2])[:, 0].tolist()
+    heights = {"time": instants, "tip": q[2, :, 2].tolist()}
+    Path(case["output"]).write_text(json.dumps(result | heights), encoding="utf-8")
 print(json.dumps(result))

@@ -130,6 +130,7 @@ def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
         ("airbag", "kratos"),
         ("airbag_fabric", "kratos"),
         ("pendulum", "exudyn"),
+        ("shell_pendulum", "ngsolve"),
     ],
 )
 def test_peers_solve_the_same_problem(name, peer, tmp_path):
