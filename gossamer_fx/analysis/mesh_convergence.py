@@ -182,7 +182,7 @@ class Convergence:
         """Write a PNG of the errors against the CPU time and against h.
 
         Quantities without errors are left out; if none has any, their values are drawn, those of
-        each unit ("height [m]") on axes of their own.
+        each unit ("height [m]") on separate axes.
 
         Args:
             path: of the file, ending in `.png`.
@@ -286,7 +286,7 @@ def convergence(
     check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
     steps = _sizes(meshes, sizes)
     check(
-        len(set(steps.tolist())) == len(steps),
+        len(np.unique(steps)) == len(steps),
         f"convergence: two meshes have the same size, of {steps.tolist()}; give different ones.",
     )
     # From the coarsest to the finest, whatever the order in which they were given.

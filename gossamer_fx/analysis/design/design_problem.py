@@ -427,7 +427,7 @@ class DesignProblem:
             f"{self.who}: '{path}' is not the record of a search ({problem}); give another one, or "
             "restart=False.",
         )
-        found = {}
+        found: dict[str, Array] = {}
         for name, values in present.items():
             numbers = real_numbers(recorded.get(name, []))
             found[name] = np.zeros(0) if numbers is None else np.atleast_1d(numbers)

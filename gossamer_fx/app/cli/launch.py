@@ -27,7 +27,7 @@ from gossamer_fx.app.cli.mpi_messages import copy_without_repetitions
 OWN_COMMAND = ("-P", "-m", "gossamer_fx")
 
 # What is handed on as what.
-_HANDED_ON = {signal.SIGTERM: signal.SIGUSR1, signal.SIGINT: signal.SIGUSR2}
+_HANDED_ON: dict[int, int] = {signal.SIGTERM: signal.SIGUSR1, signal.SIGINT: signal.SIGUSR2}
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
 # s that the last words of the ranks may take after mpirun has ended: one that it could not end may
@@ -95,7 +95,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
         """Pass a signal to mpirun: the first one as one at which a run ends with its step."""
         heard.append(number)
         if len(heard) == 1:
-            run.send_signal(_HANDED_ON[signal.Signals(number)])
+            run.send_signal(_HANDED_ON[number])
         else:
             run.send_signal(number)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -26,6 +27,8 @@ from gossamer_fx.core.mesh.mesh import Mesh, built
 from gossamer_fx.core.model.body import Array, Indices
 
 LOGGER = logging.getLogger("gossamer_fx")
+
+Mask = npt.NDArray[np.bool_]
 
 # Metres in the units of $INSUNITS that drawings of patterns have: inch, foot, mm, cm, m.
 UNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
@@ -434,7 +437,7 @@ def _check_apart(polygons: Sequence[Array], tolerance: float, path: str) -> None
         )
 
 
-def _segments_touch(a: Array, b: Array, p: Array, q: Array, tolerance: float) -> Array:
+def _segments_touch(a: Array, b: Array, p: Array, q: Array, tolerance: float) -> Mask:
     """Whether the segment from a to b (2,) [m] comes nearer than a tolerance to each of those from
     p to q (n, 2)."""
 
@@ -449,7 +452,7 @@ def _segments_touch(a: Array, b: Array, p: Array, q: Array, tolerance: float) ->
     return np.asarray(crosses | is_near)
 
 
-def _near_segment(points: Array, a: Array, b: Array, tolerance: float) -> Array:
+def _near_segment(points: Array, a: Array, b: Array, tolerance: float) -> Mask:
     """Whether points are nearer than a tolerance to segments from a to b [m]; arrays (..., 2) that
     broadcast."""
     along = b - a
