@@ -335,16 +335,16 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             np.maximum.at(rates, term_of, rate.max(axis=1, initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, violations, op=MPI.MAX)
         self._comm.Allreduce(MPI.IN_PLACE, rates, op=MPI.MAX)
-        for term, violation, rate in zip(self._terms, violations, rates, strict=True):
+        for term, gap, gap_rate in zip(self._terms, violations, rates, strict=True):
             check(
-                violation == 0,
-                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; "
+                gap == 0,
+                f"'{term.name}' does not hold at the start: it is off by {gap:.3g}; "
                 "let the joined points coincide.",
             )
             check(
-                rate == 0,
+                gap_rate == 0,
                 f"'{term.name}' does not hold in rate at the start: "
-                f"the joined points separate with {rate:.3g} per second; "
+                f"the joined points separate with {gap_rate:.3g} per second; "
                 "give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
