@@ -43,7 +43,9 @@ SIDE = 2.1  # m
 FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
 # The same without wrinkling, of a shell that resists compression and bending.
 SHELL = gx.Linear(E=FILM.E, nu=FILM.nu, density=FILM.density, thickness=FILM.thickness)
-BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+TUBE = {"nu": 0.3, "density": 1560.0}
+BOOM_MODULUS = 100e9  # Pa
+BOOM = gx.sections.tube(0.02, 5e-4, E=BOOM_MODULUS, **TUBE)
 # By the number of the case.
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 # Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
@@ -66,17 +68,23 @@ class Antenna:
 
 
 def antenna(
-    comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1, shell: bool = False
+    comm: MPI.Comm,
+    film_cells: int,
+    boom_elements: int,
+    order: int = 1,
+    shell: bool = False,
+    stiffer: float = 1.0,
 ) -> Antenna:
     """The antenna in the plane z = 0, centre at the origin, stress-free; its film may be a `shell`
-    that does not wrinkle."""
+    that does not wrinkle, and its booms may be `stiffer` by a factor."""
+    section = gx.sections.tube(0.02, 5e-4, E=stiffer * BOOM_MODULUS, **TUBE)
     mesh = meshes.film(comm, film_cells, SIDE)
     if shell:
         film: gx.Membrane = gx.Plate(mesh, SHELL, name="film")
     else:
         film = gx.Membrane(mesh, FILM, order=order)
     booms = [
-        gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
+        gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), section, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
     ]
     # A to D, then E to H.

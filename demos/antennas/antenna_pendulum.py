@@ -8,7 +8,8 @@ the rigid limit, for any masses of film and booms,
 (all masses on squares and diagonals of the same d give the same ratio of moment to inertia).  Only
 the deviation from it depends on the discretisation: the two booms cross without a joint between
 them, so that the antenna slowly becomes a saddle, with the film alone as resistance; and the film
-sags between the booms.  The figures of the paper agree with a commercial code within 0.02 m.
+sags between the booms.  The figures of the paper agree with a commercial code within 0.02 m; the
+demo `antenna_reference` compares with the model of that code.
 
 `./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and
 quadratic films, and draws errors against unknowns and run time.  One of them, to look at:
@@ -109,13 +110,15 @@ def build(
     dt: float = 5e-3,
     order: int = 1,
     shell: bool = False,
+    stiffer: float = 1.0,
 ) -> gx.Case:
     """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of
     both.
 
-    Its film may be a `shell` that does not wrinkle, as in the commercial code of the paper.
+    Its film may be a `shell` that does not wrinkle, as in the commercial code of the paper, and its
+    booms `stiffer` by a factor.
     """
-    model = antenna(comm, cells, elements, order, shell)
+    model = antenna(comm, cells, elements, order, shell, stiffer)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
         corners[2], gx.Ground(tuple(model.points[2].tolist())), name="hinge"

@@ -98,7 +98,6 @@ def pendulum(
     # At the end and over the time: the film vibrates, so that its value at the end depends on the
     # phase.
     return figures | {
-        "tip, half way [mm]": 1e3 * np.interp(until / 2, series.time, series["tip [m]"]),
         "tip [mm]": 1e3 * series["tip [m]"][-1],
         "film, end [mm]": 1e3 * film[-1],
         "film, rms [mm]": 1e3 * np.sqrt(np.mean(film**2)),

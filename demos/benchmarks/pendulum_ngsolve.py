@@ -291,7 +291,6 @@ result = {
     "Newton/step": iterations / steps,
     # At rest all is zero.
     "ΔE/E": energy / kinetic,
-    "tip, half way [mm]": 1e3 * float(np.interp(steps / 2, range(steps + 1), heights)),
     "tip [mm]": 1e3 * heights[-1],
 }
 if case["output"]:

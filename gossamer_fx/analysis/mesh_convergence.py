@@ -182,7 +182,7 @@ class Convergence:
         """Write a PNG of the errors against the CPU time and against h.
 
         Quantities without errors are left out; if none has any, their values are drawn, those of
-        each unit ("height [m]") on axes of their own.
+        each unit ("height [m]") on separate axes.
 
         Args:
             path: of the file, ending in `.png`.

@@ -29,6 +29,7 @@ import gossamer_fx as gx
 from gossamer_fx.core.forms.kinematics import beam_strain, beam_strain_change
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
+from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
 
@@ -61,8 +62,7 @@ def displacements(
 ) -> Array:
     """Displacements (n, 3) [m] of named points of a cantilever along a polyline, d2 along y."""
     beam = gx.Beam(line(COMM, points, elements), of, normal=(0, 1, 0))
-    search = gx.Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True), load(beam)))
-    search.find()
+    search = at_rest(beam, gx.Fixed(beam, "start", rotation=True), load(beam))
     ports = [beam.port(name) for name in at]
     moved = search.system.state.vectors(ports)
     return np.asarray(moved - [port.initial() for port in ports])
@@ -145,8 +145,8 @@ PRINCETON = {
 }
 
 
-@pytest.mark.parametrize("load", PRINCETON)
-def test_princeton_beam(load: float) -> None:
+@pytest.mark.parametrize(("load", "accepted"), [(8.896, 1.0e-4), (13.345, 3.1e-4)])
+def test_princeton_beam(load: float, accepted: float) -> None:
     """Bent about both axes and twisted, with Saint-Venant's torsion constant."""
     L = 0.508
     strip = gx.sections.rectangle(12.3777e-3, 3.2024e-3, E=71.7e9, nu=0.31, density=2700.0)
@@ -154,7 +154,7 @@ def test_princeton_beam(load: float) -> None:
         β = np.radians(angle)
         along = force((0.0, -load * np.cos(β), load * np.sin(β)))
         (u,) = displacements([(0, 0, 0), (L, 0, 0)], 8, strip, along)
-        assert u[1:] == pytest.approx([-down, across], abs=3e-4 * L)
+        assert u[1:] == pytest.approx([-down, across], abs=accepted * L)
 
 
 def test_bend_of_45_degrees() -> None:
@@ -184,9 +184,10 @@ def test_bend_of_45_degrees() -> None:
     assert found[0] == pytest.approx([-23.5, 53.4, -13.4], abs=0.2)
 
 
-def test_discrete_derivative_is_exact_and_objective() -> None:
+@pytest.mark.parametrize("turn", [0.1, 0.4])
+def test_discrete_derivative_is_exact_and_objective(turn: float) -> None:
     """De(q0, q1)[q1 - q0] = e(q1) - e(q0), and De[ω × ½(q0 + q1)] = 0, at Gauss points between
-    nodes whose directors are orthonormal."""
+    nodes whose directors are orthonormal; the larger turns are beyond `NORMALISED`."""
     domain = line(COMM, [(0, 0, 0), (1, 0, 0)], 1).domain
     space = fem.functionspace(domain, ("Lagrange", 2, (9,)))
     random = np.random.default_rng(5)
@@ -194,7 +195,7 @@ def test_discrete_derivative_is_exact_and_objective() -> None:
     ω = np.array([0.3, -1.2, 0.7])
     for q in (q0, q1):
         rows = q.x.array.reshape(-1, 3, 3)
-        small = 0.1 * random.standard_normal((len(rows), 3, 3))
+        small = turn * random.standard_normal((len(rows), 3, 3))
         # The last two columns of an orthogonal matrix near the unit matrix
         directors = np.linalg.qr(np.eye(3) + small)[0]
         directors *= np.sign(np.einsum("nii->ni", directors))[:, None]

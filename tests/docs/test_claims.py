@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from demos.antennas import antenna_reference
 from demos.validation.__main__ import CASES, MODELS, NAMES, STORED
 from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import comparisons, results_by_test
@@ -17,9 +18,13 @@ ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "demos" / "benchmarks" / "results"
 
 
+def on_one_line(text: str) -> str:
+    return re.sub(r"\s+", " ", text)
+
+
 def words_of(page: str) -> str:
     """The text of a page on one line."""
-    return re.sub(r"\s+", " ", (ROOT / page).read_text(encoding="utf-8"))
+    return on_one_line((ROOT / page).read_text(encoding="utf-8"))
 
 
 def measured_errors() -> dict[str, list[tuple[str, float]]]:
@@ -124,3 +129,16 @@ def test_the_page_of_benchmarks_says_the_same(about: str) -> None:
 def test_the_first_page_names_the_worst_miss_of_a_measurement_beside_the_best() -> None:
     evidence = words_of("README.md").split("## Evidence")[1].split("## ")[0]
     assert evidence.index(CLAIMS["braided tubes"]) < evidence.index(CLAIMS["worst miss"])
+
+
+def test_the_antenna_is_compared_with_the_other_program_as_the_file_says() -> None:
+    stored = read_results(antenna_reference.STORED, antenna_reference.NAME)
+    page = words_of("docs/verification.md")
+    assert on_one_line(antenna_reference.table(stored)) in page
+    for claim in antenna_reference.claims(stored):
+        assert claim in page
+    # With the same discretisation both programs agree to 1 mm, at every stored instant.
+    coarse = {"cells": 3, "elements": 6, "dt": 0.01, "shell": True}
+    own = antenna_reference.tip(stored, antenna_reference.SELF, coarse)
+    peer = antenna_reference.tip(stored, "ngsolve", antenna_reference.COARSE)
+    assert max(antenna_reference.differences(own, peer)) < 1.0

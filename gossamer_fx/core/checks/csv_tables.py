@@ -38,14 +38,21 @@ def csv_rows(path: Path) -> list[list[str]]:
 def safe_cells(values: Iterable[Any]) -> list[Any]:
     """Cells of a row that is written: words that a spreadsheet would take for a formula get an
     apostrophe, which `plain_cell` removes."""
-    cells = []
-    for value in values:
-        is_formula = isinstance(value, str) and value.lstrip().startswith(_FORMULAS)
-        cells.append(f"'{value}" if is_formula else value)
-    return cells
+    return [f"'{value}" if _is_formula(value) else value for value in values]
 
 
 def plain_cell(cell: str) -> str:
     """A word as it was given to `safe_cells`."""
     word = cell.removeprefix("'")
-    return word if word.lstrip().startswith(_FORMULAS) else cell
+    return word if _is_formula(word) else cell
+
+
+def _is_formula(value: Any) -> bool:
+    """Whether a spreadsheet would take a cell for a formula; a number with a sign is none."""
+    if not isinstance(value, str) or not value.lstrip().startswith(_FORMULAS):
+        return False
+    try:
+        float(value)
+    except ValueError:
+        return True
+    return False

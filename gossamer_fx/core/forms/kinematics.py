@@ -23,7 +23,8 @@ Expr = Any
 SMALLEST_SQUARE = 1e-30
 
 # Squares of the length of d2 × d3 between which a beam's normal is a unit vector.  An element of
-# order 2 that bends by a quarter of a circle has 0.98.
+# order 2 that bends by a quarter of a circle has 0.98; shorter or longer normals are those of
+# iterates, or of a mesh that is too coarse.
 NORMALISED = (0.9, 1.1)
 
 
@@ -171,13 +172,17 @@ def beam_strain_change(q0: Expr, q1: Expr, w: Expr) -> Expr:
         De(q0, q1)[q1 - q0] = e(q1) - e(q0)    De(q0, q1)[ω × ½(q0 + q1)] = 0 for all ω (3,).
 
     A product changes by Δ(a·b) = Δa·b_m + a_m·Δb with the means over both ends, marked m.  The
-    change of the normal follows from what holds at both ends, d1·d1 = 1, d1·d2 = 0 and d1·d3 = 0:
+    change of the normal follows from what holds at both ends, d1·d1 = ℓ², d1·d2 = 0 and d1·d3 = 0:
 
-        Δd1·d1m = 0    Δd1·d2m = -d1m·Δd2    Δd1·d3m = -d1m·Δd3                                  (1)
+        Δd1·d1m = ½Δℓ²    Δd1·d2m = -d1m·Δd2    Δd1·d3m = -d1m·Δd3                               (1)
 
     These are three equations for Δd1, and w in place of Δ gives the derivative.  The change of the
     product d2 × d3 itself would not turn with the means (d1m is not the normal of d2m and d3m), and
-    the force would have a moment.
+    the force would have a moment.  ℓ² is 1, or beyond `NORMALISED` a multiple of
+
+        G = |d2 × d3|² = g22 g33 - g23²,    g_ij = d_i·d_j,
+
+    and piecewise linear in G: its mean slope over the step is exact.
     """
     mean = (q0 + q1) / 2
     _, d2, d3 = _three_vectors(mean)
@@ -185,11 +190,21 @@ def beam_strain_change(q0: Expr, q1: Expr, w: Expr) -> Expr:
     _, w2, w3 = _three_vectors(w)
     dw, dw2, dw3 = _three_vectors(line_derivative(w))
     d1 = (_unit_normal(q0) + _unit_normal(q1)) / 2
+    # The change of G along w, and half the slope of ℓ² by G: zero where normals are unit vectors.
+    g22, g33, g23 = ((one + two) / 2 for one, two in zip(_products(q0), _products(q1), strict=True))
+    by_2 = g33 * d2 - g23 * d3
+    by_3 = g22 * d3 - g23 * d2
+    change = 2 * (ufl.dot(by_2, w2) + ufl.dot(by_3, w3))
+    least, largest = NORMALISED
+    G0 = _squared_length(q0)
+    G1 = _squared_length(q1)
+    slope = _share_below(G0, G1, least) / least + (1 - _share_below(G0, G1, largest)) / largest
     # Equations (1), solved by the reciprocal basis of d1, d2 and d3.
+    along_1 = ufl.cross(d2, d3)
     along_2 = ufl.cross(d3, d1)
     along_3 = ufl.cross(d1, d2)
-    volume = ufl.dot(along_3, d3)
-    w1 = -(ufl.dot(d1, w2) * along_2 + ufl.dot(d1, w3) * along_3) / volume
+    sides = slope / 2 * change * along_1 - ufl.dot(d1, w2) * along_2 - ufl.dot(d1, w3) * along_3
+    w1 = sides / ufl.dot(d1, along_1)
     return ufl.as_vector(
         [
             ufl.dot(dw, d1) + ufl.dot(dx, w1),
@@ -211,10 +226,30 @@ def _unit_normal(q: Expr) -> Expr:
     `NORMALISED` the normal is d2 × d3 times a constant.
     """
     _, d2, d3 = _three_vectors(q)
-    normal = ufl.cross(d2, d3)
     least, largest = NORMALISED
-    square = ufl.max_value(ufl.min_value(ufl.dot(normal, normal), largest), least)
-    return normal / ufl.sqrt(square)
+    square = ufl.max_value(ufl.min_value(_squared_length(q), largest), least)
+    return ufl.cross(d2, d3) / ufl.sqrt(square)
+
+
+def _squared_length(q: Expr) -> Expr:
+    """G = |d2 × d3|² at the coordinates q (9,)."""
+    g22, g33, g23 = _products(q)
+    return g22 * g33 - g23**2
+
+
+def _products(q: Expr) -> tuple[Expr, Expr, Expr]:
+    """d2·d2, d3·d3 and d2·d3 at the coordinates q (9,)."""
+    _, d2, d3 = _three_vectors(q)
+    return ufl.dot(d2, d2), ufl.dot(d3, d3), ufl.dot(d2, d3)
+
+
+def _share_below(a: Expr, b: Expr, bound: float) -> Expr:
+    """Share of the path from a to b that is below a bound."""
+    crosses = ufl.lt((a - bound) * (b - bound), 0.0)
+    length = ufl.conditional(crosses, b - a, 1.0)
+    share = (ufl.min_value(b, bound) - ufl.min_value(a, bound)) / length
+    all_or_none = ufl.conditional(ufl.lt(a + b, 2 * bound), 1.0, 0.0)
+    return ufl.conditional(crosses, share, all_or_none)
 
 
 def _three_vectors(q: Expr) -> list[Expr]:

@@ -51,8 +51,9 @@ iteration cycles.
 Cost.  One evaluation of the stress of a piece for each piece of the path; a path that stays in one
 state has a cheaper expression (`cases`).
 
-Limits.  A law that is not convex has an indefinite tangent.  The rule is for energies of quadratic
-measures: (1) does not hold for others.
+Limits.  A law that is not convex has an indefinite tangent.  (1) holds for quadratic measures;
+others need a discrete derivative in place of De(q_mid), as those of beams have
+(`forms.kinematics.beam_strain_change`).
 
 Measured on the free sheet of the demo `spinning_sheet` by `demos/studies/stress_rule.py`; its table
 is in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM
