@@ -286,6 +286,9 @@ MESHES: dict[str, Case] = {
     "a crease outside the film": lambda at: (
         creased_film(ONE, [(0, 0), (1, 0), (1, 1), (0, 1)], [((5, 5), (6, 6))], [0.3] * 4).cells > 8
     ),
+    "a group of dimension seven": lambda at: gx.Mesh(
+        sheet(ONE, 1, 1).domain, {"left": (7, np.zeros(1, dtype=np.int32))}
+    ).group("left"),
     "a group by number": lambda at: sheet(ONE, 1, 1).group(3),
     "a curve by number": lambda at: sheet(ONE, 1, 1).group(None),
     "a communicator that is null": lambda at: sheet(MPI.COMM_NULL, 1, 1),
@@ -459,6 +462,7 @@ PATTERNS: dict[str, Case] = {
     "seams of no film": lambda at: gx.patterns.gores(CONE, 6).seams(None),
     "seams of another film": lambda at: gx.patterns.gores(CONE, 6).seams(film()),
     "closing at words": lambda at: gx.patterns.gores(CONE, 6).seams(film(), closing=("a", "b")),
+    "a width at a word": lambda at: gx.patterns.gores(CONE, 6).width("a"),
     "placed nowhere": lambda at: gx.patterns.gores(CONE, 6).placed("here"),
     "apart by a word": lambda at: gx.patterns.gores(CONE, 6).placed(np.zeros((3, 2)), apart="a"),
     "a profile that crosses the axis": lambda at: gx.patterns.gores([[1, 0], [-1, 1]], 6),
@@ -1218,6 +1222,7 @@ RUNS: dict[str, Case] = {
     "a table outside": lambda at: recorded(at).table("../../etc/passwd") == {},
     "values of a frame that is not there": lambda at: recorded(at).values("state", 99),
     "values of a word": lambda at: recorded(at).values("state", "first"),
+    "a caption of a frame that is not there": lambda at: recorded(at).caption(99),
     "a frame at a word": lambda at: recorded(at).frame("noon"),
     "a strip of 1e9": lambda at: gx.plot.strip(
         recorded(at), "state", path=at / "a.png", count=10**9
@@ -1361,6 +1366,9 @@ ANALYSES: dict[str, Case] = {
     "fits of other counts": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [1.0, 2.0], BY),
     "fits of nan": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [math.nan], BY),
     "fits of too little": lambda at: gx.analysis.fit(at_rest(), [], [], BY),
+    "a strip under a word": lambda at: gx.analysis.HangingStrip(
+        0.05, 0.01, bending_stiffness=1e-5
+    ).equilibrium("a", 1.0, 2.0),
     "convergence of one mesh": lambda at: gx.analysis.convergence(
         lambda n: 1.0, meshes=[1], sizes=[1.0]
     ),
@@ -1514,6 +1522,7 @@ FOLDS_AND_ORBITS: dict[str, Case] = {
     ),
     "elements after words": lambda at: gx.orbit.Elements(7e6).after("a"),
     "elements after nan": lambda at: gx.orbit.Elements(7e6).after(math.nan),
+    "a period of mu": lambda at: gx.orbit.Elements(7e6).period("a"),
     "elements of mu": lambda at: gx.orbit.Elements(7e6).state(mu=-1.0),
     "optics that add up to 2": lambda at: gx.orbit.Optics(reflectivity=1.0, specular=2.0),
     "control of a mass": lambda at: gx.control.AttitudeControl(

@@ -87,6 +87,7 @@ class HangingStrip:
     area_density: Annotated[float, not_negative("kg/m²")] = 0.0
     name: str = "strip"
 
+    @check_arguments
     def equilibrium(
         self, rest_angle: float, stiffness: float, weight: float
     ) -> tuple[float, float]:

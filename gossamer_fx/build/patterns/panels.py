@@ -26,6 +26,7 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
@@ -73,12 +74,14 @@ class Gores:
         """Length of a gore [m]."""
         return float(self.arc_lengths[-1])
 
-    def meridian(self, s: Array) -> tuple[Array, Array]:
+    @check_arguments
+    def meridian(self, s: npt.ArrayLike) -> tuple[Array, Array]:
         """Radius and height [m] at arc lengths s, of any shape."""
         radius, height = self.profile.T
         return np.interp(s, self.arc_lengths, radius), np.interp(s, self.arc_lengths, height)
 
-    def width(self, s: Array) -> Array:
+    @check_arguments
+    def width(self, s: npt.ArrayLike) -> Array:
         """Width [m] of a gore at arc lengths s, equation (1) of the module."""
         return 2 * np.pi * self.meridian(s)[0] / self.count
 

@@ -107,7 +107,12 @@ class Mesh:
         """
         known = ", ".join(sorted(self.groups)) or "none"
         check(name in self.groups, f"The mesh has no group '{name}'; its groups are: {known}.")
-        return self.groups[name]
+        dim, entities = self.groups[name]
+        check(
+            dim in range(self.domain.topology.dim + 1),
+            f"The group '{name}' has the dimension {dim!r}; give 0 to {self.domain.topology.dim}.",
+        )
+        return dim, entities
 
     @cached_property
     def edges(self) -> EdgeTable:

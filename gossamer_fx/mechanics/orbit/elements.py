@@ -67,11 +67,13 @@ class Elements:
             "give one closer to perigee.",
         )
 
-    def motion(self, mu: float = MU) -> float:
+    @check_arguments
+    def motion(self, mu: Annotated[float, positive("m³/s²")] = MU) -> float:
         """Mean motion n = √(μ/|a|³) [rad/s]."""
         return math.sqrt(mu / abs(self.a) ** 3)
 
-    def period(self, mu: float = MU) -> float:
+    @check_arguments
+    def period(self, mu: Annotated[float, positive("m³/s²")] = MU) -> float:
         """2π/n [s] of an ellipse."""
         return 2 * math.pi / self.motion(mu)
 

@@ -124,6 +124,7 @@ class RunReader:
         """What was recorded: "run", "equilibrium" or "mode"."""
         return str(self.about["kind"])
 
+    @check_arguments
     def caption(self, frame: int, decimals: int | None = None) -> str:
         """Words below a recorded state: those of an equilibrium or a mode, or else its time.
 
@@ -131,6 +132,7 @@ class RunReader:
             frame: number of the state, see `frame`.
             decimals: of the time; default: four digits.
         """
+        self._check_frame(frame)
         if len(self._captions) == len(self.times):
             return self._captions[frame]
         factor, unit = scaled_axis(self.axis, self.times)
@@ -139,6 +141,13 @@ class RunReader:
         if decimals is not None:
             number = f"{value:.{decimals}f}"
         return f"{self.axis.symbol} = {number} {unit}".rstrip()
+
+    def _check_frame(self, frame: int) -> None:
+        """Raise `InputError` unless a state was recorded under this number."""
+        check(
+            0 <= frame < len(self.times),
+            f"The run in '{self.folder}' has {len(self.times)} states; {frame} is none of them.",
+        )
 
     # ---- numbers ---------------------------------------------------------------------------------
 
@@ -290,10 +299,7 @@ class RunReader:
         Raises:
             InputError: there is no such state, or a file of fields is missing or damaged.
         """
-        check(
-            0 <= frame < len(self.times),
-            f"The run in '{self.folder}' has {len(self.times)} states; {frame} is none of them.",
-        )
+        self._check_frame(frame)
         found = []
         bodies = self.films
         if field in LINE_FIELDS:
