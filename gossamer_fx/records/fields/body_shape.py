@@ -83,7 +83,7 @@ class BodyShape:
             α = self.rule.alpha
             self.q_acting = (1 - α) * self.q_start + α * self.q
             self._before = State(system.bodies, system.comm, system.previous, system.v0)[body]
-        # Of a law in C: where on the path of the step its stress is taken, from 0 to 1.
+        # Of a law in C, and a reduced film: where on the path its stress is taken, from 0 to 1.
         self._on_path: fem.Constant | None = None
         self._expansion = thermal_strain_of(system, body)
         self.thermal_strain: Expr | None = None
@@ -141,8 +141,9 @@ class BodyShape:
             for term in self._system.terms
             if isinstance(term, StoredEnergy) and term.body is body
         )
-        if energy.c_law is not None:
-            # Of such a law one stress is a long expression in UFL, many are too long to compile.
+        if energy.c_law is not None or self.body is not body:
+            # Of a law in C one stress is a long expression in UFL, many are too long to compile.
+            # The energy of a reduced film has the law on another mesh.
             if self._on_path is None:
                 self._on_path = constant(self.body.space.mesh, 0.0)
             return gradient(self.body.density, e0 + self._on_path * (e1 - e0))
@@ -150,7 +151,7 @@ class BodyShape:
 
     def path_points(self, expression: Expr) -> Iterator[float]:
         """Weights of the points of the path over which an expression is summed; each is set where
-        the stress is taken.  There is one, but for stresses of laws in C."""
+        the stress is taken.  There is one, but for stresses of laws in C and of reduced films."""
         if self._on_path is None or self._on_path not in extract_constants(expression):
             yield 1.0
             return
