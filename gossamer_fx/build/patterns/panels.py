@@ -77,8 +77,9 @@ class Gores:
     @check_arguments
     def meridian(self, s: npt.ArrayLike) -> tuple[Array, Array]:
         """Radius and height [m] at arc lengths s, of any shape."""
-        radius, height = self.profile.T
-        return np.interp(s, self.arc_lengths, radius), np.interp(s, self.arc_lengths, height)
+        places = np.asarray(s, dtype=np.float64)
+        radius, height = (np.interp(places, self.arc_lengths, x) for x in self.profile.T)
+        return radius, height
 
     @check_arguments
     def width(self, s: npt.ArrayLike) -> Array:
