@@ -50,7 +50,7 @@ def mesh_of_arrays(
             is_array = isinstance(array, np.ndarray) and array.dtype.kind in "iu"
             check(
                 is_array or (name == "points" and real_numbers(array) is not None),
-                f"mesh_of_arrays: {name} is no array of numbers of points; give integers.",
+                f"mesh_of_arrays: {name} is not an array of numbers of points; give integers.",
             )
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(

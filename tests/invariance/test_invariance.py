@@ -32,7 +32,7 @@ from tests.small_scenes import at_rest
 # The rule is compared, and not what Newton's iteration leaves.
 TIGHT = gx.Tolerances(relative=1e-13)
 
-# Equilibria have no steps, and shapes of a reduced film are recorded anew by each run.
+# Equilibria have no steps, and shapes of a reduced film are recorded again by each run.
 MOVING = [kind for kind in KINDS if kind.dt > 0 and kind.name != "reduced film"]
 
 

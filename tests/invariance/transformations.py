@@ -1,4 +1,4 @@
-"""Ways to describe one scene anew: turned, moved, in other units, in another order, on another
+"""Ways to describe one scene again: turned, moved, in other units, in another order, on another
 mesh numbering, cut into two, on other ranks.
 
 The scenes of `kinds.py` are written once, in SI units and where they are.  A `Description` converts
@@ -303,7 +303,7 @@ class Description:
     def field_in_time(
         self, function: Callable[[Array, float], Array], unit: str
     ) -> Callable[[Array, float], Array]:
-        """The same of a function of points and the time [s]."""
+        """The same for a function of points and the time [s]."""
         return lambda x, t: (
             self.rotation @ function(self._written(x), t * self.units.time) / self._size(unit)
         )

@@ -1,4 +1,4 @@
-"""Wrong use of the whole public API, each case in a process of its own: a sentence, or the right
+"""Wrong use of the whole public API, each case in a separate process: a sentence, or the right
 result.
 
 Single arguments of another kind, sign or size are generated in tests/unit/test_bad_input.py and
@@ -1351,7 +1351,7 @@ ANALYSES: dict[str, Case] = {
     ),
     "a restart without record": lambda at: minimised(restart=True),
     "bounds that fall": lambda at: minimised(bounds={"film.E": (3e9, 5e8)}),
-    "bounds beside the start": lambda at: minimised(bounds={"film.E": (3e9, 4e9)}),
+    "bounds that miss the start": lambda at: minimised(bounds={"film.E": (3e9, 4e9)}),
     "bounds of three": lambda at: minimised(bounds={"film.E": (1e8, 1e9, 3e9)}),
     "bounds of nobody": lambda at: minimised(bounds={"wing.E": (1e8, 1e9)}),
     "a method of no name": lambda at: minimised(method="guess"),
@@ -1489,7 +1489,7 @@ FOLDS_AND_ORBITS: dict[str, Case] = {
         run(mass(), gx.fold.Zigzag(1.0, 2).start(film())).time == 2e-4
     ),
     "1e9 panels": lambda at: gx.fold.Zigzag(1.0, 10**9).mark(sheet(ONE, 2, 2)),
-    "a place of words": lambda at: gx.fold.Zigzag(1.0, 2).mark("a"),
+    "a mark by words": lambda at: gx.fold.Zigzag(1.0, 2).mark("a"),
     "a star of no reach": lambda at: gx.fold.Star(n=8, side=0.04, columns=2, reach=0),
     "an Ikaros inside out": lambda at: gx.fold.Ikaros(n=4, inner=9, outer=5, pitch=0.3),
     "an orbit below the ground": lambda at: flown(
