@@ -123,7 +123,7 @@ def _read_panels(path: Path, scale: float | None, size: float) -> list[Panel]:
     drawing = _read(path, scale)
     if drawing.left_out:
         kinds = ", ".join(f"{count} {kind}" for kind, count in drawing.left_out.items())
-        LOGGER.warning("'%s': %s are no curves or texts, and are left out", path, kinds)
+        LOGGER.warning("'%s': %s are not curves or texts, and are left out", path, kinds)
     panels = panels_of(drawing, str(path))
     area = 0.0
     for panel in panels:

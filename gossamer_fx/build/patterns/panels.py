@@ -238,7 +238,7 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: Annotated[int, Range(3)
     """
     points = real_numbers(profile)
     if points is None or points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        raise InputError("gores: profile is no list of three points (radius, height) or more.")
+        raise InputError("gores: profile is not a list of three points (radius, height) or more.")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     repeated = np.flatnonzero(steps <= 0)
     check(

@@ -1,4 +1,4 @@
-"""Extraction of a mesh from gmsh as arrays, in a process of its own.
+"""Extraction of a mesh from gmsh as arrays, in a separate process.
 
 gmsh hangs on some geometry, where no signal handler of Python runs, and on some damaged files it
 ends the program.  So it works in a child process, a fork of this one, which returns the arrays or
