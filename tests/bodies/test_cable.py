@@ -180,7 +180,7 @@ def test_tension_only_cable_goes_slack(strain: Literal["green", "engineering"]) 
 def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
     law: type[gx.CableLaw], order: int
 ) -> None:
-    """Hooke: m g L/EA with the weight of a mass and half that of the cable, at 10 % strain; its derivative by EA;
+    """Hooke: m g L/EA, of the cable half its own weight, at 10 % strain; its derivative by EA;
     the tension that is read is the weight below."""
     EA = 300.0
     m = 2.0
