@@ -11,6 +11,7 @@ from __future__ import annotations
 import gc
 import itertools
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -34,6 +35,10 @@ if (
 ):  # two jobs that Open MPI starts at the same moment must not share its folder
     _ours = tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True)
     os.environ["TMPDIR"] = _ours.name
+
+# A shell that starts the tests in the background lets them, and what they start, ignore Ctrl-C.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 hypothesis.settings.register_profile(
     "same on every rank", derandomize=True, database=None, deadline=None

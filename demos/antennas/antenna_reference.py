@@ -234,8 +234,14 @@ def claims(results: Sequence[Result]) -> list[str]:
     ]
 
 
-# Each run is of one process.
-if __name__ == "__main__" and MPI.COMM_WORLD.rank == 0:
-    results = all_results()
-    draw(results, Path("out") / NAME / f"{NAME}.png")
-    print(table(results), *claims(results), sep="\n")
+def main() -> None:
+    """Draw and print all results."""
+    # Each run is of one process.
+    if MPI.COMM_WORLD.rank == 0:
+        results = all_results()
+        draw(results, Path("out") / NAME / f"{NAME}.png")
+        print(table(results), *claims(results), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -180,9 +180,15 @@ def test_a_tank_alone_has_nothing_to_find(comm):
 def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
     body = film(comm)
     held = gx.Fixed(body, "left")
+    corner = gx.constraints.BallJoint(body.port_at((0.0, 0.0, 0.0)), gx.Ground((0.0, 0.0, 0.0)))
     equilibrium = Equilibrium(gx.Scene(held))
+    asked = {
+        "reaction": lambda: equilibrium.reaction(held),
+        "joint_force": lambda: equilibrium.joint_force(corner),
+        "modes": lambda: gx.analysis.modes(equilibrium, 1),
+    }
     with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
-        gx.analysis.modes(equilibrium, 1) if ask == "modes" else getattr(equilibrium, ask)(held)
+        asked[ask]()
 
 
 def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):

@@ -51,6 +51,7 @@ class BarLaw:
 
     @property
     def quadratic(self) -> bool:
+        """Whether the energy is quadratic in the Green strain ε."""
         return False
 
     def energy(self, e: Expr, c: Any) -> Expr:
@@ -94,6 +95,7 @@ class CableLaw(BarLaw):
 
     @property
     def quadratic(self) -> bool:
+        """Whether the energy is quadratic in the Green strain ε."""
         return self.strain == "green"
 
     def energy(self, e: Expr, c: Any) -> Expr:
@@ -141,6 +143,7 @@ class TensionOnly(CableLaw):
 
     @property
     def quadratic(self) -> bool:
+        """Whether the energy is quadratic in the Green strain ε."""
         # Its stress has a kink at zero strain, where the path of a step is divided.
         return False
 
