@@ -19,7 +19,6 @@ from tests.contact.scenes import (
     obstacle_of,
     simulate,
 )
-from tests.small_scenes import run_until
 
 
 @pytest.mark.mpi
