@@ -116,7 +116,7 @@ def claims() -> dict[str, str]:
 CLAIMS = claims()
 
 
-@pytest.mark.parametrize("about", CLAIMS)
+@pytest.mark.parametrize("about", sorted(set(CLAIMS) - {"antenna"}))
 def test_the_first_page_says_what_the_result_files_say(about: str) -> None:
     assert CLAIMS[about] in words_of("README.md")
 
@@ -135,8 +135,12 @@ def test_the_antenna_is_compared_with_the_other_program_as_the_file_says() -> No
     stored = read_results(antenna_reference.STORED, antenna_reference.NAME)
     page = words_of("docs/verification.md")
     assert on_one_line(antenna_reference.table(stored)) in page
-    for claim in antenna_reference.claims(stored):
+    said = antenna_reference.claims(stored)
+    for claim in said:
         assert claim in page
+    # The first two are the distances of both programs.
+    for claim in said[:2]:
+        assert claim in words_of("README.md")
     # With the same discretisation both programs agree to 1 mm, at every stored instant.
     coarse = {"cells": 3, "elements": 6, "dt": 0.01, "shell": True}
     own = antenna_reference.tip(stored, antenna_reference.SELF, coarse)
