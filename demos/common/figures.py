@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Colours that remain different in print and for colour-blind readers.
 BLUE = "#1f5fa8"
@@ -22,6 +23,9 @@ GREY = "#7a7a7a"
 
 def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
     """An empty figure of a size in inches, of a hundred pixels each."""
+    # Imported here, as scipy is below: a scene that takes a colour only does not load them.
+    from matplotlib.figure import Figure
+
     return Figure(figsize=(width, height), dpi=100, facecolor="white", layout="constrained")
 
 
@@ -122,6 +126,8 @@ def trapezoid(area: float, centroid: float) -> tuple[float, float]:
     def excess(inner: float) -> float:
         outer = (area + inner**2) ** 0.5
         return 2 / 3 * (outer**3 - inner**3) / area - centroid
+
+    from scipy.optimize import brentq
 
     # With the inner end at the centroid the trapezoid would be beyond it.
     inner = float(brentq(excess, 0.0, centroid))

@@ -43,6 +43,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import UNITS as deployment_units
 from demos.common.deployment import first_time, print_figures, run_case
+from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import (
     RPM,
     Disturbance,
@@ -415,9 +416,6 @@ def main(
 
 def draw(series: gx.Series, path: Path) -> None:
     """Spins and radius over the time, the spin over the radius, and the values of the flight."""
-    # Imported here: a scene without this picture does not load matplotlib.
-    from demos.common.figures import finish, new_figure, save
-
     figure = new_figure(12.0, 3.8)
     left, middle, right = figure.subplots(1, 3)
     radius = radii_of_tips(series).mean(axis=0)
@@ -437,8 +435,6 @@ def draw(series: gx.Series, path: Path) -> None:
 
 def plot_radii(axes: Any, series: gx.Series) -> None:
     """Radii of the tips and of the middles of the edges over the time."""
-    from demos.common.figures import finish
-
     axes.plot(series.time, radii_of_tips(series).mean(axis=0), color="black", label="tips")
     edges = series["middle [m]"]
     axes.plot(series.time, edges, "--", color="black", label="middles of the edges")
