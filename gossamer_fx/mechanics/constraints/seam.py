@@ -136,6 +136,7 @@ class Seam:
         line_a, line_b = self._lines
         return line_a, aligned(line_a, line_b, start)
 
+    @check_arguments
     def openness(self, t: float) -> float:
         """1 - s(t): 1 before the sewing, 0 after it."""
         if self.closing is None:

@@ -65,6 +65,7 @@ class Optics:
         """Front and back."""
         return self, self.other_side or self
 
+    @check_arguments
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
         """Coefficients (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) of the force of light on
         a surface whose front, or back, is lit:
