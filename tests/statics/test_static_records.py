@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -200,20 +201,22 @@ def test_a_signal_ends_a_search_with_the_last_state(comm, caplog, folder):
     assert captions == ["not an equilibrium: the search was stopped"]
 
 
+SEARCH = SearchState(
+    iterations=70,
+    limit=1000,
+    steps=12,
+    step=3e-2,
+    pseudo_time=0.4,
+    residual=3.2e-2,
+    tolerance=1e-8,
+)
+
+
 def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
     monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
     progress = SearchProgress(comm, unknowns=870, is_wanted=True)
-    state = SearchState(
-        iterations=70,
-        limit=1000,
-        steps=12,
-        step=3e-2,
-        pseudo_time=0.4,
-        residual=3.2e-2,
-        tolerance=1e-8,
-    )
-    progress.update(state)
-    progress.update(state)  # too early for a second line
+    progress.update(SEARCH)
+    progress.update(SEARCH)  # too early for a second line
     progress.close()
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -224,16 +227,7 @@ def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
 def test_before_the_first_pseudo_step_progress_tells_no_residual(comm, capsys, monkeypatch):
     monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
     progress = SearchProgress(comm, unknowns=870, is_wanted=True)
-    state = SearchState(
-        iterations=25,
-        limit=1000,
-        steps=1,
-        step=1e-3,
-        pseudo_time=0.0,
-        residual=math.inf,
-        tolerance=1e-8,
-    )
-    progress.update(state)
+    progress.update(replace(SEARCH, iterations=25, residual=math.inf))
     progress.close()
     line = capsys.readouterr().err
     assert "no pseudo-step has converged yet" in line

@@ -149,12 +149,14 @@ class BodyShape:
             return gradient(self.body.density, e0 + self._on_path * (e1 - e0))
         return self.rule.stress(energy, e0, ufl.variable(e1))
 
-    def path_points(self, expression: Expr) -> Iterator[float]:
-        """Weights of the points of the path over which an expression is summed; each is set where
-        the stress is taken.  There is one, but for stresses of laws in C and of reduced films."""
-        if self._on_path is None or self._on_path not in extract_constants(expression):
-            yield 1.0
-            return
+    def is_on_path(self, expression: Expr) -> bool:
+        """Whether an expression is to be summed over `path_points`: those with stresses of laws in
+        C, and of reduced films."""
+        return self._on_path is not None and self._on_path in extract_constants(expression)
+
+    def path_points(self) -> Iterator[float]:
+        """Weights of the points of the path; each is set where the stress is taken."""
+        assert self._on_path is not None
         for point in PATH_POINTS:
             self._on_path.value = point
             yield 1 / len(PATH_POINTS)

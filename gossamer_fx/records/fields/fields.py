@@ -327,11 +327,13 @@ class FieldFunctions:
         shape = self._shape
         expression = field.expression(shape)
         compiled = compile_expression(expression, points)
+        if not shape.is_on_path(expression):
+            return partial(function.interpolate, compiled)
 
         def interpolate_mean() -> None:
             """Sum the expression over the points of the path of the last step."""
             total: Array = np.zeros_like(function.x.array)
-            for weight in shape.path_points(expression):
+            for weight in shape.path_points():
                 function.interpolate(compiled)
                 total += weight * function.x.array
             function.x.array[:] = total

@@ -160,7 +160,7 @@ class Simulation:
         self.first = self.system.totals()
         self._totals = self.first
         # Residuals are compared with the largest energy so far, see `solvers.newton`.
-        self.solver.newton.energy = self.first.size
+        self.solver.newton.largest_energy = self.first.size
         self._monitor = self._monitor_of(events)
         # A restarted run has had its start: the events at the start, and the record of that state.
         self._started = restart is not None
@@ -297,7 +297,7 @@ class Simulation:
     def largest_energy(self) -> float:
         """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is
         more."""
-        return max(self.solver.newton.energy, self.totals.size)
+        return max(self.solver.newton.largest_energy, self.totals.size)
 
     @property
     def mass_error(self) -> float:
@@ -524,7 +524,7 @@ class Simulation:
                 self.recorded = False
                 self._offered = False
                 newton = self.solver.newton
-                newton.energy = max(newton.energy, self.totals.size)
+                newton.largest_energy = max(newton.largest_energy, self.totals.size)
             self.seconds += time.perf_counter() - started
         # Outputs and events that ask for this time must find it without the round-off of a sum of
         # steps.
@@ -573,7 +573,7 @@ class Simulation:
         return {
             **counts,
             "first": first,
-            "largest energy": self.solver.newton.energy,
+            "largest energy": self.solver.newton.largest_energy,
             "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
             "events": events,
@@ -596,7 +596,7 @@ class Simulation:
                 value = np.array(value)
             first[name] = value
         self.first = Totals(**first)
-        self.solver.newton.energy = state["largest energy"]
+        self.solver.newton.largest_energy = state["largest energy"]
         # Checkpoints of earlier versions have none.
         self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
         # `totals` compares times only, and the restored state may have that of the start.

@@ -180,7 +180,7 @@ class Scene:
         names = [item.name for item in self.items]
         check(
             all(name.strip() for name in names),
-            "A part of the scene has a name without letters; give it another one by name=....",
+            "An item of the scene has a name without letters; give it another one by name=....",
         )
         twice = sorted({n for n in names if names.count(n) > 1})
         check(

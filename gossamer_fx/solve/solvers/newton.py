@@ -117,8 +117,7 @@ class Newton:
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
-        energy: largest energy so far [J], the scale of the work of a residual; zero: it is not
-            asked.
+        largest_energy: so far [J], the scale of the work of a residual; zero: it is not asked.
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
         convergence: test of convergence of the last solve.
@@ -133,7 +132,7 @@ class Newton:
         self.system = system
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
-        self.energy = 0.0
+        self.largest_energy = 0.0
         self.round_off_energy = 0.0
         self.iterations = 0
         self.all_iterations = 0
@@ -482,7 +481,7 @@ class Newton:
         """Whether the work of the residual in the step, |r·(q1 - q0)| [J], the error of the total
         energy, is below the energy tolerance times the largest energy so far; True if no energy is
         known. Collective."""
-        if not self.energy:
+        if not self.largest_energy:
             return True
         system = self.system
         forces = self._r.array_r
@@ -492,7 +491,7 @@ class Newton:
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]
         work = system.comm.allreduce(float(forces @ moved))
-        return abs(work) <= self.tolerances.energy * self.energy
+        return abs(work) <= self.tolerances.energy * self.largest_energy
 
     # ---- reports ---------------------------------------------------------------------------------
 
