@@ -32,7 +32,7 @@ from demos.validation.engine.results import case_set
 from demos.validation.models import hanging_kite
 from gossamer_fx import InputError
 from gossamer_fx.analysis.cases.case_set import run_cases
-from gossamer_fx.analysis.cases.results import read_results
+from gossamer_fx.analysis.cases.results import Result, read_results
 
 GOOD = """
 format = 1
@@ -276,7 +276,10 @@ def test_the_picture_shows_every_test_and_a_miss_at_its_error(folder):
         :2
     ]
     assert torus.ratio > 1.5
-    overview(stored(), folder / "overview.png")
+    # A test without a result of its quantity is drawn as failed.
+    failed = case_of(folder, GOOD)
+    nothing = Result({"test": "one"}, {}, 0.0)
+    overview([*stored(), (failed, [nothing])], folder / "overview.png")
     assert (folder / "overview.png").read_bytes()[1:4] == b"PNG"
 
 

@@ -57,8 +57,10 @@ class Mark:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Predicted over measured values (n,)."""
-        return self.comparison.y_predicted / self.comparison.y_measured
+        """Predicted over measured values (n,): 1 plus the relative errors, which a case may relate
+        to a number of its own."""
+        signs = np.where(self.comparison.y_measured < 0, -1, 1)
+        return 1 + signs * self.comparison.errors
 
     @property
     def side(self) -> int:
@@ -159,11 +161,11 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
         if math.isfinite(mark.comparison.measured.peer_error):
             axis.plot(x, mark.peer_ratio, "D", color="black", markersize=4, fillstyle="none")
         # What failed, or is of the other sign, has no place on the axis: it is at its lower edge.
-        ratio = mark.ratio if math.isfinite(mark.ratio) else 0.0
-        shown = min(max(ratio, 1 / largest), largest)
+        shown = min(max(mark.ratio, 1 / largest), largest)
         axis.plot(x, shown, "o", color=colour, markersize=4, zorder=3, clip_on=False)
-        if shown != ratio:
-            axis.annotate(f"{ratio:.2g}", (x, shown), fontsize=7, ha="center", va="bottom")
+        if shown != mark.ratio:
+            words = f"{mark.ratio:.2g}" if math.isfinite(mark.ratio) else "failed"
+            axis.annotate(words, (x, shown), fontsize=7, ha="center", va="bottom")
 
 
 def _legend(axis) -> None:
