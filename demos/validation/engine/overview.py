@@ -1,4 +1,4 @@
-"""All cases at once: a table and a picture by family, in which a miss is seen beside the best."""
+"""A table and a picture of all cases by family, in which every miss is seen."""
 
 from __future__ import annotations
 
@@ -41,6 +41,8 @@ HEIGHT = 4.2
 AS_ASKED = "tab:blue"
 MISSED = "tab:red"
 NOT_ASKED = "0.6"
+# How the mark of a peer looks.
+PEER = {"marker": "D", "color": "black", "markersize": 4, "fillstyle": "none", "linestyle": ""}
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ class Mark:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Predicted over measured values (n,): 1 plus the relative errors, which a case may relate
-        to a number of its own."""
+        """Predicted over measured values (n,), as 1 plus the relative errors."""
+        # Not by division: a case may relate errors to another number than the measured value.
         signs = np.where(self.comparison.y_measured < 0, -1, 1)
         return 1 + signs * self.comparison.errors
 
@@ -74,7 +76,8 @@ class Mark:
 
     @property
     def peer_ratio(self) -> float:
-        """The same of the peer, whose error has no sign: on the side of the prediction."""
+        """1 plus or minus the error of the peer, on the side of the prediction, as it has no
+        sign."""
         return 1 + self.side * self.comparison.measured.peer_error
 
 
@@ -119,17 +122,37 @@ def overview(cases: Iterable[tuple[Case, list[Result]]], path: Path) -> None:
     from matplotlib import pyplot
 
     families = marks_by_family(cases)
-    size = (MARGIN + COLUMN_WIDTH * len(families), HEIGHT)
-    drawing, axis = pyplot.subplots(figsize=size, layout="constrained")
+    width = MARGIN + COLUMN_WIDTH * len(families)
+    drawing, axis = pyplot.subplots(
+        figsize=(width, HEIGHT),
+        layout="constrained",
+    )
     axis.set_yscale("log")
     largest = _range([mark for marks in families.values() for mark in marks])
     for column, marks in enumerate(families.values()):
         _draw_family(axis, column, marks, largest)
-        axis.axvline(column + 1, color="0.85", linewidth=0.8, zorder=0)
-    axis.axhspan(1 / 1.1, 1.1, color="0.93", zorder=0, label="10 %")
-    axis.axhline(1.0, color="0.3", linewidth=0.8, zorder=1)
+        axis.axvline(
+            column + 1,
+            color="0.85",
+            linewidth=0.8,
+            zorder=0,
+        )
+    axis.axhspan(
+        1 / 1.1,
+        1.1,
+        color="0.93",
+        zorder=0,
+        label="10 %",
+    )
+    axis.axhline(
+        1.0,
+        color="0.3",
+        linewidth=0.8,
+        zorder=1,
+    )
     axis.set_xlim(0, len(families))
-    axis.set_xticks(np.arange(len(families)) + 0.5, list(families), parse_math=False)
+    middles = np.arange(len(families)) + 0.5
+    axis.set_xticks(middles, list(families), parse_math=False)
     axis.tick_params(axis="x", length=0)
     axis.set_ylim(1 / largest, largest)
     shown = [tick for tick in TICKS if 1 / largest <= tick <= largest]
@@ -157,12 +180,27 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
         if is_asked(mark.comparison.measured):
             colour = AS_ASKED if mark.comparison.is_accepted() else MISSED
         limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)
-        axis.plot([x, x], limits, color=colour, linewidth=0.8, alpha=0.5, zorder=2)
+        axis.plot(
+            [x, x],
+            limits,
+            color=colour,
+            linewidth=0.8,
+            alpha=0.5,
+            zorder=2,
+        )
         if math.isfinite(mark.comparison.measured.peer_error):
-            axis.plot(x, mark.peer_ratio, "D", color="black", markersize=4, fillstyle="none")
+            axis.plot(x, mark.peer_ratio, **PEER)
         # What failed, or is of the other sign, has no place on the axis: it is at its lower edge.
         shown = min(max(mark.ratio, 1 / largest), largest)
-        axis.plot(x, shown, "o", color=colour, markersize=4, zorder=3, clip_on=False)
+        axis.plot(
+            x,
+            shown,
+            "o",
+            color=colour,
+            markersize=4,
+            zorder=3,
+            clip_on=False,
+        )
         if shown != mark.ratio:
             words = f"{mark.ratio:.2g}" if math.isfinite(mark.ratio) else "failed"
             axis.annotate(words, (x, shown), fontsize=7, ha="center", va="bottom")
@@ -171,11 +209,17 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
 def _legend(axis) -> None:
     """What the marks mean."""
     kinds = {
-        "error as asked": ("o", AS_ASKED),
-        "error larger than asked": ("o", MISSED),
-        "for information": ("o", NOT_ASKED),
+        "error as asked": AS_ASKED,
+        "error larger than asked": MISSED,
+        "for information": NOT_ASKED,
     }
-    for words, (marker, colour) in kinds.items():
-        axis.plot([], [], marker, color=colour, markersize=4, label=words)
-    axis.plot([], [], "D", color="black", markersize=4, fillstyle="none", label="peer")
-    axis.legend(fontsize=8, ncols=5, loc="upper center", bbox_to_anchor=(0.5, 1.12), frameon=False)
+    for words, colour in kinds.items():
+        axis.plot([], [], "o", color=colour, markersize=4, label=words)
+    axis.plot([], [], label="peer", **PEER)
+    axis.legend(
+        fontsize=8,
+        ncols=5,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 1.12),
+        frameon=False,
+    )

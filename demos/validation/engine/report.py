@@ -80,7 +80,7 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
         for test, result in results_by_test(case, results):
             for comparison in comparisons(test, result):
                 measured = comparison.measured
-                # What is shown for information has a row of its own.
+                # What is shown for information has a separate row.
                 key = (case.family, case.name, measured.quantity, is_asked(measured))
                 groups.setdefault(key, []).append(comparison)
     for (family, case_name, quantity, _), group in groups.items():

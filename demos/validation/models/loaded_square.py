@@ -2,9 +2,9 @@
 or under a prestress that is released.
 
 The film stays plane: x is held on the edge x = 0, y on y = 0.  Nodes of the edges are where the
-source has them, since the forces act on them; between them the mesh is a grid of its own.  Only the
-triangle that fills it bears the force on the corner, so that the displacement of the corner is that
-of this mesh.
+source has them, since the forces act on them; the mesh between them is a grid, which differs from
+the source's.  The displacement of the corner depends on the mesh, as one triangle fills the corner
+and bears all of its force.
 """
 
 from __future__ import annotations
@@ -38,8 +38,12 @@ def square_mesh(comm: MPI.Intracomm, x: Array, y: Array) -> gx.Mesh:
         cell = cell_corners(grid)
         lower = triangles_of(cell.a, cell.b, cell.d)
         upper = triangles_of(cell.b, cell.c, cell.d)
-        groups = {"left": polyline(grid[:, 0]), "bottom": polyline(grid[0])}
-        return plane_grid(x, y), np.vstack([lower, upper]), groups
+        triangles = np.vstack([lower, upper])
+        groups = {
+            "left": polyline(grid[:, 0]),
+            "bottom": polyline(grid[0]),
+        }
+        return plane_grid(x, y), triangles, groups
 
     return mesh_of_arrays(comm, arrays)
 
@@ -90,12 +94,14 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     pulled = (float(x[-1]), float(y[-1]), 0.0)
     loads = []
     if force:
-        for k, node in enumerate(y.tolist()):
+        for node in y.tolist():
             port = film.port_at((pulled[0], node, 0.0))
-            loads.append(gx.loads.Force(port, (force, 0.0, 0.0), name=f"right {k}"))
-        for k, node in enumerate(x.tolist()):
+            name = f"right {node}"
+            loads.append(gx.loads.Force(port, (force, 0.0, 0.0), name=name))
+        for node in x.tolist():
             port = film.port_at((node, pulled[1], 0.0))
-            loads.append(gx.loads.Force(port, (0.0, force, 0.0), name=f"top {k}"))
+            name = f"top {node}"
+            loads.append(gx.loads.Force(port, (0.0, force, 0.0), name=name))
     scene = gx.Scene(
         film,
         gx.Fixed(film, "left", components=(0,)),

@@ -69,7 +69,8 @@ class TurningBody:
         for t in times.tolist():
             run.run(until=t)
             columns = [run.system.state.vector(director) for director in directors]
-            found.append(np.stack(columns, axis=1))
+            attitude = np.stack(columns, axis=1)
+            found.append(attitude)
         return np.array(found)
 
 
