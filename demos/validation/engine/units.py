@@ -9,10 +9,10 @@ from gossamer_fx.records.plot.measured_series import unit_factor
 DIMENSIONS = {
     "1": "1, %",
     "rad": "rad, deg",
-    "m": "m, mm, um, in",
-    "m2": "m2",
-    "s": "s",
     "rad/s": "rad/s",
+    "m2": "m2",
+    "m": "m, mm, um, in",
+    "s": "s",
     "kg": "kg, g",
     "kg/m": "kg/m",
     "kg m2": "kg m2",
