@@ -11,7 +11,8 @@ errors are printed.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
 and from all that is there the tables of the page (a row for each quantity) and of README.md (a row
-for each family) and the picture of all cases are made again.
+for each family) and the picture of all cases are made again; "all --store --only none" computes
+nothing and does only that.
 On two ranks: ./gossamer mpi 2 demos/validation NAME.
 """
 
