@@ -19,15 +19,13 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Between, Frame, along, check_axis, is_normal
+from gossamer_fx.mechanics.bodies.frames import Between, Frame, across, check_axis, hinge_angle
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
@@ -103,38 +101,6 @@ class AngularDamper:
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
         return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
-
-
-def across(axis: Vector, side: Frame) -> Frame:
-    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
-    section if it needs it."""
-    return side if is_normal(unit(axis), side) else side.complete
-
-
-def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
-    """The measures (cos φ, sin φ) of the rotation φ of b relative to a about an axis since the
-    start, less `rest` [rad], which are quadratic in three unit vectors normal to the axis: one is
-    fixed in b, two in a."""
-    # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
-    p, q = perpendicular_pair(unit(axis))
-    moving = along(p, b)
-    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and
-    # its jump from π to -π is opposite to it.
-    c = math.cos(rest)
-    s = math.sin(rest)
-    zero = along(c * p + s * q, a)
-    quarter = along(c * q - s * p, a)
-    # Two measures, moving·zero and moving·quarter, of the stacked vectors.
-    cosine = np.zeros((3, 3))
-    cosine[0, 1] = cosine[1, 0] = 1.0
-    sine = np.zeros((3, 3))
-    sine[0, 2] = sine[2, 0] = 1.0
-    return PointMeasure(
-        ports=[(moving, zero, quarter)],
-        H=np.array([np.kron(cosine, np.eye(3)), np.kron(sine, np.eye(3))]),
-        L=np.zeros((2, 9)),
-        c=np.zeros(2),
-    )
 
 
 class AboutHinge(Between):
