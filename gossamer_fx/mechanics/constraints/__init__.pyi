@@ -6,6 +6,8 @@ from .joint import FixedJoint as FixedJoint
 from .joint import Link as Link
 from .joint import PrismaticJoint as PrismaticJoint
 from .joint import RevoluteJoint as RevoluteJoint
+from .joint import UniversalJoint as UniversalJoint
+from .latch import Latch as Latch
 from .rigid_region import RigidRegion as RigidRegion
 from .seam import Seam as Seam
 from .tie import Tie as Tie
