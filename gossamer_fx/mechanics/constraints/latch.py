@@ -52,8 +52,8 @@ class Latch:
         name: name in messages and output.
 
     Raises:
-        InputError: another joint; an angle for a rail, or of a turn; when it engages: what it holds is held
-            already, or something that moves has no mass.
+        InputError: another joint; an angle for a rail, or of a turn; when it engages: what it holds
+            is held already, or something that moves has no mass.
 
     Example:
         Two bars with moments of inertia of 1 kg m², one of which turns with 1 rad/s, lose 0.25 J.
