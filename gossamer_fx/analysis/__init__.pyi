@@ -1,6 +1,3 @@
-from .design.crease_identification import HangingStrip as HangingStrip
-from .design.crease_identification import IdentifiedCrease as IdentifiedCrease
-from .design.crease_identification import identify_crease as identify_crease
 from .design.optimisation import Limit as Limit
 from .design.optimisation import Optimum as Optimum
 from .design.optimisation import minimise as minimise
