@@ -99,10 +99,8 @@ class RotationGuides:
         axis = (0.0, 0.0, 1.0)
         self.reel: tuple[gx.connectors.Tether, gx.connectors.Damper] | tuple[()] = ()
         if drawn is None:
-            self.joint: gx.constraints.RevoluteJoint | gx.constraints.CylindricalJoint = (
-                gx.constraints.RevoluteJoint(
-                    hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
-                )
+            self.joint: Joint = gx.constraints.RevoluteJoint(
+                hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
             )
         else:
             # Free along the axis, too, where the reel moves the ring.

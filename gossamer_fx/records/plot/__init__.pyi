@@ -1,5 +1,4 @@
 from .camera import View as View
-from .flight_picture import FlightPicture as FlightPicture
 from .picture import Picture as Picture
 from .plot import animate as animate
 from .plot import curves as curves
