@@ -835,7 +835,7 @@ def test_friction_and_yielding_are_noted_in_the_result(comm):
 
 def test_a_tape_is_of_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
-    dissipating = gx.Simulation(gx.Scene(mass), gx.steppers.GeneralizedAlpha(dt=0.1))
+    dissipating = gx.Simulation(gx.Scene(mass), gx.GeneralizedAlpha(dt=0.1))
     with pytest.raises(gx.InputError, match="not the same backwards"):
         gx.analysis.RunTape(dissipating)
 

@@ -30,6 +30,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from gossamer_fx import Membrane
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -54,7 +55,6 @@ from gossamer_fx.extend import (
     positive,
     thermal_strain_of,
 )
-from gossamer_fx.mechanics.bodies import Membrane
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
