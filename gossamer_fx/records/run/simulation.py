@@ -334,10 +334,7 @@ class Simulation:
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        found: dict[str, ChamberState] = {}
-        for scalars in self.system.scalar_unknowns:
-            found |= scalars.states()
-        return found
+        return self.system.chambers
 
     @check_arguments
     def chamber(self, name: str) -> ChamberState:
@@ -352,13 +349,8 @@ class Simulation:
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        chambers = self.chambers
-        known = ", ".join(chambers) or "none"
-        check(
-            name in chambers,
-            f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
-        )
-        return chambers[name]
+        state: ChamberState = self.system.chamber(name)
+        return state
 
     # ---- running ---------------------------------------------------------------------------------
 

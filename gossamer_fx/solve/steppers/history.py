@@ -54,10 +54,9 @@ class History:
         system = self._system
         for k, scalars in enumerate(system.scalar_unknowns):
             self._variables[f"scalar unknowns {k}"] = scalars
-        for compiled in system.compiled:
-            if isinstance(compiled, HistoryVariables):
-                self._variables[type(compiled).__name__] = compiled
-                self.cells |= compiled.cell_history()
+        for compiled in system.compiled_as(HistoryVariables):
+            self._variables[type(compiled).__name__] = compiled
+            self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.terms):
             for what, field in vars(term).items():
