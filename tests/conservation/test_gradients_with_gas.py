@@ -116,7 +116,7 @@ def cylinder_with_a_piston(
         name="cylinder",
         **CONTENTS,
     )
-    bottle = gx.gas.Reservoir(supply, supply_temperature, name="bottle")
+    bottle = gx.gas.Ambient(supply, supply_temperature, name="bottle")
     scene = gx.Scene(
         mass,
         gx.gas.WallHeat(cylinder, conductance, temperature=wall),

@@ -297,7 +297,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("constraints.CylindricalJoint", **hinge)
     add("outputs.Probes", path=folder / "a.csv", probes={"a": lambda run: 0.0}, times=(0.1,))
     add("Recording", folder=folder / "run", fields={}, times=(0.1,))
-    add("gas.Reservoir", pressure=1e5, temperature=300.0)
     add("constraints.RevoluteJoint", **hinge)
     add("RigidBody", mass=1.0, inertia=(1.0, 1.0, 1.0), position=z, velocity=z, spin=z)
     add("RigidRegion", body=film, group="left", rigid_body=None)

@@ -58,7 +58,6 @@ REFUSED_AS_THEY_ARE = {
     "Frame",
     "StartFrom",
     "gas.Ambient",
-    "gas.Reservoir",
 }
 REFUSED_AS_THEY_ARE |= {"assemblies.InflatableTube"}
 

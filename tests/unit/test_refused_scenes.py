@@ -282,7 +282,7 @@ GAS: list[Case] = [
         ),
         "helium",
     ),
-    (lambda: compiled(gx.gas.Reservoir(1e5, 300.0)), "chamber"),
+    (lambda: compiled(gx.gas.Ambient(1e5, 300.0, name="reservoir")), "chamber"),
 ]
 
 PLATES_AND_CONTACT: list[Case] = [
