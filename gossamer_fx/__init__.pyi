@@ -46,8 +46,8 @@ from .mechanics.gas.ideal_gas import IdealGas as IdealGas
 from .mechanics.gas.orifice import Orifice as Orifice
 from .mechanics.gas.volumes import Chamber as Chamber
 from .mechanics.gas.volumes import Tank as Tank
+from .mechanics.loads.body_forces import Gravity as Gravity
 from .mechanics.loads.damping import Damping as Damping
-from .mechanics.loads.gravity import Gravity as Gravity
 from .mechanics.loads.pressure import Pressure as Pressure
 from .mechanics.materials.elastica import Elastica as Elastica
 from .mechanics.materials.film import Linear as Linear

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra import dihedral_angle
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.model.body import Array, Body, Indices, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,

@@ -19,7 +19,7 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.model.body import Array, Attached
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
