@@ -154,7 +154,7 @@ class RunTape:
         for kind, saved in zip(self.system.differentiable, node.histories, strict=True):
             kind.load_history(saved)
         for scalars, state in zip(self.system.scalar_unknowns, node.scalars, strict=True):
-            scalars.set_state(state)
+            scalars.set_history(state)
 
     def _present(self, index: int, h: float) -> Node:
         """The accepted state of the system, after a step of length h [s], as a node of the tape."""
@@ -172,7 +172,7 @@ class RunTape:
             q=q,
             v=v,
             histories=histories,
-            scalars=[scalars.get_state() for scalars in system.scalar_unknowns],
+            scalars=[scalars.get_history() for scalars in system.scalar_unknowns],
             active_sets=active_sets,
             bytes=_bytes_of([q, v, histories, active_sets]),
         )

@@ -165,7 +165,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         by_rate = control.torque_derivative(angles, torques, nothing, by_rates)
         return by_position, by_rate
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         control = self._control
         return {
             "due": self._next_sample,
@@ -174,7 +174,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
             "torques": control.torques.tolist(),
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._next_sample = state["due"]
         self.torque = np.array(state["torque"])
         self._control.angles = np.array(state["angles"])

@@ -511,10 +511,10 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
         for one in self._films:
             one.take_time()
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {"heats": [one.sums().tolist() for one in self._films]}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         for one, sums in zip(self._films, state["heats"], strict=True):
             one.set_sums(sums)
 
