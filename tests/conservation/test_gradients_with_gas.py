@@ -160,7 +160,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
         of=gx.analysis.Energy(),
         by=names,
     )
-    tape.restore(tape.nodes[0])
+    tape.restore(tape.states[0])
     owned = system.block(film).owned
     momenta = system.numbering.vector()
     system.M.mult(system.v0, momenta)
