@@ -18,8 +18,8 @@ REST = np.vstack([np.zeros(3), np.eye(3)])
 def solids_of(system: System) -> list[Solid]:
     """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
     solids: list[Solid] = []
-    for kind in system.shown:
-        solids += kind.solids()
+    for compiled in system.shown:
+        solids += compiled.solids()
     return solids
 
 
