@@ -18,6 +18,7 @@ DIMENSIONS = {
     "m/s2": "m/s2",
     "N": "N, kN, lbf",
     "N m": "N m, N mm",
+    "N m2": "N m2",
     "N/m": "N/m, kN/m",
     "N/rad": "N/rad",
     "Pa": "Pa, kPa, MPa, GPa, bar, psi",
