@@ -192,6 +192,8 @@ class Search:
         self.cuts = 0
         self._way = abs(at - self.reached)
         self.system.q0.copy(self._start)
+        for kind in self.system.compiled:
+            kind.begin_search()
         if self.system.active_sets:
             self._announce_load(at)
         self._warn_of_inward_normals(at)

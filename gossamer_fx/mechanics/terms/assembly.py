@@ -168,6 +168,10 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
 
     # ---- the course of a step --------------------------------------------------------------------
 
+    def begin_search(self) -> None:
+        """A search for the next equilibrium starts from the accepted state.  Its pseudo-steps are
+        no path: history variables change here, and not at their ends."""
+
     def begin_step(self, t: float) -> None:
         """Start a step of length `system.h` [s] whose forces act at time t [s]."""
 
