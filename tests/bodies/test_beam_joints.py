@@ -51,7 +51,7 @@ def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
     return np.array([np.cross(d2, d3), d2, d3])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_two_arms_in_free_flight_conserve(direction: str) -> None:
     """Energy, momenta and constraints, while the arms bend under the spin; their sections stay as

@@ -31,7 +31,7 @@ from tests.small_scenes import run_until
 COMM = MPI.COMM_WORLD
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     # λ of the formula in the docstring, by which the polygon stands still; it tends to the
     # circle's.
@@ -209,7 +209,7 @@ def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
     assert tensions.mean() == pytest.approx(10 * (m + μ / 2), rel=1e-8)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
 def test_a_thrown_cable_linear_in_the_stretch_conserves(law: type[gx.CableLaw]) -> None:
     """400 steps with strains between -30 and 30 %, from a prestressed straight line."""

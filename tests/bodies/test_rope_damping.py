@@ -85,7 +85,7 @@ def test_a_taut_rope_decays_as_a_damped_oscillator():
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("damping", [0.1, 5.0, 100.0])
 def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
     """However strong the viscosity: the loss never falls, the ledger closes, the mass is never

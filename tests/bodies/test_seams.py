@@ -51,7 +51,7 @@ def distance_of_edges(run: gx.Simulation | gx.Equilibrium, seam: Seam) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize(("cells", "order"), [((4, 4), 1), ((4, 4), 2), ((4, 6), 1), ((6, 4), 2)])
 def test_two_panels_are_drawn_together(cells: tuple[int, int], order: int) -> None:
     """Momentum is kept while they are sewn, and the energy is that which the sewing supplied."""
@@ -206,7 +206,7 @@ def test_ease_is_reported_and_limited() -> None:
         gx.Seam(left, "right", right, "left")
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("edges", "options", "words"),
     [

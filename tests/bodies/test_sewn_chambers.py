@@ -57,7 +57,7 @@ def two_squares(cells: tuple[int, int], order: int = 1, gap: float = 0.0, **more
     return films, seams
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("cells", "order"), [((4, 4), 1), ((3, 4), 1), ((2, 2), 2)])
 def test_volume_and_conservation_of_a_pillow_of_two_films(
     cells: tuple[int, int], order: int

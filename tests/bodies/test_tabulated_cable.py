@@ -74,7 +74,6 @@ def test_two_points_are_a_rope_and_three_a_bar() -> None:
     assert bar.force_at(x) == pytest.approx(50.0 * x)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
     """1000 steps, in which its elements pass all corners of the table."""

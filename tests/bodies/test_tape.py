@@ -75,7 +75,7 @@ def test_strip_and_tape_share_the_force(tape, order: int) -> None:
     assert abs(right) == pytest.approx(107.5953, rel=2e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tape", [on_edge, across])
 def test_taped_film_conserves(tape) -> None:
     film = strip(1, velocity=lambda x: np.vstack([3 * x[1], -3 * x[0], np.sin(8 * x[0])]))

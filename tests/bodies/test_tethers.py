@@ -174,7 +174,7 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     assert run.totals.momentum[2] == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool) -> None:
     """A film that is pressed together flies apart: its slack strain rate is damped by the one, not

@@ -114,7 +114,7 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
     gx.Scene(tube, sail, gx.Tie(sail, tube, group_a="bottom", group_b="left")).compile()
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "act, words",
     [

@@ -60,7 +60,7 @@ NORMAL = np.array([0.0, -0.6, 0.8])
 EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @EVERY
 def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> None:
     film = body(kind, comm, (0.0, 0.0, 0.0))
@@ -86,7 +86,7 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     assert list(run.totals.losses) == ["air drag"] and abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @EVERY
 def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: str) -> None:
     """Along the film it glides: air takes nothing from that part of its velocity."""
@@ -111,7 +111,7 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
     assert run.totals.supplied == 0 and abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (1.0, -2.0, 3.0)])
 def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""

@@ -32,7 +32,7 @@ def recorded(
     return run, tape, used
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("make", "name", "room"),
     [

@@ -22,7 +22,7 @@ FILM = gx.Miyazaki(
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     radius = 0.1
@@ -92,7 +92,7 @@ def compartments(order: int = 1, cells: int = 6, law=FILM):
     return gx.Simulation(gx.Scene(film, inlet, passage), gx.Midpoint(dt=1e-4))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_two_compartments_conserve_everything_in_free_flight(order):
     run = compartments(order, cells=6 if order == 1 else 4)
@@ -110,7 +110,7 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
     assert error < 1e-9 * np.abs(first.angular_momentum).max()
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     """A δ against a central difference of the forces at held pressures."""

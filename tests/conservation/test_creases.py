@@ -65,7 +65,7 @@ def angles(run: gx.Simulation, crease: gx.connectors.Crease) -> np.ndarray:
     return creases.angles(crease.energy)[0]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_thrown_strip_conserves_energy_and_angular_momentum(comm: MPI.Comm, order: int) -> None:
     run = gx.Simulation(gx.Scene(*strip(comm, order, velocity=throw)), gx.Midpoint(dt=2e-4))
@@ -317,7 +317,7 @@ BAD = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("case", BAD)
 def test_bad_creases_are_refused_in_a_sentence(case: str) -> None:
     make, words = BAD[case]

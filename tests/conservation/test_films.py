@@ -52,7 +52,7 @@ def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     """P grows by m g t; about the centre of mass the film moves as if it floated, so its internal
@@ -174,7 +174,7 @@ def test_steps_that_are_halved_conserve_as_well(comm):
         assert abs(change).max() <= 1e-13
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 # Mean numbers of iterations a step; the limits are the measured ones, rounded up.
 @pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
 def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):

@@ -59,7 +59,7 @@ def momentum_error(run: gx.Simulation) -> float:
     return max(momentum_changes(run))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("law", LAWS)
 def test_a_free_sheet_closes_its_balance_by_heat(comm, law: str, order: int) -> None:
@@ -113,7 +113,7 @@ def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["cable", "slack cable", "table", "beam"])
 def test_lines_close_their_balance(comm, kind: str) -> None:
     curve = line(
@@ -147,7 +147,7 @@ def test_lines_close_their_balance(comm, kind: str) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
     film = gx.Membrane(

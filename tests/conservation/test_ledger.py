@@ -30,7 +30,7 @@ LAW = gx.Miyazaki(
 SHEET = sheet(MPI.COMM_WORLD, 5, 5)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)]
 )

@@ -76,7 +76,7 @@ def momentum_errors(run: gx.Simulation) -> list[float]:
     return [change / scale for change in momentum_changes(run)]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     "law",

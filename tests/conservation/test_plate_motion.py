@@ -26,7 +26,7 @@ def thrown(X):
     return np.stack([2 * (X[1] - 0.07), -2 * (X[0] - 0.3), 0.5 * np.sin(8 * X[0]) * (1 + 5 * X[1])])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("hinges", [(), ("middle",)])
 @pytest.mark.parametrize("rest", [None, np.diag([3.0, 0.0, 0.0])])
 def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):

@@ -62,7 +62,7 @@ def touching(comm, body: str) -> gx.Simulation:
     return simulate([gx.Contact(lower, upper, distance=1e-3), *items], 2e-4)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("body", ["", "ball", "cylinder", "plane"])
 def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     run = touching(comm, body)

@@ -19,7 +19,7 @@ def integral(body, function: fem.Function) -> float:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_pressure_integrates_to_the_force(comm, order) -> None:
     body = film(

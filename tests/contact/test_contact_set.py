@@ -107,7 +107,7 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     assert count_intersections(run) == 0
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 # 0.16 of the distance separates the two gaps.
 @pytest.mark.parametrize("gap, words", [(0.13, "would pass through"), (0.25, "")])
 def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):

@@ -45,7 +45,7 @@ def with_moved_plane(comm, motion):
     return gx.Contact(film(comm), floor, distance=DISTANCE)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("wrong", WRONG_MOTIONS)
 def test_a_motion_that_is_no_displacement_is_refused(comm, wrong):
     motion, words = WRONG_MOTIONS[wrong]
@@ -187,7 +187,7 @@ def in_the_way(kind, comm):
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["film", "plane", "rod", "room"])
 def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
     """By 136 degrees: on straight lines its edges pass below what they hit on their arcs."""

@@ -201,7 +201,7 @@ SAMPLES = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", SAMPLES)
 def test_no_strain_where_layers_lie_on_each_other_and_little_where_they_are_apart(
     comm, name: str
@@ -213,7 +213,7 @@ def test_no_strain_where_layers_lie_on_each_other_and_little_where_they_are_apar
     assert sample.folds.start(film).strain_energy() < sample.energy
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", SAMPLES)
 def test_fold_lines_and_their_angles(comm, name: str) -> None:
     sample = SAMPLES[name]
@@ -225,7 +225,7 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     assert set(found) <= set(mesh.groups)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
 )
@@ -241,7 +241,7 @@ def test_layers_are_apart(comm, name: str) -> None:
     assert gx.probes.ContactGap(contact)(run) > 1e-6
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", ["tube", "miura", "cross", "star"])
 def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
     sample = SAMPLES[name]
@@ -327,7 +327,7 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
     assert comm.allreduce(int(first.sum())) > 4
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize(
     "act, words",
     [

@@ -150,7 +150,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "options, words",
     [

@@ -213,7 +213,7 @@ def test_errors_that_cannot_be_are_refused() -> None:
         uneven(shifts=(1e-3,))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("pressure", "tolerance"), [(7e3, 0.04), (7e4, 0.015)])
 def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float) -> None:
     """The flat ends leave a tube of low pressure slightly oval; at ten times the pressure the

@@ -185,7 +185,7 @@ def film(order: int = 1) -> gx.Membrane:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None:
     """In 20 ms the tide does nothing; the film moves as if it were not in orbit."""

@@ -380,7 +380,7 @@ def test_properties_that_make_no_sense_are_refused(arguments, words: str) -> Non
         gx.orbit.ThermalProperties(**(usual | arguments))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -79,7 +79,7 @@ def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
     return run_until(dt, *items, dt=dt)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 150.0])
 def test_sunlight_on_film_and_plate(degrees: float) -> None:
     """Along and across the normal as McInnes' formulas, on a film and on a rigid plate, also lit
@@ -169,7 +169,7 @@ def test_eclipse_begins_at_its_time() -> None:
     assert run.time == pytest.approx((angle - 1.8) / n, rel=1e-5)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_drag_on_film_and_plate(order: int) -> None:
     """A film and a plate of the same attitude have the same drag, by the formula."""

@@ -96,7 +96,7 @@ def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) ->
     assert not np.abs(fields.functions[0].x.array).max(initial=0.0)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("cells", [None, 25])
 # All cells, or a sample of 25: sampling may cost accuracy, but no conservation.
 def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:

@@ -29,7 +29,7 @@ def beam_along_x(comm, cells=8, **options):
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("by", ["vector", "function"])
 def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
@@ -116,7 +116,7 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     assert directions == pytest.approx(ω + 2 * 0.1, rel=2e-2)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["beam", "cable"])
 def test_lines_slide_in_planes_of_any_direction(comm, kind):
     """A line that hangs between a pin and a slope of 45°: the slope pushes along its normal

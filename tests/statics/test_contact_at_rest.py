@@ -30,7 +30,7 @@ def penalty_slope(x):
     return x - 1
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("law", "slope"), [("barrier", barrier_slope), ("penalty", penalty_slope)])
 @pytest.mark.parametrize("stiffness", [None, 1e6])
 def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slope, stiffness):
@@ -71,7 +71,7 @@ PRESSURE = 1000.0
 STIFFNESS = 1e9 * 25e-6
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("law", "increments"),
     # With one increment planes move by twenty times the distance at which contact begins.
@@ -156,7 +156,7 @@ def force_of_drum(tension, gap):
     return 2 * (tension + STRIP_STIFFNESS * WIDTH * strain) * stretch * math.sin(slope)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension", [20.0, 0.0])
 def test_a_strip_without_loads_is_lifted_by_a_drum(comm, tension):
     """Prestress, or the stretch itself, presses the strip on the drum, but not through it."""

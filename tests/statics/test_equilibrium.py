@@ -43,7 +43,7 @@ def positions(equilibrium, comm):
     return x, comm.allreduce(float(x[:, 2].max()), max)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize(
     "law",
     LAWS,
@@ -234,7 +234,7 @@ def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterati
     assert result["u_A"] == pytest.approx(0.0494, rel=2e-2)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("cells", "exact"),
     [(8, (0.216181, 0.049403, 0.124409, 3.9816e6)), (16, (0.216516, 0.049328, 0.124843, 3.8886e6))],

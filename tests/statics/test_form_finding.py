@@ -78,7 +78,7 @@ def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
         find_form(film, lambda: gx.Scene(film))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("force", [10.0, 20.0])
 def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
     """Radius force/tension, as T κ = n0 of a cable that a film pulls at right angles."""

@@ -305,7 +305,7 @@ def check_against_differences(equilibrium, names, results, changes, begin=lambda
         assert np.min(errors, axis=0).max() < AGREEMENT, (variable.name, exact, errors)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(3)
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_agree_with_differences(comm, case):
     make, names = CASES[case]
@@ -564,7 +564,7 @@ def test_the_demo_removes_most_of_the_wrinkles_at_equal_mass(comm):
     assert found["mass over that of the even sail"] == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("law", ["penalty", "barrier"])
 def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     """K d b'(z/d) + ρ t g = 0 of a film at the height z, so that dz/dt = -ρ g/(K b''(z/d)).

@@ -71,7 +71,7 @@ def test_ropes_of_a_bundle(comm):
     assert gx.probes.Length(ropes)(run) == pytest.approx(2.0, rel=1e-12)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("law", "force"),
     [
@@ -98,7 +98,7 @@ def test_tape_that_is_cut_short(comm, law, force):
 # ---- cables and beams ----------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_hanging_cable(comm, order):
     """A shallow cable under its weight: the horizontal force H with the arc of the catenary.
@@ -170,7 +170,7 @@ def test_bent_beam_has_no_tension(comm):
     assert values(boom, pressed) == pytest.approx([-7.0] * 3, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_curve_along_a_cable(comm, order):
     """A cable that hangs straight down bears μ g (L - s) at the distance s from its support."""

@@ -39,7 +39,7 @@ def stretched(X):
     return STRETCH * X
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("order", "cells", "tolerance"),
     [(1, 16, 0.02), (2, 8, 2e-3)],
@@ -295,7 +295,7 @@ def test_film_in_contact(comm):
     assert lowest.effective_mass[2] == pytest.approx(1400 * THICKNESS, rel=0.05)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))]
 )
@@ -332,7 +332,7 @@ def test_cantilever(comm):
     assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("above", [0.0, 1.01, 2.4])
 def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
     """ω/Ω = √(R/L) in the plane, √(1 + R/L) out of it, of tethers L with tip masses that swing
@@ -580,7 +580,7 @@ def frequencies_of_the_net() -> list[float]:
     return sorted(np.sqrt(squares) / (2 * np.pi))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("count", [1, 6, 9, 10, 12, 16])
 def test_no_copy_of_a_multiple_frequency_is_left_out(comm, count, caplog):
     """The seventh to tenth frequency of the net are one, 61.64 Hz."""

@@ -29,7 +29,7 @@ def film(comm, name="film", law=LAW, **start):
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("load", ["gravity", "edge", "one of two", "corner"])
 def test_what_nothing_holds_has_no_equilibrium(comm, load):
     """It was 'found' 5e9 m away, with half of the load unbalanced."""

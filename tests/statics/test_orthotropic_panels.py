@@ -28,7 +28,7 @@ def compliance_along(angle: float, E1: float = E1) -> float:
     return c**4 / E1 + s**4 / E2 + c**2 * s**2 * (1 / G12 - 2 * NU12 / E1)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "side",
     [1, -1],
@@ -82,7 +82,7 @@ def strain_of_tension(angle: float) -> tuple[float, float, float]:
     return t @ strain @ t, n @ strain @ n, 2 * t @ strain @ n
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("angle", [0.0, 0.5, math.pi / 4, 1.2])
 @pytest.mark.parametrize("kind", [gx.Orthotropic, gx.LinearOrthotropic])
 def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(

@@ -89,7 +89,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
     assert values[0] > -1e-12 * values[-1]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("angle", [0.0, 0.5, math.pi / 2])
 @pytest.mark.parametrize(
     "given",

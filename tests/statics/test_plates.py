@@ -40,7 +40,7 @@ FOIL = gx.Linear(
 )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("thickness", [1e-2, 1e-5])
 def test_a_cantilever_bends_as_the_elastica_however_thin(comm, thickness):
     # From a thick to a very thin strip: no locking.

@@ -45,7 +45,7 @@ def start_of(equilibrium: gx.Equilibrium) -> np.ndarray:
 # ---- films ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("order", "cells", "tolerance"),
     [(1, 16, 0.02), (2, 8, 2e-3)],
@@ -178,7 +178,7 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
     assert corner == pytest.approx((1 - 2 * e) ** 0.5, rel=1e-7)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order):
     """The film contracts, flutters and spins; nothing acts on it."""
@@ -351,7 +351,7 @@ def test_what_is_refused(comm):
 # ---- asked for and reached -----------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     """With all edges fixed the mesh is in equilibrium, so that all of the stress is left."""

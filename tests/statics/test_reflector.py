@@ -36,7 +36,6 @@ def test_a_dish_made_as_the_closed_form_inflates_to_the_paraboloid(comm):
     assert fine < 5e-6
 
 
-@pytest.mark.mpi
 def test_the_fitted_meridian_is_that_of_the_closed_form(comm):
     found = reflector.main(cells=12, comm=comm)
     coarse = reflector.main(cells=8, comm=comm)

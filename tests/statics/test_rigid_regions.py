@@ -38,7 +38,7 @@ def strip(comm, nu=0.0, order=2, cells=(8, 4)):
     return film, gx.Fixed(film, "film", components=(2,))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("sliding", [False, True])
 def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     """f = E t λ ε; with ν and an edge that may shrink evenly, the strip shrinks by √(1 - 2νε)."""
@@ -88,7 +88,7 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     assert gx.probes.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("piece", ["massless", "rigid body"])
 def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     """φ = T/(4π G t) (1/a² - 1/b²) of a ring in shear."""
@@ -161,7 +161,7 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("ratio", [0.5, 2.0])
 def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     """κ of Stein & Hedgepeth for the moment given, before and after the first wrinkle; the plate
@@ -223,7 +223,7 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     assert (x, y) == expected
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["straight", "stretching", "hub", "sliding", "body"])
 def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger

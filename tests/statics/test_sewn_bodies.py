@@ -75,7 +75,7 @@ def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
     return float(rim[0]), float(heights[0] - heights[1])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("cells", [(10, 10), (10, 12)])
 def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None:
     """Two stiffnesses are extrapolated to the inextensible film, as in the study of the mylar

@@ -44,7 +44,7 @@ def turned(comm, angle):
     return mesh
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     """Between planes that are not x, y, z: f = E t λ ε, ε = (λ² - 1)/2, and ε across is -ν ε."""
@@ -84,7 +84,7 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     assert force == pytest.approx(-f * e, abs=1e-6 * f)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "following",
     [False, True],
@@ -198,7 +198,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
             assert abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("load", ["gravity", "centrifugal"])
 def test_a_tape_has_weight(comm, load):
     film = gx.Membrane(sheet(comm, 4, 4), LAW)
@@ -247,7 +247,7 @@ def test_edges_that_share_corners_move_as_one_rim(comm):
     assert works == pytest.approx([works[0]] * 3, rel=1e-11)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("other", ["held", "moved"])
 def test_contradicting_supports_are_refused(comm, other: str):
     """Those that contradict at the start when the scene is compiled, others where they begin to."""

@@ -58,7 +58,7 @@ def strip(
     return gx.Scene(film, end, *held), end
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("ΔT", [-50.0, 20.0, 49.0, 51.0, 120.0])
 def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm, order, ΔT) -> None:
@@ -212,7 +212,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
 # ---- plates --------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("cells", "tolerance"), [(8, 3e-3), (16, 1e-3)])
 def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: float) -> None:
     """A cantilever with the curvature κ = α (T_back - T_front)/t is an arc of the angle κ L."""
@@ -376,7 +376,6 @@ def test_expansions_that_make_no_sense_are_refused(arguments, words: str) -> Non
         ThermalExpansion(**arguments)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -394,7 +393,7 @@ def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) ->
         )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("temperature", "words"),
     [
@@ -417,7 +416,6 @@ def test_temperatures_that_make_no_sense_are_refused(comm, temperature, words: s
         gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
 
 
-@pytest.mark.mpi
 def test_what_has_no_thermal_form_says_so(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     warm = ThermalExpansion(1e-5, gradient=2.0)

@@ -38,7 +38,7 @@ def stretched(law, comm, angle=0.0, order=1):
     return gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6)), film, t
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_slope_amplitude_and_direction(comm, angle, order):
@@ -130,7 +130,7 @@ def map_of(run, film, field: str) -> np.ndarray:
     return gx.fields.field_values(run, film, field=field)[1]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "direction, along, across",
     [((1.0, 0.0, 0.0), E, E / 2), ((0.0, 1.0, 0.0), E / 2, E)],
@@ -155,7 +155,7 @@ def test_maps_of_a_fabric_along_its_axes(comm, direction, along, across):
     assert np.abs(crests @ t) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("field", ["wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction"])
 def test_maps_of_a_fabric_of_equal_stiffness_are_those_of_a_tension_field(comm, field):
     alike = fabric(

@@ -326,7 +326,7 @@ OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("what", OTHER_FLIGHT)
 def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
     usual, changed, words = OTHER_FLIGHT[what]
@@ -338,7 +338,7 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
         run(2, flying(**changed), restart=folder)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("what", "small", "other", "words"),
     [

@@ -179,7 +179,7 @@ def test_minutes(folder: Path) -> None:
     assert len(list(folder.iterdir())) == 4
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("keep", "steps"), [(1, [5]), (4, [2, 3, 4, 5]), (9, [0, 1, 2, 3, 4, 5])])
 def test_as_many_checkpoints_are_kept_as_were_asked_for(
     folder: Path, keep: int, steps: list[int]
@@ -193,7 +193,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
 # ---- refusals ------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("other", "words"),
     [

@@ -134,7 +134,7 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
     assert (first.step, again.step) == (4, 6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("event", "words"),
     [

@@ -39,7 +39,7 @@ PAIRS = [
 ]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, other: str) -> None:
     """Two films move apart; after a restart, too, each is read back where it went."""

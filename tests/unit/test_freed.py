@@ -46,7 +46,7 @@ def held(comm):
     return [one, gx.Fixed(one, "left")]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("parts", [film, gas, touching])
 def test_a_run_is_freed(comm, parts):
     if parts is not film and PETSc.Sys.getVersion() >= (3, 23, 0):
@@ -70,7 +70,7 @@ def kept(comm, capfd) -> list[int]:
     return [int(count) for count in re.findall(r"Total entries: (\d+)", said)]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("parts", [film, gas, touching])
 def test_steps_leave_nothing_behind(comm, parts, capfd):
     items = parts(comm)

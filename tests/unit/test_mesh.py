@@ -66,7 +66,7 @@ def test_nodes_of_a_group_are_where_the_group_is(comm, order):
         assert X[node - first] == pytest.approx([3.0, 2.0, 0.0])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("order, nodes", [(1, 35), (2, 117)])
 def test_film_of_either_order_has_its_nodes(comm, order, nodes):
     assert Membrane(sheet(comm, 6, 4), LAW, order=order).block.index_map.size_global == nodes
@@ -83,7 +83,7 @@ def test_sheets_of_an_airbag_meet_on_the_seam_only(comm):
     assert area(mesh) == pytest.approx(2.0, rel=1e-13)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order, rate", [(1, 2), (2, 4)])
 def test_curved_triangles_have_the_area_of_the_sphere(comm, order, rate):
     cells = (12, 24, 48)
@@ -154,7 +154,7 @@ def test_orientation_of_the_cells_survives(comm):
         assert comm.allreduce(fem.assemble_scalar(outward)) == pytest.approx(area(mesh), rel=1e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "cells, culprit", [([[0, 1, 1]], "one node twice"), ([[0, 1, 2]] * 2, "same nodes")]
 )
@@ -201,7 +201,7 @@ NO_MESHES = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", NO_MESHES)
 def test_a_script_is_not_executed(folder: Path, comm: MPI.Comm, name: str) -> None:
     """gmsh runs what it does not take for a mesh, shell commands included."""

@@ -55,7 +55,7 @@ def words_of(mesh: gx.Mesh, law: gx.Miyazaki = WRINKLING, **options) -> list[str
     return list(warnings([gx.Membrane(mesh, law, **options)]))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "mesh",
     [
@@ -156,7 +156,7 @@ def test_a_film_that_penetrates_itself_is_reported():
     assert list(self_intersections([gx.Membrane(mesh, WRINKLING)])) == []
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "numbers, culprit",
     [

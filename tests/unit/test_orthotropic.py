@@ -320,7 +320,7 @@ def first_axis(film: gx.Membrane) -> np.ndarray:
 SLANTED = (1.0, 2.0, 5.0)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "direction",
     [
@@ -363,7 +363,7 @@ def test_bad_numbers_get_one_sentence(act, culprit: str) -> None:
     assert_sentence(caught.value, culprit)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("direction", "culprit"),
     [

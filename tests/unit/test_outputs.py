@@ -148,7 +148,7 @@ def test_direction_is_a_unit_vector_where_the_principal_strains_coincide() -> No
     assert np.allclose(np.linalg.norm(fields.functions[0].x.array.reshape(-1, 3), axis=1), 1)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_area_fractions_of_a_prescribed_strain(order: int) -> None:
     film = strained(order)
@@ -242,7 +242,7 @@ def test_a_later_refusal_leaves_an_old_file_as_it_was(folder: Path) -> None:
     assert (folder / "a_files" / "00001.vtu").stat().st_mtime_ns == before
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["VTU", "Probes", "Picture"])
 def test_folder_that_cannot_be_written(folder: Path, kind: str) -> None:
     if COMM.rank == 0:
@@ -339,7 +339,7 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
         run.chamber("bag")
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("probe", "words"),
     [

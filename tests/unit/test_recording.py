@@ -355,7 +355,7 @@ def test_a_run_that_replaces_another_leaves_none_of_its_files(folder: Path) -> N
     assert names == {"run.json", "ledger.csv", "points.csv"}
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", ["ledger.csv", "gas.csv", "fields/film.pvd"])
 def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: str) -> None:
     case = pillow(WORLD)

@@ -67,7 +67,7 @@ ORTHOTROPIC = gx.Orthotropic(
 
 
 # The law in C is summed over twenty points of the path.
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("law", "accuracy"), [(gx.TensionField(**MATERIAL), 1e-7), (ORTHOTROPIC, 0.03)]
 )
@@ -140,7 +140,7 @@ def tether() -> tuple[Any, list[Any], float]:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", [cable, rope, tether])
 def test_the_tension_of_a_line_is_the_mean_of_the_step(make: Any, tmp_path: Path) -> None:
     part, items, mean = make()

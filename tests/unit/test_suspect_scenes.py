@@ -89,7 +89,7 @@ def along_y(X: np.ndarray, t: float) -> np.ndarray:
     return np.tile([[0.0], [1.0], [0.0]], X.shape[1])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, -2.0, 0.1), along_y])
 def test_a_clamped_edge_with_a_direction_along_it_is_refused(comm, direction: Any) -> None:
     plate = gx.Plate(sheet(comm, 4, 4), LAW)
@@ -150,7 +150,7 @@ COMPLEX = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("given", list(COMPLEX))
 def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
     with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
@@ -200,7 +200,7 @@ def bag(mesh: Mesh) -> gx.Simulation:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("size", [1.0, 0.5])
 def test_a_bag_of_which_one_part_is_inside_out_is_refused(comm, size: float) -> None:
     cubes = two_cubes(comm, 3.0, size, inside_out=True)

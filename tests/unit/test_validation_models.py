@@ -184,7 +184,6 @@ def test_cells_are_small_in_the_fold_and_reach_the_end():
     assert lengths.max() < 0.4 * STEEL_TAPE.width
 
 
-@pytest.mark.mpi
 def test_a_shallow_tape_does_not_snap_between_turns(comm):
     """A search that goes on from another turn finds 45 times the moment: the tape snaps."""
     values = {
