@@ -43,17 +43,8 @@ SPRING_PENDULUM = {
 
 
 def spring_pendulum(dt: float) -> tuple[float, gx.Simulation]:
-    mass = gx.PointMass(
-        1.0,
-        (1.2, 0, -0.3),
-        velocity=(0, 0.8, 0),
-    )
-    spring = gx.connectors.Spring(
-        mass.port(),
-        gx.Ground((0, 0, 0)),
-        stiffness=100.0,
-        length=1.0,
-    )
+    mass = gx.PointMass(1.0, (1.2, 0, -0.3), velocity=(0, 0.8, 0))
+    spring = gx.connectors.Spring(mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0)
     run = gx.Simulation(gx.Scene(mass, spring, gx.Gravity(mass, (0, 0, -9.81))), midpoint(dt))
     error = 0.0
     for t, exact in SPRING_PENDULUM.items():
@@ -85,11 +76,7 @@ FREE_BODY = {
 
 def free_body(dt: float) -> tuple[float, gx.Simulation]:
     """Landau & Lifshitz, Mechanics, § 37, I = (1, 2, 3): a plate without thickness."""
-    body = gx.RigidBody(
-        1.0,
-        (1.0, 2.0, 3.0),
-        spin=(1.0, 0.0, 1.2),
-    )
+    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
     run = gx.Simulation(gx.Scene(body), midpoint(dt))
     error = 0.0
     for t, exact in FREE_BODY.items():
@@ -127,11 +114,7 @@ def test_what_a_free_rigid_body_misses_follows_the_tolerance_and_not_the_step(
     dt: float, relative: float, largest: float
 ) -> None:
     """Two iterations leave a residual just below 1e-10 at 26 ms; at 35 ms a third one is made."""
-    body = gx.RigidBody(
-        1.0,
-        (1.0, 2.0, 3.0),
-        spin=(1.0, 0.0, 1.2),
-    )
+    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=relative))
     run = gx.Simulation(gx.Scene(body), stepper)
     run.run(until=10.0)
@@ -141,11 +124,7 @@ def test_what_a_free_rigid_body_misses_follows_the_tolerance_and_not_the_step(
 def test_what_many_small_steps_leave_does_not_add_up() -> None:
     """One iteration leaves a residual just below the default tolerance, of the same sign in all
     4000 steps."""
-    body = gx.RigidBody(
-        1.0,
-        (0.6, 1.1, 1.5),
-        spin=(1.5, 0.0, 0.5),
-    )
+    body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
     run = run_until(2.0, body, dt=5e-4)
     assert run.step == 4000
     assert abs(run.energy_error) < 1e-13

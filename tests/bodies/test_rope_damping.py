@@ -19,11 +19,7 @@ L = 1.0
 
 
 def scene(x, v, *more, damping=C):
-    mass = gx.PointMass(
-        MASS,
-        (x, 0.0, 0.0),
-        velocity=(v, 0.0, 0.0),
-    )
+    mass = gx.PointMass(MASS, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0))
     rope = gx.connectors.Rope(
         gx.Ground((0.0, 0.0, 0.0)),
         mass.port(),
@@ -49,11 +45,7 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     damped, mass = scene(
         0.2,
         0.5,
-        lambda m: gx.connectors.Damper(
-            gx.Ground((0.0, 0.0, 0.0)),
-            m.port(),
-            damping=C,
-        ),
+        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), damping=C),
         damping=0.0,
     )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))
@@ -68,11 +60,7 @@ def test_a_taut_rope_decays_as_a_damped_oscillator():
     pull = 40.0
     x0 = 0.05
     start = L + pull / K + x0
-    made, mass = scene(
-        start,
-        0.0,
-        lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)),
-    )
+    made, mass = scene(start, 0.0, lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)))
     run = gx.Simulation(made, gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
     ω = math.sqrt(K / MASS)

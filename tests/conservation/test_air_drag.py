@@ -27,11 +27,7 @@ C = 1.3
 g = 9.80665
 
 
-def body(
-    kind: str,
-    comm: MPI.Comm,
-    velocity: tuple[float, float, float],
-) -> gx.Membrane:
+def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.Membrane:
     """A flat film whose normal is (0, -3, 4)/5, or a plate."""
     given = {
         # The sheet is inclined, so that no component of its normal is zero by chance.
@@ -40,12 +36,7 @@ def body(
     }
     mesh = sheet(comm, 2, 2)
     return (
-        gx.Plate(
-            mesh,
-            PLATE,
-            name="film",
-            **given,
-        )
+        gx.Plate(mesh, PLATE, name="film", **given)
         if kind == "plate"
         else gx.Membrane(mesh, FILM, **given)
     )
@@ -66,11 +57,7 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     film = body(kind, comm, (0.0, 0.0, 0.0))
     fall = tuple(-g * NORMAL)
     run = gx.Simulation(
-        gx.Scene(
-            film,
-            gx.loads.AirDrag(film, ρ, drag_coefficient=C),
-            gx.Gravity(film, fall),
-        ),
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, drag_coefficient=C), gx.Gravity(film, fall)),
         midpoint(4e-3),
     )
     # Terminal speed: the weight σ g balances ½ ρ C v².
@@ -116,12 +103,7 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
 def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""
     film = gx.Membrane(sheet(comm, 4, 4), FILM, velocity=flutter)
-    air = gx.loads.AirDrag(
-        film,
-        ρ,
-        drag_coefficient=C,
-        wind=wind,
-    )
+    air = gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind)
     run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass_factor=0.5)), midpoint(1e-3))
     lost = [0.0]
     for k in range(1, 6):
@@ -168,12 +150,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
         film = gx.Membrane(sheet(comm, 4, 4), STIFF)
         held = [gx.Fixed(film, edge) for edge in ("left", "right")]
         weight = gx.Gravity(film, (0.0, 0.0, 1.0))
-        air = gx.loads.AirDrag(
-            film,
-            ρ,
-            drag_coefficient=C,
-            wind=wind,
-        )
+        air = gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind)
         equilibrium = at_rest(film, *held, weight, air)
         total = sum(equilibrium.reaction(support)[0] for support in held)
         assert (
@@ -199,10 +176,7 @@ def test_bad_air_is_refused() -> None:
             {"density": 1.0, "drag_coefficient": 0.0},
             "drag_coefficient is 0.0; give a positive number",
         ),
-        (
-            {"density": 1.0, "wind": (1.0, math.nan, 0.0)},
-            "wind is .*; give three numbers",
-        ),
+        ({"density": 1.0, "wind": (1.0, math.nan, 0.0)}, "wind is .*; give three numbers"),
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.loads.AirDrag(film, **given)

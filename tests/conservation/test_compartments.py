@@ -12,13 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.meshes.tube_section import capped_cylinder
 
-FILM = gx.Miyazaki(
-    E=2.5e9,
-    nu=0.34,
-    density=1420.0,
-    thickness=25e-6,
-    residual_stiffness=1e-6,
-)
+FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 
 
@@ -38,12 +32,7 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
         surface=("wall",),
         rings=rims,
     )
-    outlet = gx.Orifice(
-        bag,
-        gx.gas.Ambient(),
-        area=rims[1],
-        discharge_coefficient=0.5,
-    )
+    outlet = gx.Orifice(bag, gx.gas.Ambient(), area=rims[1], discharge_coefficient=0.5)
     # Steps this short leave the volume at its start.
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     # Area of a regular polygon with 16 corners on the circle of 0.1 m.

@@ -34,13 +34,7 @@ def waves(X: np.ndarray, t: float) -> np.ndarray:
     return 293.15 + 100.0 * np.sin(40.0 * t) * (1 + X[0])
 
 
-def sheet_in_flight(
-    comm,
-    law: str,
-    order: int,
-    steps: int,
-    n: int = 4,
-) -> gx.Simulation:
+def sheet_in_flight(comm, law: str, order: int, steps: int, n: int = 4) -> gx.Simulation:
     # Fabric expands differently along warp and weft.
     alpha = (2e-5, 5e-6) if law == "fabric" else 2e-5
     film = gx.Membrane(
@@ -116,24 +110,14 @@ def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
 @pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["cable", "slack cable", "table", "beam"])
 def test_lines_close_their_balance(comm, kind: str) -> None:
-    curve = line(
-        comm,
-        [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)],
-        6,
-    )
+    curve = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 6)
     expansion = ThermalExpansion(2e-5, waves)
 
     def swinging(X: np.ndarray) -> np.ndarray:
         return np.vstack([0 * X[0], 3 * np.sin(3 * X[0]), X[0]])
 
     if kind == "beam":
-        section = gx.sections.tube(
-            0.02,
-            5e-4,
-            E=100e9,
-            nu=0.3,
-            density=1560.0,
-        )
+        section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
         body = gx.Beam(curve, section, thermal=expansion, velocity=swinging)
     else:
         law = {

@@ -38,11 +38,7 @@ def film(
     def displacement(X):
         x = X[0] - size / 2
         y = X[1] - size / 2
-        moved = [
-            c * x - s * y + at[0],
-            s * x + c * y + at[1],
-            0 * x + height,
-        ]
+        moved = [c * x - s * y + at[0], s * x + c * y + at[1], 0 * x + height]
         return np.vstack(moved) - X
 
     return gx.Membrane(
@@ -117,10 +113,6 @@ def assert_conserved(run, energy=1e-9, momentum=1e-11) -> None:
 
 def simulate(items, until, dt=1e-4, **options):
     """Run a scene of these items until a time [s] in steps of dt [s]."""
-    run = gx.Simulation(
-        gx.Scene(*items),
-        gx.Midpoint(dt=dt),
-        **options,
-    )
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
     run.run(until=until)
     return run

@@ -19,12 +19,7 @@ SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
 @pytest.mark.mpi
 def test_the_tubes_begin_to_open(comm) -> None:
-    found = sprout.main(
-        comm=comm,
-        until=1e-3 if comm.size == 1 else 2e-4,
-        crease=1e-3,
-        **SHORT,
-    )
+    found = sprout.main(comm=comm, until=1e-3 if comm.size == 1 else 2e-4, crease=1e-3, **SHORT)
     assert found["penetrations"] == 0
     assert (
         found["energy_error"] < 1e-8

@@ -40,12 +40,7 @@ def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
 
 
 def test_a_deorbit_sail_falls_as_the_formula(folder: Path) -> None:
-    result = deorbit.main(
-        hours=0.5,
-        dt=30.0,
-        tilt=math.radians(1),
-        output=folder,
-    )
+    result = deorbit.main(hours=0.5, dt=30.0, tilt=math.radians(1), output=folder)
     # 2 %: the formula takes the density as constant over the fall.
     assert result["fall [m]"] == pytest.approx(result["fall by the formula [m]"], rel=0.02)
     assert result["largest angle to the motion, late [rad]"] < math.radians(3)

@@ -38,13 +38,7 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     # Two activation distances above the floor: contact must be found.
     sheet = film(comm, height=2 * DISTANCE)
     floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
-    contact = gx.Contact(
-        sheet,
-        floor,
-        distance=DISTANCE,
-        law=law,
-        stiffness=stiffness,
-    )
+    contact = gx.Contact(sheet, floor, distance=DISTANCE, law=law, stiffness=stiffness)
     equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(sheet, (0.0, 0.0, -GRAVITY))))
     result = equilibrium.find()
     weight = SIGMA * GRAVITY
@@ -85,13 +79,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
     """
     tube = gx.Membrane(
         cylinder(comm, RADIUS, LENGTH, 32, 2),
-        gx.Miyazaki(
-            1e9,
-            0.3,
-            density=1400.0,
-            thickness=25e-6,
-            residual_stiffness=1e-6,
-        ),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=25e-6, residual_stiffness=1e-6),
         name="tube",
     )
     press = 0.02
@@ -106,12 +94,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
         )
         for side, name in ((1.0, "upper"), (-1.0, "lower"))
     ]
-    contact = gx.Contact(
-        tube,
-        *planes,
-        distance=DISTANCE,
-        law=law,
-    )
+    contact = gx.Contact(tube, *planes, distance=DISTANCE, law=law)
     supports = [gx.Fixed(tube, rim, components=(0,)) for rim in ("first rim", "last rim")]
     supports += [gx.Fixed(tube, line, components=(1,)) for line in ("top", "bottom")]
     equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Pressure(tube, PRESSURE), *supports))

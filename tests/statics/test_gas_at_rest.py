@@ -100,10 +100,7 @@ def drum(comm, thickness: float) -> tuple[gx.Equilibrium, gx.Chamber]:
 def test_the_gradient_at_an_equilibrium_of_gas_is_that_of_differences(comm):
     """dp/dt and dE/dt by the thickness of a film over closed gas, against central differences."""
     equilibrium, chamber = drum(comm, 1e-3)
-    results = (
-        (gx.analysis.ChamberPressure(chamber), "pressure"),
-        (gx.analysis.Energy(), None),
-    )
+    results = ((gx.analysis.ChamberPressure(chamber), "pressure"), (gx.analysis.Energy(), None))
     change = 1e-5
 
     def value(thickness: float, attribute: str | None) -> float:

@@ -51,14 +51,7 @@ def test_bent_tube_wrinkles_at_the_moment_of_stein_and_hedgepeth(comm, element):
 @pytest.mark.parametrize(("order", "error"), [(1, 0.03), (2, 1e-3)])
 def test_normals_of_the_cylinder_point_outwards(comm, order, error):
     film = gx.Membrane(
-        capped_cylinder(
-            comm,
-            1.0,
-            2.0,
-            16,
-            8,
-            order,
-        ),
+        capped_cylinder(comm, 1.0, 2.0, 16, 8, order),
         inflated_tube.LAW,
         order=order,
     )

@@ -11,22 +11,12 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import at_rest
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-4,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 STRETCHED = {"displacement": lambda X: 0.01 * X}
 
 
 def film(comm, name="film", law=LAW, **start):
-    return gx.Membrane(
-        sheet(comm, 3, 3),
-        law,
-        name=name,
-        **start,
-    )
+    return gx.Membrane(sheet(comm, 3, 3), law, name=name, **start)
 
 
 @pytest.mark.mpi(1)
@@ -37,10 +27,7 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     second = film(comm, "other")
     scene = {
         "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
-        "edge": lambda: gx.Scene(
-            first,
-            gx.loads.EdgeLoad(first, "right", force=(10.0, 0.0, 0.0)),
-        ),
+        "edge": lambda: gx.Scene(first, gx.loads.EdgeLoad(first, "right", force=(10.0, 0.0, 0.0))),
         "one of two": lambda: gx.Scene(
             gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)
         ),
@@ -53,15 +40,7 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
 
 @pytest.mark.parametrize(
     "law",
-    [
-        LAW,
-        gx.TensionField(
-            E=1e9,
-            nu=0.3,
-            density=1000.0,
-            thickness=1e-4,
-        ),
-    ],
+    [LAW, gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)],
 )
 def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off
@@ -105,12 +84,7 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
     mass = gx.PointMass(1.0, (0.5, 0.0, 0.0))
     found = Equilibrium(
         gx.Scene(
-            gx.connectors.Rope(
-                mass.port(),
-                gx.Ground((0.0, 0.0, 0.0)),
-                length=1.0,
-                stiffness=10.0,
-            )
+            gx.connectors.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0)
         )
     ).find()
     assert found.free == ("translation x", "translation y", "translation z")
@@ -150,28 +124,14 @@ def test_a_joint_leaves_its_own_motion(comm, joint, free):
 @pytest.mark.mpi
 def test_a_film_that_is_pinned_turns_about_its_pin(comm):
     """A stretched strip between two pins on a slanted line turns about that line."""
-    body = film(
-        comm,
-        law=gx.Linear(
-            E=1e9,
-            nu=0.3,
-            density=1000.0,
-            thickness=1e-4,
-        ),
-        **STRETCHED,
-    )
+    body = film(comm, law=gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4), **STRETCHED)
     found = Equilibrium(gx.Scene(gx.Fixed(body, "bottom left"), gx.Fixed(body, "top right"))).find()
     # The axis between two opposite corners of the square.
     assert found.free == ("rotation (0.707, 0.707, 0)",)
 
 
 def test_a_tank_alone_has_nothing_to_find(comm):
-    tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(1.4, 287.0),
-        pressure=1e5,
-        temperature=300.0,
-    )
+    tank = gx.Tank(1e-3, gas=gx.IdealGas(1.4, 287.0), pressure=1e5, temperature=300.0)
     with pytest.raises(gx.InputError, match="no body"):
         Equilibrium(gx.Scene(tank))
 

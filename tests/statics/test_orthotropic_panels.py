@@ -29,22 +29,11 @@ def compliance_along(angle: float, E1: float = E1) -> float:
 
 
 @pytest.mark.mpi(1)
-@pytest.mark.parametrize(
-    "side",
-    [1, -1],
-    ids=["right", "left"],
-)
+@pytest.mark.parametrize("side", [1, -1], ids=["right", "left"])
 def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
     """Of film with E1 = E2 the tension is at 45 degrees to the axes: W = e_tt²/(2 F_tt), S =
     e_tt/F_tt."""
-    law = gx.Orthotropic(
-        E2,
-        E2,
-        NU12,
-        G12,
-        direction=(1.0, 0.0, 0.0),
-        **NUMBERS,
-    )
+    law = gx.Orthotropic(E2, E2, NU12, G12, direction=(1.0, 0.0, 0.0), **NUMBERS)
     # Half a per cent, to either side.
     E12 = side * 5e-3
     # Green-Lagrange strain E11 = E22 = 0 and E12: the lengths of both sides are constant.
@@ -92,15 +81,7 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
     shear."""
     direction = (math.cos(angle), -math.sin(angle), 0.0)
     more = {"residual_stiffness": 1e-2} if kind is gx.Orthotropic else {}
-    law = kind(
-        E1,
-        E2,
-        NU12,
-        G12,
-        direction=direction,
-        **more,
-        **NUMBERS,
-    )
+    law = kind(E1, E2, NU12, G12, direction=direction, **more, **NUMBERS)
     along, across, shear = strain_of_tension(angle)
     # 1 % along; the film contracts and shears freely.
     stretch = 1.01
@@ -136,14 +117,7 @@ def test_a_strip_across_its_stiff_axis_is_softer(comm) -> None:
     stretch = 1.005
 
     def energy(direction) -> float:
-        law = gx.LinearOrthotropic(
-            E1,
-            E2,
-            NU12,
-            G12,
-            direction=direction,
-            **NUMBERS,
-        )
+        law = gx.LinearOrthotropic(E1, E2, NU12, G12, direction=direction, **NUMBERS)
         film = gx.Membrane(
             sheet(comm, 4, 4),
             law,

@@ -26,18 +26,8 @@ from gossamer_fx.records.fields.fields import FieldFunctions
 from tests.small_scenes import at_rest
 
 WORLD = MPI.COMM_WORLD
-LAW = gx.Linear(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-3,
-)
-FOIL = gx.Linear(
-    E=3.5e9,
-    nu=0.31,
-    density=1420.0,
-    thickness=1e-4,
-)
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
+FOIL = gx.Linear(E=3.5e9, nu=0.31, density=1420.0, thickness=1e-4)
 
 
 @pytest.mark.mpi(1)
@@ -68,13 +58,7 @@ def test_two_halves_of_a_symmetric_plate_are_one():
         end = (0, 1, 2) if right is None else (0,)
         clamps = (
             gx.Fixed(plate, "left", rotation=True),
-            gx.Fixed(
-                plate,
-                "right",
-                rotation=True,
-                components=end,
-                direction=right,
-            ),
+            gx.Fixed(plate, "right", rotation=True, components=end, direction=right),
         )
         equilibrium = at_rest(plate, *clamps, gx.Pressure(plate, 20.0))
         rises.append(equilibrium.system.q0.array_r[2::3].max())
@@ -85,11 +69,7 @@ def test_two_halves_of_a_symmetric_plate_are_one():
 def test_a_hinge_transmits_no_moment():
     """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces
     hold it."""
-    plate = gx.Plate(
-        irregular_sheet(WORLD, 6, 2, 0.3, 0.1),
-        LAW,
-        hinges=("middle",),
-    )
+    plate = gx.Plate(irregular_sheet(WORLD, 6, 2, 0.3, 0.1), LAW, hinges=("middle",))
     clamp = gx.Fixed(plate, "left", rotation=True)
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 0.05))
     equilibrium = at_rest(plate, clamp, load)
@@ -151,11 +131,7 @@ def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
             shape = np.stack([np.sin(κ * X[0]) / κ, X[1], (1 - np.cos(κ * X[0])) / κ])
             return Q @ shape - X
 
-        plate = gx.Plate(
-            irregular_sheet(WORLD, n, n // 4, 1.0, 0.25),
-            LAW,
-            displacement=rolled,
-        )
+        plate = gx.Plate(irregular_sheet(WORLD, n, n // 4, 1.0, 0.25), LAW, displacement=rolled)
         energy = gx.Scene(plate).compile().totals().stored["plate bending"]
         errors.append(abs(energy / (LAW.E * LAW.thickness**3 / 12 / 0.91 * κ**2 * 0.25 / 2) - 1))
     # As for the cylinder of an orthotropic plate.
@@ -175,16 +151,8 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
         w = 1e-5 * np.sin(math.pi * X[1] / height) * np.sin(500 * (X[0] - 0.8 * X[1]))
         return np.stack([δ * X[1] / height, 0 * w, w])
 
-    plate = gx.Plate(
-        sheet(comm, 14, 7, length, height),
-        FOIL,
-        displacement=rough,
-    )
-    moved = gx.Fixed(
-        plate,
-        "top",
-        motion=lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]]),
-    )
+    plate = gx.Plate(sheet(comm, 14, 7, length, height), FOIL, displacement=rough)
+    moved = gx.Fixed(plate, "top", motion=lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]]))
     scene = gx.Scene(plate, gx.Fixed(plate, "bottom"), moved)
     search = gx.analysis.Continuation(
         first_step=1e-4,
@@ -231,21 +199,10 @@ def test_properties_vary_by_group_or_by_place():
     heavy = lambda X: np.where(X[0] > 0.5, 1e4, 1e3)  # noqa: E731
     thick = lambda X: np.where(X[0] > 0.5, 2e-3, 1e-3)  # noqa: E731
     cells = np.flatnonzero(
-        cellwise(
-            mesh,
-            lambda X: X[0] > 0.5,
-            0.0,
-            (),
-            "",
-        )._cpp_object.x.array
-        > 0
+        cellwise(mesh, lambda X: X[0] > 0.5, 0.0, (), "")._cpp_object.x.array > 0
     )
     mesh.groups["device"] = 2, cells.astype(np.int32)
-    by_place = gx.Membrane(
-        mesh,
-        LAW,
-        properties={"density": heavy, "thickness": thick},
-    )
+    by_place = gx.Membrane(mesh, LAW, properties={"density": heavy, "thickness": thick})
     by_group = gx.Membrane(
         mesh,
         LAW,
@@ -257,14 +214,7 @@ def test_properties_vary_by_group_or_by_place():
         )
         assert run.totals.momentum == pytest.approx([0.5 * 1.0 + 0.5 * 20.0, 0.0, 0.0], rel=1e-12)
     stretched = [
-        gx.Scene(
-            gx.Membrane(
-                mesh,
-                LAW,
-                displacement=lambda X: 1e-3 * X,
-                **given,
-            )
-        )
+        gx.Scene(gx.Membrane(mesh, LAW, displacement=lambda X: 1e-3 * X, **given))
         .compile()
         .totals()
         .stored["film"]
@@ -287,26 +237,14 @@ def test_properties_vary_by_group_or_by_place():
         (lambda m: gx.Plate(m, LAW, hinges=("left",)), "edges on the rim"),
         (lambda m: gx.Plate(m, LAW, hinges=("film",)), "name curves"),
         (lambda m: gx.Plate(m, LAW, hinges=("no such",)), "has no group 'no such'"),
-        (
-            lambda m: gx.Plate(m, LAW, rest_curvature=np.diag((0, 0, 1.0))),
-            "plane of the mesh",
-        ),
-        (
-            lambda m: gx.Plate(m, LAW, rest_curvature=((1.0, 2.0), (3.0, 4.0))),
-            "give a tensor",
-        ),
+        (lambda m: gx.Plate(m, LAW, rest_curvature=np.diag((0, 0, 1.0))), "plane of the mesh"),
+        (lambda m: gx.Plate(m, LAW, rest_curvature=((1.0, 2.0), (3.0, 4.0))), "give a tensor"),
         (
             lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}),
             "has dimension 1; name a group of the cells",
         ),
-        (
-            lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}),
-            "not above 0",
-        ),
-        (
-            lambda m: gx.Membrane(m, LAW, properties={"colour": {"film": 0.0}}),
-            "choose from E, nu",
-        ),
+        (lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}), "not above 0"),
+        (lambda m: gx.Membrane(m, LAW, properties={"colour": {"film": 0.0}}), "choose from E, nu"),
         (
             lambda m: gx.Membrane(m, LAW, properties={"density": lambda X: X}),
             r"must return \('n',\)|must return",
@@ -314,43 +252,18 @@ def test_properties_vary_by_group_or_by_place():
         (
             lambda m: gx.Membrane(
                 m,
-                gx.Elastica(
-                    1e9,
-                    0.3,
-                    density=1e3,
-                    thickness=1e-4,
-                    half_wavelength=0.1,
-                ),
+                gx.Elastica(1e9, 0.3, density=1e3, thickness=1e-4, half_wavelength=0.1),
                 properties={"thickness": {"film": 1e-3}},
             ),
             "derived",
         ),
+        (lambda m: gx.Fixed(gx.Membrane(m, LAW), "left", rotation=True), "a Plate"),
         (
-            lambda m: gx.Fixed(gx.Membrane(m, LAW), "left", rotation=True),
-            "a Plate",
-        ),
-        (
-            lambda m: gx.Fixed(
-                gx.Plate(m, LAW),
-                "left",
-                rotation=True,
-                direction=(0.0, 0.0, 0.0),
-            ),
+            lambda m: gx.Fixed(gx.Plate(m, LAW), "left", rotation=True, direction=(0.0, 0.0, 0.0)),
             "not all zero",
         ),
-        (
-            lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", moment=math.inf),
-            "moment is inf",
-        ),
-        (
-            lambda m: gx.Linear(
-                E=1e9,
-                nu=0.3,
-                density=1.0,
-                thickness=0.0,
-            ),
-            "thickness is 0.0",
-        ),
+        (lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", moment=math.inf), "moment is inf"),
+        (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
     ],
 )
 def test_bad_plates_are_refused_in_one_sentence(make, words):

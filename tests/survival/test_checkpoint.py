@@ -18,13 +18,7 @@ import gossamer_fx as gx
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.small_scenes import run_until
-from tests.survival.scenes import (
-    DT,
-    Watch,
-    filled_tube,
-    fluttering_sheet,
-    numbers,
-)
+from tests.survival.scenes import DT, Watch, filled_tube, fluttering_sheet, numbers
 
 COMM = MPI.COMM_WORLD
 
@@ -167,12 +161,7 @@ def test_minutes(folder: Path) -> None:
     run = gx.Simulation(
         fluttering_sheet(COMM),
         gx.Midpoint(dt=DT),
-        checkpoints=gx.Checkpoints(
-            folder,
-            every=None,
-            minutes=1e-6,
-            keep=9,
-        ),
+        checkpoints=gx.Checkpoints(folder, every=None, minutes=1e-6, keep=9),
     )
     run.run(until=3 * DT)
     COMM.barrier()

@@ -148,13 +148,7 @@ def test_a_signal_ends_the_run_after_its_step(
 ) -> None:
     """To one rank of all; the checkpoint is that of the last step, and the run can go on."""
     out = tmp_path / "run"
-    run = start(
-        ranks,
-        out,
-        "--every",
-        "1000",
-        steps=100_000,
-    )
+    run = start(ranks, out, "--every", "1000", steps=100_000)
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)

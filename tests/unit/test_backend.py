@@ -31,10 +31,7 @@ NAMES = {
     "pack_coefficients",
 }
 MODULES = {"dolfinx.cpp", "dolfinx.io.gmshio", "dolfinx.io.gmsh"}
-FOLDERS = (
-    PACKAGE,
-    *(PACKAGE.parent / name for name in ("demos", "meshes", "tests")),
-)
+FOLDERS = (PACKAGE, *(PACKAGE.parent / name for name in ("demos", "meshes", "tests")))
 FILES = sorted(path for folder in FOLDERS for path in folder.rglob("*.py"))
 
 

@@ -27,10 +27,7 @@ def film(comm):
 def gas(comm):
     bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), WRINKLING)
     gas = gx.IdealGas(gamma=1.4, R=296.8)
-    return [
-        bag,
-        gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6),
-    ]
+    return [bag, gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6)]
 
 
 def touching(comm):

@@ -152,9 +152,5 @@ def test_tension_is_the_positive_part_of_a_stress():
         exact = axes @ np.diag(np.maximum(values, 0)) @ axes.T
         stress = ufl.as_vector([ufl.as_ufl(float(s)) for s in S])
         found = [float(component) for component in tension(stress)]
-        expected = [
-            exact[0, 0],
-            exact[1, 1],
-            exact[0, 1],
-        ]
+        expected = [exact[0, 0], exact[1, 1], exact[0, 1]]
         assert found == pytest.approx(expected, abs=1e-12)

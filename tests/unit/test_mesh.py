@@ -340,10 +340,7 @@ GENERATORS = [
     (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}),
     (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}),
     (plates.whole_disc, {"cells": 2}),
-    (
-        sails.parallelograms,
-        {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1},
-    ),
+    (sails.parallelograms, {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1}),
     (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}),
     (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}),
     (sphere, {"radius": 1.0, "cells": 6}),

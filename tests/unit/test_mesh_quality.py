@@ -30,12 +30,7 @@ def triangles(
     def build(model) -> None:
         surface = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, surface, [], np.ravel(points))
-        model.mesh.addElementsByType(
-            surface,
-            2 if order == 1 else 9,
-            [],
-            np.ravel(cells) + 1,
-        )
+        model.mesh.addElementsByType(surface, 2 if order == 1 else 9, [], np.ravel(cells) + 1)
 
     return gx.gmsh_mesh(build, WORLD)
 
@@ -86,17 +81,9 @@ def test_a_triangle_of_no_size_is_refused():
 
 @pytest.mark.mpi
 def test_a_curved_triangle_that_turns_inside_is_refused():
-    corners = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-    ]
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
     for shift, turned in ((0.0, False), (0.3, True)):
-        middles = [
-            (0.5, shift, 0),
-            (0.5 - shift, 0.5 - shift, 0),
-            (shift, 0.5, 0),
-        ]
+        middles = [(0.5, shift, 0), (0.5 - shift, 0.5 - shift, 0), (shift, 0.5, 0)]
         mesh = triangles([*corners, *middles], [(0, 1, 2, 3, 4, 5)], order=2)
         film = gx.Membrane(mesh, WRINKLING, order=2)
         if turned:
@@ -116,13 +103,7 @@ def test_slivers_folds_and_opposite_normals_are_told():
     [words] = words_of(triangles(points, [*cells[:-1], cells[-1][::-1]]))
     assert "change sides at 2 edges" in words
     # the node in the middle of a square, moved across one of its edges
-    ring = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0.5, -0.2, 0),
-    ]
+    ring = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.2, 0)]
     [words] = words_of(triangles(ring, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]))
     assert "1 triangles upside down" in words
 

@@ -139,12 +139,7 @@ def test_names_are_texts_in_a_report(
     run = record(tmp_path / "run", attack, fields)
     gx.write_report(run, tmp_path / "report.html")
     check_page((tmp_path / "report.html").read_text(encoding="utf-8"), attack)
-    gx.plot.strip(
-        run,
-        "group",
-        path=tmp_path / "strip.png",
-        count=2,
-    )
+    gx.plot.strip(run, "group", path=tmp_path / "strip.png", count=2)
     gx.plot.curves(run, tmp_path / "curves.png")
 
 

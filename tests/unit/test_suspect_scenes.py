@@ -190,14 +190,7 @@ def two_cubes(comm: MPI.Intracomm, offset: float, size: float, inside_out: bool)
 def bag(mesh: Mesh) -> gx.Simulation:
     air = gx.IdealGas(R=287.0, gamma=1.4)
     skin = gx.Membrane(mesh, LAW, name="bag")
-    return compiled(
-        gx.Chamber(
-            skin,
-            gas=air,
-            pressure=1.0,
-            temperature=300.0,
-        )
-    )
+    return compiled(gx.Chamber(skin, gas=air, pressure=1.0, temperature=300.0))
 
 
 @pytest.mark.mpi(1)
