@@ -167,7 +167,6 @@ def test_thrown_beam_conserves() -> None:
             lambda: gx.sections.tube(0.01, 0.02, E=1e9, nu=0.3, density=1e3),
             "not less than the outer radius",
         ),
-        (lambda: gx.sections.solid_circle(0.0, E=1e9, nu=0.3, density=1e3), "radius is 0.0"),
         (
             lambda: gx.Beam(
                 line(COMM, [(0, 0, 0), (1, 0, 0)], 2),

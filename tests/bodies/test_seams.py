@@ -174,7 +174,6 @@ def test_ease_is_reported_and_limited() -> None:
         (("right", "right"), {"same": True}, "sewn to itself"),
         (("right", "left"), {"closing": (1.0, 0.5)}, "two times that rise"),
         (("right", "left"), {"closing": (-1.0, 0.5)}, "two times that rise"),
-        (("right", "left"), {"max_ease": -1.0}, "max_ease is -1.0"),
     ],
 )
 def test_bad_seams_are_refused(edges: tuple[str, str], options: dict, words: str) -> None:

@@ -168,18 +168,10 @@ def test_newton_has_the_tangent_of_the_drag() -> None:
     assert run.totals.losses["air drag"] > 0.5 * run.first.energy
 
 
-def test_bad_air_is_refused() -> None:
+def test_wind_that_is_no_number_is_refused() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
-    for given, words in (
-        ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
-        (
-            {"density": 1.0, "drag_coefficient": 0.0},
-            "drag_coefficient is 0.0; give a positive number",
-        ),
-        ({"density": 1.0, "wind": (1.0, math.nan, 0.0)}, "wind is .*; give three numbers"),
-    ):
-        with pytest.raises(gx.InputError, match=words):
-            gx.loads.AirDrag(film, **given)
+    with pytest.raises(gx.InputError, match=r"wind is .*; give three"):
+        gx.loads.AirDrag(film, 1.0, wind=(1.0, math.nan, 0.0))
 
 
 def test_thin_air_is_usual_and_water_is_not() -> None:

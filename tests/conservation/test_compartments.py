@@ -144,7 +144,14 @@ def test_a_ring_is_walked_once_for_both_chambers_and_the_orifice(monkeypatch):
     assert len(walks) == 1
 
 
-def test_a_ring_inside_of_a_surface_is_refused():
+@pytest.mark.parametrize(
+    ("group", "words"),
+    [
+        ("ring 1", "its ring 'ring 1' is not a boundary of its surface"),
+        ("tip", "form no closed line"),
+    ],
+)
+def test_a_ring_inside_of_a_surface_and_an_open_line_are_refused(group, words):
     film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4, compartments=2), FILM)
     bag = gx.Chamber(
         film,
@@ -152,9 +159,9 @@ def test_a_ring_inside_of_a_surface_is_refused():
         pressure=1.0,
         temperature=300.0,
         dead_volume=1e-6,
-        rings=(gx.gas.Ring(film, "ring 1"),),
+        rings=(gx.gas.Ring(film, group),),
     )
-    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a boundary of its surface"):
+    with pytest.raises(gx.InputError, match=words):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
 
 
@@ -178,17 +185,3 @@ def test_two_rims_in_one_group_are_no_ring():
     film = gx.Membrane(gx.gmsh_mesh(cylinder, MPI.COMM_WORLD), FILM)
     with pytest.raises(gx.InputError, match="form several closed lines; make a group of each"):
         gx.gas.Ring(film, "rims").loop()
-
-
-def test_an_open_line_is_no_ring():
-    film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4), FILM)
-    bag = gx.Chamber(
-        film,
-        gas=NITROGEN,
-        pressure=1.0,
-        temperature=300.0,
-        dead_volume=1e-6,
-        rings=(gx.gas.Ring(film, "tip"),),
-    )
-    with pytest.raises(gx.InputError, match="form no closed line"):
-        gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))

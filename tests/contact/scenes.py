@@ -51,6 +51,13 @@ def film(
     )
 
 
+def two_films(comm, height, velocity=(0.2, 0.1, -2.0), turn=0.4, **options):
+    """Return a film, and one above it at a height [m], turned and beside, that falls on it."""
+    lower = film(comm, name="lower", **options)
+    given = {"height": height, "velocity": velocity, "turn": turn, "at": (0.01, 0.005)}
+    return lower, film(comm, name="upper", **given, **options)
+
+
 def obstacle_of(kind: str, block: gx.RigidBody, **given) -> Obstacle:
     """Return an obstacle on a block, in the way of a film that falls from z = 0."""
     makes, geometry = {

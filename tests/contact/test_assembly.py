@@ -8,21 +8,13 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.solve.system.tangent import Tangent
-from tests.contact.scenes import contact_set_of, film, simulate
+from tests.contact.scenes import contact_set_of, simulate, two_films
 
 
 def touching(comm, body: str) -> gx.Simulation:
     """Films in the middle of a collision; one of them is held at an edge; with a body they rub,
     too."""
-    lower = film(comm, name="lower")
-    upper = film(
-        comm,
-        height=1.2e-3,
-        velocity=(0.2, 0.1, -2.0),
-        turn=0.4,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(comm, height=1.2e-3)
     items = [gx.Fixed(lower, "left")]
     if body:
         # An orthonormal triad without zeros, so that no entry of the tangent vanishes by chance.

@@ -133,12 +133,10 @@ def test_caps_keep_the_ends_straight(comm) -> None:
             {"obstacles": (gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
             "only with contact; give its distance",
         ),
-        ({"contact_distance": -1.0}, "give zero or a positive number"),
         ({"caps": {"tip": 0.0}}, "the cap of 'tip' is 0.0; give a rigid body, or a positive mass"),
         ({"caps": {"end": 1.0}}, "no group 'end'"),
         ({"caps": {"tip": 1.0}, "rod_width": -1.0}, "rod_width is -1.0 m"),
         ({"clamp": "nowhere"}, "no group 'nowhere'"),
-        ({"pressure": 0.0}, "give a positive number"),
     ],
 )
 def test_what_cannot_be_is_refused(comm, options, words: str) -> None:

@@ -319,7 +319,6 @@ def test_steps_that_are_undone_take_their_heat_back(comm) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"heat_capacity": -1.0}, "heat_capacity is -1.0 J/(m² K); give a positive number"),
         ({"heat_capacity": math.inf}, "heat_capacity"),
         ({"absorptivity": 1.5}, "absorptivity is 1.5; give numbers between 0 and 1"),
         ({"emissivity": (0.5, -0.1)}, "emissivity is (0.5, -0.1); give numbers between 0 and 1"),
@@ -337,12 +336,8 @@ def test_properties_that_make_no_sense_are_refused(arguments, words: str) -> Non
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"initial_temperature": -3.0}, "initial_temperature is -3.0 K"),
-        ({"space_temperature": -3.0}, "space_temperature is -3.0 K"),
-        ({"infrared": -3.0}, "infrared is -3.0 W/m²"),
         ({"albedo": 2.0}, "albedo is 2.0; give a number between 0 and 1"),
         ({"initial_temperature": None}, "give initial_temperature in K"),
-        ({"shadow_pixels": -1}, "shadow_pixels is -1"),
     ],
 )
 def test_heatings_that_make_no_sense_are_refused(comm, options, words: str) -> None:

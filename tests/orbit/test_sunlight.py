@@ -68,7 +68,6 @@ def test_a_group_may_have_its_own_optics(comm):
     [
         ({"direction": (0.0, 0.0, 0.0)}, "three finite numbers that are not all zero"),
         ({"direction": lambda t: (0.0, 1.0)}, "direction at t = 0 s"),
-        ({"direction": (0.0, 0.0, 1.0), "pressure": -1.0}, "pressure is -1.0"),
         ({"direction": (0.0, 0.0, 1.0), "groups": {"left": gx.orbit.Optics()}}, "dimension 1"),
     ],
 )

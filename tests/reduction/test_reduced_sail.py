@@ -223,7 +223,6 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
     film, shapes = recorded
     for motions, modes, cells, words in (
         ([], 3, None, "no snapshots"),
-        ([shapes], 0, None, "modes is 0"),
         ([shapes], 10_000, None, "ask for fewer"),
         ([shapes], 3, 0, "cells is 0"),
     ):

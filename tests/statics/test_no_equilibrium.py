@@ -9,7 +9,6 @@ import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import at_rest
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 STRETCHED = {"displacement": lambda X: 0.01 * X}
@@ -149,15 +148,6 @@ def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
     }
     with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
         asked[ask]()
-
-
-def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
-    body = film(comm)
-    equilibrium = at_rest(gx.Fixed(body, "left"), gx.Gravity(body))
-    with pytest.raises(gx.InputError, match="not a support of this scene"):
-        equilibrium.reaction(gx.Fixed(body, "right"))
-    with pytest.raises(gx.InputError, match="three numbers"):
-        equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))
 
 
 def test_what_lies_on_an_obstacle_counts_as_supported(comm):

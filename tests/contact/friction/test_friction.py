@@ -21,6 +21,7 @@ from tests.contact.scenes import (
     film,
     obstacle_of,
     simulate,
+    two_films,
 )
 
 OTHERS = ("plane", "ball", "cylinder", "box", "cone", "in ball", "in box", "in cone")
@@ -110,15 +111,7 @@ def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
 
 @pytest.mark.mpi
 def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
-    lower = film(comm, name="lower")
-    upper = film(
-        comm,
-        height=1.2e-3,
-        velocity=(1.0, 0.4, -2.0),
-        turn=0.4,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0))
     run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
     # It must have rubbed.
     assert run.totals.dissipated > 1e-5
@@ -205,16 +198,7 @@ def _spin(run, ball) -> float:
 
 
 def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
-    lower = film(MPI.COMM_SELF, 3, name="lower")
-    upper = film(
-        MPI.COMM_SELF,
-        3,
-        height=1.2e-3,
-        velocity=(1.0, 0.4, -2.0),
-        turn=0.4,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(MPI.COMM_SELF, height=1.2e-3, velocity=(1.0, 0.4, -2.0), n=3)
     floor = gx.contact.Plane(point=(0, 0, -1e-3), normal=(0, 0, 1), friction=0.5)
     run = simulate([gx.Contact(lower, upper, floor, distance=8e-4, friction=0.3)], 1e-3)
     # A few rejected steps are allowed where three surfaces rub at once.
@@ -232,16 +216,6 @@ def test_a_moved_solid_drags_a_film_along_and_pays_for_it() -> None:
     kinetic = 0.5 * SIGMA * 0.01 * 0.1**2
     assert run.totals.dissipated == pytest.approx(kinetic, rel=1e-2)
     assert abs(run.energy_error) < 1e-9
-
-
-def test_what_is_no_friction_is_refused() -> None:
-    body = patch(0.0)
-    with pytest.raises(gx.InputError, match=r"Contact 'contact': friction is -0.1; give zero"):
-        gx.Contact(body, distance=1e-3, friction=-0.1)
-    with pytest.raises(gx.InputError, match=r"slip_velocity is 0.*between"):
-        gx.Contact(body, distance=1e-3, friction=0.1, slip_velocity=0.0)
-    with pytest.raises(gx.InputError, match=r"Plane: friction is nan"):
-        gx.contact.Plane(**FLOOR, friction=math.nan)
 
 
 @pytest.mark.slow
