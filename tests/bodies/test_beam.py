@@ -132,7 +132,6 @@ def test_square_section_has_the_torsion_constant_of_saint_venant() -> None:
     assert error < 1e-5
 
 
-@pytest.mark.mpi
 def test_thrown_beam_conserves() -> None:
     """A curved beam, spinning and bent by its own motion, 200 steps: energy, momenta, orthonormal
     directors."""

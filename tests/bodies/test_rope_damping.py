@@ -30,7 +30,6 @@ def scene(x, v, *more, damping=C):
     return gx.Scene(mass, rope, *[make(mass) for make in more]), mass
 
 
-@pytest.mark.mpi
 def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     """A mass that flies below the rope's length has a constant speed; with a damper in addition it
     slows down."""
@@ -54,7 +53,6 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     assert gx.probes.Velocity(mass.port(), "x")(run) < 0.3
 
 
-@pytest.mark.mpi
 def test_a_taut_rope_decays_as_a_damped_oscillator():
     """Under a steady pull that keeps it taut: ẍ = -ω² x - 2ζω ẋ about the stretched length."""
     pull = 40.0

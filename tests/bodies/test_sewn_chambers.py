@@ -73,7 +73,6 @@ def test_volume_and_conservation_of_a_pillow_of_two_films(
     )
 
 
-@pytest.mark.mpi
 def test_sewn_under_pressure() -> None:
     """While the seams close the strips bear the pressure too: energy and momentum are kept."""
     films, seams = two_squares((2, 3), gap=0.002)

@@ -124,7 +124,6 @@ def test_a_pendulum_hangs_at_the_measured_strain() -> None:
     assert height == pytest.approx(-1 - 0.02 - 10 / 1500, abs=1e-9)
 
 
-@pytest.mark.mpi
 def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
     """A slack film of no stiffness to speak of, with a tape along its edge, pulled by 2 %."""
     film = gx.Membrane(

@@ -81,7 +81,6 @@ def test_taped_film_conserves(tape) -> None:
     assert run.totals.stored["tape"] > 0
 
 
-@pytest.mark.mpi
 def test_a_group_that_cannot_hold_a_tape_is_named_with_the_place(comm) -> None:
     """An edge whose nodes coincide, as at the pole of a revolved mesh, and a group without
     edges."""

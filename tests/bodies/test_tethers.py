@@ -30,7 +30,6 @@ def length_of(run: gx.Simulation) -> float:
     return float(next(c for c in run.system.compiled if isinstance(c, PaidOutRopes)).lengths()[0])
 
 
-@pytest.mark.mpi
 def test_a_brake_stops_a_mass_as_friction_does() -> None:
     """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the
     way."""
@@ -48,7 +47,6 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
     assert measured == pytest.approx(-math.sqrt(2 * elastic / MASS), rel=0.01)
 
 
-@pytest.mark.mpi
 def test_an_empty_reel_holds() -> None:
     run, mass = flying(3.0, length=L, brake_force=BRAKE, total_length=1.2)
     run.run(until=0.25)
@@ -62,7 +60,6 @@ def test_an_empty_reel_holds() -> None:
     assert measured == pytest.approx(-math.sqrt(2 * left / MASS), rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     """Slowly: m l² ω is constant, and the reel takes what the kinetic energy loses."""
     ω = 2.0
@@ -96,7 +93,6 @@ def test_the_tangent_of_a_tether_is_the_derivative() -> None:
                 assert slope == pytest.approx((above - below) / 2 / δ, rel=1e-4, abs=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> None:
     """A mass on a rope comes up to the hub's rate or swings about it; what it gains is supplied."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
@@ -158,7 +154,6 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
 def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
     lost = []
     for tension_only in (False, True):

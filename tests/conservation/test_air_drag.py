@@ -51,7 +51,6 @@ NORMAL = np.array([0.0, -0.6, 0.8])
 EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
 
 
-@pytest.mark.mpi(1)
 @EVERY
 def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> None:
     film = body(kind, comm, (0.0, 0.0, 0.0))
@@ -73,7 +72,6 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     assert list(run.totals.losses) == ["air drag"] and abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi(1)
 @EVERY
 def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: str) -> None:
     """Along the film it glides: air takes nothing from that part of its velocity."""
@@ -119,7 +117,6 @@ def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the
     strain of its spin, 1e-5, that lets it bulge."""
@@ -143,7 +140,6 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
     """In statics: what holds two edges of a flat film bears its weight and ½ ρ C u² on its area."""
     for wind, lift in (((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.5), ρ * C * 0.5**2 / 2)):

@@ -16,7 +16,6 @@ FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_s
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     radius = 0.1

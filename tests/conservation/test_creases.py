@@ -258,7 +258,6 @@ BAD = {
 }
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("case", BAD)
 def test_bad_creases_are_refused_in_a_sentence(case: str) -> None:
     make, words = BAD[case]

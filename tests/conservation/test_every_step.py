@@ -68,7 +68,6 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
     assert abs(run.energy_error) < 2e-8
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("h", STEPS[2:])
 def test_film_that_wrinkles(comm, h):
     film = gx.Membrane(

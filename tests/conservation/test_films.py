@@ -42,7 +42,6 @@ def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     """P grows by m g t; about the centre of mass the film moves as if it floated, so its internal
@@ -59,7 +58,6 @@ def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     assert abs(falling.energy_error) <= 1e-12
 
 
-@pytest.mark.mpi
 def test_pressure_in_a_closed_film_gives_no_momentum(comm):
     """The pressure in an airbag inflates it from flat, and pushes and turns the whole of it by
     nothing."""
@@ -73,7 +71,6 @@ def test_pressure_in_a_closed_film_gives_no_momentum(comm):
         assert abs(change).max() <= 1e-12 * scale
 
 
-@pytest.mark.mpi
 def test_supports_take_momentum_but_do_no_work(comm):
     film = free_sheet(comm)
     run = run_of(film, gx.Fixed(film, "left"), dt=2e-3)
@@ -99,7 +96,6 @@ def test_a_guide_leaves_the_momentum_along_it():
     assert abs(run.energy_error) <= 1e-12
 
 
-@pytest.mark.mpi
 def test_mass_damping_slows_every_motion_alike(comm):
     """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; the whole loss counts as
     dissipated."""
@@ -122,7 +118,6 @@ def test_mass_damping_slows_every_motion_alike(comm):
     assert 0.3 < run.totals.dissipated / run.first.energy < 0.8
 
 
-@pytest.mark.mpi
 def test_stiffness_damping_leaves_rigid_motions_alone(comm):
     film = free_sheet(comm)
     run = run_of(film, gx.Damping(film, stiffness_factor=1e-4))
@@ -159,7 +154,6 @@ def test_steps_that_are_halved_conserve_as_well(comm):
         assert abs(change).max() <= 1e-13
 
 
-@pytest.mark.mpi(1)
 # Mean numbers of iterations a step; the limits are the measured ones, rounded up.
 @pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
 def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):

@@ -281,7 +281,7 @@ def momenta_at_start(tape: gx.analysis.RunTape, run: gx.Simulation) -> tuple[PET
     return velocity, momenta
 
 
-@pytest.mark.mpi(4)
+@pytest.mark.mpi(3)
 @pytest.mark.parametrize("make", CONSERVING, ids=lambda make: make.__name__)
 def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     """Energy is conserved from every start, so E(T) and E(0) are one function of the start: dE/dv0
@@ -512,14 +512,12 @@ PARAMETERS = {
     rubbing_in_a_funnel: "contact.friction, contact.stiffness, film.initial_velocity",
 }
 CASES = [(make, name) for make, names in PARAMETERS.items() for name in names.split(", ")]
-# On several ranks, one of each kind: the shape, a number of points, with joints, with friction in
-# contact, with control, and with history.
+# On several ranks, one of each kind: the shape, with joints, with friction in contact, and with
+# history.
 CASES_ON_RANKS = [
     (damped, "film.shape"),
-    (roped, "rope.length"),
     (hinged, "torsion spring.stiffness"),
     (rubbing, "contact.friction"),
-    (sampled, "attitude control.damping"),
     (yielding, "crease.stiffness"),
 ]
 CASES.sort(key=lambda case: case not in CASES_ON_RANKS)
@@ -685,7 +683,7 @@ PRODUCTS += [wrinkling, colliding, rubbing_while_stopping, creased, prestressed]
 PRODUCTS += [damped_in_tension, roped, bent]
 
 
-@pytest.mark.mpi(5)
+@pytest.mark.mpi(3)
 @pytest.mark.parametrize("make", PRODUCTS, ids=lambda make: make.__name__)
 def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     """μ-products of one step: (a, b)·T(δq0, δv0) = Tᵀ(a, b)·(δq0, δv0) to round-off, T by forward

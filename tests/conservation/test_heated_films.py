@@ -73,7 +73,6 @@ def test_it_does_so_for_a_thousand_steps(law: str) -> None:
     assert momentum_error(run) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
     """Mean temperature, temperature across the thickness, and a rest curvature, all at once."""
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
@@ -94,7 +93,6 @@ def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
     assert momentum_error(run) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     expansion = ThermalExpansion(1e-4, gradient=lambda X, t: 20 * np.sin(60 * t) * (1 + X[0]))
@@ -131,7 +129,6 @@ def test_lines_close_their_balance(comm, kind: str) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
     film = gx.Membrane(

@@ -47,7 +47,6 @@ def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
         assert (folder / name).exists()
 
 
-@pytest.mark.mpi
 def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     """A closed film in tumbling flight, filled from a tank: the gas pushes on itself only."""
     gas = gx.IdealGas(gamma=1.4, R=296.8)
@@ -70,7 +69,6 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     assert error < 1e-11 * np.abs(first.angular_momentum).max()
 
 
-@pytest.mark.mpi
 def test_loads_supports_and_damping_are_booked(comm) -> None:
     film = gx.Membrane(sheet(comm, 6, 6), LAW)
     scene = gx.Scene(
@@ -159,7 +157,6 @@ def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
     assert np.allclose(times, np.arange(6) * 0.1)
 
 
-@pytest.mark.mpi
 def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
     film = gx.Membrane(sheet(comm, 6, 6), LAW)
     words = StringIO()
@@ -182,7 +179,6 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
         assert "steps, at rest" in (folder / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.mpi
 def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
     """A strain of 1e-10 is far below all that is computed, and far above round-off."""
     film = gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: 1e-10 * X)

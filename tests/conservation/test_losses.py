@@ -101,7 +101,6 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert float(row["dissipated"]) == run.totals.dissipated
 
 
-@pytest.mark.mpi
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
     mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=COMM)
     damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), damping=0.5)
@@ -144,7 +143,6 @@ def test_restarts_go_on_with_each_cause(folder: Path) -> None:
         assert list(again.values()) == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
 
 
-@pytest.mark.mpi
 def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> None:
     def swing(damping: float) -> gx.Scene:
         mass = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=COMM)

@@ -119,7 +119,6 @@ def test_energy_of_other_rules_and_steppers() -> None:
     assert run.totals.energy == pytest.approx(run.first.energy, rel=0.05)
 
 
-@pytest.mark.mpi
 def test_a_reduced_film_keeps_energy(comm) -> None:
     """Sampled cells take the axes of the film by groups, which the sample does not have."""
     law = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction={"film": (1.0, 0.3, 0.0)}, **NUMBERS)

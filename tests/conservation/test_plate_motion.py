@@ -49,7 +49,6 @@ def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
     assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
 
 
-@pytest.mark.mpi
 def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
     def direction(X, t):
         angle = math.sin(40 * t)
@@ -63,7 +62,6 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
     assert abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
     moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 0.02 * math.sin(60 * t))
@@ -73,7 +71,6 @@ def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
     """A steel strip curved across; bent backwards fast, its middle flattens at once and folds."""
     radius = 13.3e-3

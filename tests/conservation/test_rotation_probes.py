@@ -11,8 +11,6 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.plates import whole_disc
 
-pytestmark = pytest.mark.mpi
-
 
 def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(comm):
     """In body axes the transverse momentum turns at (I_a/I_t - 1) ω_a (Euler's equations)."""
@@ -44,6 +42,7 @@ def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(
     assert [probe(run) for probe in in_body] == pytest.approx(expected, rel=1e-3, abs=1e-5)
 
 
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("sense", [1, -1])
 def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, sense):
     """In axes that turn with a disc without bending stiffness two waves without nodal circle have
@@ -93,6 +92,7 @@ def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, se
     assert weak < 0.1 * strong
 
 
+@pytest.mark.mpi
 def test_radii_of_an_ellipse_have_two_waves_and_an_imbalance(comm):
     film = gx.Membrane(
         whole_disc(comm, 3),

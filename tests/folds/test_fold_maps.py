@@ -236,7 +236,6 @@ def test_joints_and_probes_see_the_folded_film(comm) -> None:
     assert measured == pytest.approx(place, abs=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_turned_start(comm) -> None:
     film = gx.Membrane(sheet(comm, 9, 2, 0.3, 0.1), LAW)
     straight = ZIGZAG.start(film).positions()
@@ -256,7 +255,6 @@ def test_sizes_of_miuras_fold() -> None:
     assert a @ b / 0.05**2 == pytest.approx(math.cos(1.0), rel=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_polygon_along_miuras_lines(comm) -> None:
     """One parallelogram stays where it is under the inverse of its axes."""
     corners = ((0.01, 0.03), (0.09, 0.03), (0.2, 0.25), (-0.1, 0.25))

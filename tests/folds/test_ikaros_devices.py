@@ -41,7 +41,6 @@ def petals(tilt: float) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.mpi
 def test_devices_have_the_mass_that_the_film_has_not() -> None:
     comm = MPI.COMM_WORLD
     film = ikaros_devices.sail(comm, FILM_ONLY)
@@ -85,7 +84,6 @@ def test_the_inertia_of_squares_is_that_of_the_closed_form() -> None:
     assert found == pytest.approx(of_squares + of_tips, rel=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
     found = ikaros_devices.figures(spinning())
     pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
@@ -125,7 +123,6 @@ def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None
     assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)
 
 
-@pytest.mark.mpi
 def test_the_frozen_shape_changes_little_over_a_day(comm) -> None:
     """A film that its spin stretches has heights in proportion to the light; what the light
     stretches makes it stiffer."""

@@ -92,7 +92,6 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
     assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
 
 
-@pytest.mark.mpi
 def test_caps_keep_the_ends_straight(comm) -> None:
     """A free tube, one end of which is on a heavy block, the other on a bar that lies where the
     folded tube ends."""
@@ -124,7 +123,6 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -144,7 +142,6 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
         tube(comm, **options)
 
 
-@pytest.mark.mpi
 def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     """The tube begins to open by what was left in it, against the air; the work of gravity and air
     is in the ledger."""

@@ -86,7 +86,6 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
         assert gap.max() == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_free_body_carries_the_box(comm) -> None:
     """Lid and body turn against each other; momentum and angular momentum stay; the angle is the
     closed form's.
@@ -126,7 +125,6 @@ def test_a_free_body_carries_the_box(comm) -> None:
     assert angle == pytest.approx(2.0 * (1 - math.cos(ω * (until - 0.01))), abs=5e-3)
 
 
-@pytest.mark.mpi
 def test_the_lid_moves_with_a_turning_body_at_the_start(comm) -> None:
     """Before the first step, lid and body have one angular velocity: all joints hold their
     velocities."""

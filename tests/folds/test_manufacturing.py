@@ -78,7 +78,6 @@ def test_creases_have_the_angles_and_positions_of_the_specimen(comm) -> None:
     assert farthest < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_seed_is_one_specimen_and_the_seed_zero_is_as_drawn(comm) -> None:
     scatter = Scatter(fold_position=1e-3, fold_angle=0.03, diameter=0.01, thickness=0.05)
     assert draw_specimen(0, 3, scatter) == PERFECT
@@ -117,7 +116,6 @@ def test_errors_that_cannot_be_are_refused() -> None:
         uneven(shifts=(1e-3,))
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("pressure", "tolerance"), [(7e3, 0.04), (7e4, 0.015)])
 def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float) -> None:
     """The flat ends leave a tube of low pressure slightly oval; at ten times the pressure the
@@ -127,7 +125,6 @@ def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float)
     assert measured == pytest.approx(expected, rel=tolerance)
 
 
-@pytest.mark.mpi
 def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -> None:
     """Thickness of the middle panel counts, where the deflection is fitted; relative to one on the
     same mesh."""
@@ -140,7 +137,6 @@ def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -
     assert of_thick / plain == pytest.approx(1.1, rel=0.02)
 
 
-@pytest.mark.mpi
 def test_the_tip_of_a_short_tube_is_as_stiff_as_the_pressure(comm) -> None:
     """The flat end is a hinge whose moment comes from the pressure: softer than a cantilever."""
     short = 0.16

@@ -48,7 +48,6 @@ def dumbbell(
     return (a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=length))
 
 
-@pytest.mark.mpi
 def test_rigid_body_flies_by_keplers_laws_in_second_order() -> None:
     start = Elements(8e6, 0.1, i=0.9, node=1.0, perigee=2.0, anomaly=0.5)
     exact = start.after(1200.0).state()[0]
@@ -72,7 +71,6 @@ def drift(run: gx.Simulation) -> float:
     return float(np.linalg.norm(now - first) / np.linalg.norm(first))
 
 
-@pytest.mark.mpi
 def test_dumbbell_hangs_on_its_spring_by_the_tide() -> None:
     orbit = Orbit(Elements(A))
     a, b, spring = dumbbell(0.0)
@@ -203,7 +201,6 @@ def test_oblateness_turns_the_node_and_the_perigee() -> None:
     assert abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 def test_all_attractions_are_work_supplied() -> None:
     pytest.importorskip("erfa")
     orbit = Orbit(

@@ -47,7 +47,6 @@ def test_a_deorbit_sail_falls_as_the_formula(folder: Path) -> None:
     assert (folder / "deorbit.png").exists()
 
 
-@pytest.mark.mpi
 def test_a_balloon_falls_by_the_drag_of_its_deformed_shape(comm) -> None:
     """The fall is that of the shape that the equilibrium has, and not that of the flat films."""
     result = deorbit_balloon.main(cells=6, seconds=120.0, dt=10.0, comm=comm)

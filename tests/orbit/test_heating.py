@@ -63,7 +63,6 @@ def flux() -> float:
     return LIGHT_SPEED * gx.orbit.Orbit(gx.orbit.Elements(RADIUS)).pressure
 
 
-@pytest.mark.mpi
 def test_a_sunlit_film_reaches_radiative_equilibrium(comm) -> None:
     """(ε_f + ε_b) σ T⁴ = α S."""
     end = flight(comm, T0=250.0, dt=2.0, until=200.0)
@@ -145,7 +144,6 @@ def test_the_back_absorbs_as_the_back_does(comm) -> None:
     assert temperatures[1] / temperatures[0] == pytest.approx(8**0.25, rel=1e-6)
 
 
-@pytest.mark.mpi
 def test_a_film_expands_with_its_temperature(comm) -> None:
     thermal = gx.materials.ThermalExpansion(2e-5, 250.0, reference=250.0)
     film = gx.Membrane(crossed_sheet(comm, 2, 2), FILM, thermal=thermal)
@@ -332,7 +330,6 @@ def test_properties_that_make_no_sense_are_refused(arguments, words: str) -> Non
         gx.orbit.ThermalProperties(**(usual | arguments))
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -347,7 +344,6 @@ def test_heatings_that_make_no_sense_are_refused(comm, options, words: str) -> N
         gx.orbit.SolarHeating(film, orbit, ALUMINISED, **({"initial_temperature": 300.0} | options))
 
 
-@pytest.mark.mpi
 def test_scenes_that_heat_a_film_twice_or_otherwise_are_refused(comm) -> None:
     orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(0.0, 0.0, 1.0))
     given = gx.materials.ThermalExpansion(1e-5, lambda X, t: 300.0 + t)

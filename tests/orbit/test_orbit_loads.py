@@ -129,7 +129,6 @@ def test_shadow_takes_the_light() -> None:
         assert measured == pytest.approx(2 * PRESSURE * lit, rel=2e-4)
 
 
-@pytest.mark.mpi
 def test_eclipse_begins_at_its_time() -> None:
     """A step ends where the shadow begins; the angle of the orbit there is known."""
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A, anomaly=1.8), sun=(1, 0, 0))
@@ -147,7 +146,6 @@ def test_eclipse_begins_at_its_time() -> None:
     assert run.time == pytest.approx((angle - 1.8) / n, rel=1e-5)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_drag_on_film_and_plate(order: int) -> None:
     """A film and a plate of the same attitude have the same drag, by the formula."""
@@ -252,7 +250,6 @@ def test_derivatives_by_complex_steps(what: str) -> None:
     assert error < 1e-6 * np.abs(K).max()
 
 
-@pytest.mark.mpi
 def test_magnetic_torque_is_m_cross_B() -> None:
     pytest.importorskip("erfa")
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.0, i=1.2), epoch="2026-06-01")

@@ -19,7 +19,6 @@ def beam_along_x(comm, cells=8, **options):
     return gx.Beam(line(comm, [(0, 0, 0), (L, 0, 0)], cells), TUBE, **options)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("by", ["vector", "function"])
 def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
@@ -52,7 +51,6 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     assert equilibrium.reaction(still)[0][1] == pytest.approx(3 * exact / L, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
     beam = beam_along_x(comm)
@@ -97,7 +95,6 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     assert directions == pytest.approx(ω + 2 * 0.1, rel=2e-2)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["beam", "cable"])
 def test_lines_slide_in_planes_of_any_direction(comm, kind):
     """A line that hangs between a pin and a slope of 45°: the slope pushes along its normal
@@ -129,7 +126,6 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     assert x @ n == pytest.approx(0, abs=1e-12) and np.linalg.norm(x) > 0
 
 
-@pytest.mark.mpi
 def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))

@@ -139,7 +139,6 @@ def force_of_drum(tension, gap):
     return 2 * (tension + STRIP_STIFFNESS * WIDTH * strain) * stretch * math.sin(slope)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension", [20.0, 0.0])
 def test_a_strip_without_loads_is_lifted_by_a_drum(comm, tension):
     """Prestress, or the stretch itself, presses the strip on the drum, but not through it."""

@@ -158,7 +158,6 @@ def test_a_search_that_cannot_be_is_refused(name, value):
         Continuation(**{name: value})
 
 
-@pytest.mark.mpi
 def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
     """A film shaken at one edge: energy = what the motion supplied, to round-off, and it is not
     nothing."""

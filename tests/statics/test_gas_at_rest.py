@@ -39,7 +39,6 @@ def exact_position(stiffness: float, exponent: float) -> float:
     return brentq(lambda x: P0 * (V0 / (V0 + AREA * x)) ** exponent * AREA - stiffness * x, 0, 50)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("process", "exponent"), [("adiabatic", 1.4), ("isothermal", 1.0)])
 @pytest.mark.parametrize("first_step", [2e-4, 2e-2, 2.0])
 def test_a_piston_on_a_spring_keeps_its_law(comm, process, exponent, first_step):

@@ -248,7 +248,6 @@ def test_gradients_agree_with_differences(comm, case):
     check_against_differences(equilibrium, names.split(", "), results, CHANGES, begin)
 
 
-@pytest.mark.mpi
 def test_energy_of_a_loaded_spring(comm):
     """ψ = F²/(2k): dψ/dF = F/k, dψ/dk = -F²/(2k²) and, as the force does not change, dψ/dL = 0."""
     force = 3.0
@@ -507,7 +506,6 @@ def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     assert by_g == pytest.approx(density * thickness * compliance / g, rel=1e-6)
 
 
-@pytest.mark.mpi
 def test_a_pressed_tube_has_the_gradients_of_differences(comm):
     """A tube between two planes, whose contact grows with the load: by its thickness and its
     pressure."""

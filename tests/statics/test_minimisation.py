@@ -186,7 +186,6 @@ def swing(values: dict[str, np.ndarray]) -> gx.analysis.Gradient:
     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("method", [None, "blmvm"])
 def test_a_run_is_minimised_to_the_closed_form(comm, method):
     """The mass is lowest after a whole oscillation; the rule turns by φ with tan(φ/2) = ω h/2 in a

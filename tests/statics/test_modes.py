@@ -139,7 +139,6 @@ def test_coriolis_matrix_of_a_film(comm):
     assert y.dot(out) == pytest.approx(2 * 0.028 * SPIN)
 
 
-@pytest.mark.mpi
 def test_a_mass_on_a_gas_spring(comm):
     """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those
     without gas."""
@@ -258,7 +257,6 @@ def test_film_in_contact(comm):
     assert lowest.effective_mass[2] == pytest.approx(1400 * THICKNESS, rel=0.05)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))]
 )
@@ -384,7 +382,6 @@ def test_an_unstable_equilibrium_is_reported(caplog):
     assert "grows" not in repr(found[2])
 
 
-@pytest.mark.mpi
 def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
     """Between hinges under 1.5 times Euler's load: growth √(N/N_cr - 1) (π/L)² √(EI/μ)."""
     length = 2.0
@@ -419,7 +416,6 @@ def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     assert "finer mesh" not in caplog.text
 
 
-@pytest.mark.mpi
 def test_slack_film_beside_a_boom_is_reported_with_the_deflection_of_the_boom(comm, caplog):
     """A cantilever under a force F at its tip: F L³/(3 EI)."""
     length = 2.0
@@ -455,7 +451,6 @@ def test_the_share_of_a_film_that_is_not_taut_is_that_of_its_states(comm):
     assert taut == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.mpi
 def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
     """Six rigid motions have the frequency zero: any combinations of them are modes, and their
     effective masses add up only if these are orthogonal."""

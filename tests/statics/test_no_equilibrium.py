@@ -120,7 +120,6 @@ def test_a_joint_leaves_its_own_motion(comm, joint, free):
     assert found.regular == (not free)
 
 
-@pytest.mark.mpi
 def test_a_film_that_is_pinned_turns_about_its_pin(comm):
     """A stretched strip between two pins on a slanted line turns about that line."""
     body = film(comm, law=gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4), **STRETCHED)
@@ -173,7 +172,6 @@ def steel_cantilever(comm, scale: float) -> gx.Equilibrium:
     return gx.Equilibrium(gx.Scene(beam, force, gx.Fixed(beam, "start", rotation=True)))
 
 
-@pytest.mark.mpi
 def test_a_stiff_structure_is_as_regular_as_a_soft_one(comm, caplog):
     """Whether a tangent is singular does not depend on the units of forces and moments."""
     for scale in (1.0, 1e-3, 1e-9):
@@ -182,7 +180,6 @@ def test_a_stiff_structure_is_as_regular_as_a_soft_one(comm, caplog):
     assert not caplog.records
 
 
-@pytest.mark.mpi
 def test_unloading_is_not_blamed_for_its_round_off(comm, caplog):
     equilibrium = steel_cantilever(comm, 1e-2)
     for at in (0.0, 0.5, 1.0, 1.5, 2.0):

@@ -28,7 +28,6 @@ def compliance_along(angle: float, E1: float = E1) -> float:
     return c**4 / E1 + s**4 / E2 + c**2 * s**2 * (1 / G12 - 2 * NU12 / E1)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("side", [1, -1], ids=["right", "left"])
 def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
     """Of film with E1 = E2 the tension is at 45 degrees to the axes: W = e_tt²/(2 F_tt), S =
@@ -110,7 +109,6 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
     assert error <= 1e-7
 
 
-@pytest.mark.mpi
 def test_a_strip_across_its_stiff_axis_is_softer(comm) -> None:
     """Stretched along the first or the second axis between fixed edges: the energies are as E1 and
     E2."""

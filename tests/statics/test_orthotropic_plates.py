@@ -132,7 +132,6 @@ def test_frequencies_of_a_simply_supported_plate(given) -> None:
     assert (4 * fine - coarse) / 3 == pytest.approx(exact, rel=7e-3)
 
 
-@pytest.mark.mpi
 def test_a_plate_without_moments_keeps_its_rest_curvature(comm) -> None:
     """Rolled to its rest curvature it has no energy and no moments, whatever its axes."""
     κ = 2.0
@@ -151,7 +150,6 @@ def test_a_plate_without_moments_keeps_its_rest_curvature(comm) -> None:
     assert abs(energy) < 5e-3 * stiffness_along(0.5) * κ**2 / 2 * 0.25
 
 
-@pytest.mark.mpi
 def test_a_thrown_plate_keeps_energy_and_momenta(comm) -> None:
     def thrown(X: np.ndarray) -> np.ndarray:
         return np.vstack([-X[1], X[0], np.sin(np.pi * X[0]) * np.cos(np.pi * X[1])])

@@ -67,7 +67,6 @@ def test_the_standard_deviation_is_that_of_repeated_measurements(comm):
     assert np.mean(scatters) == pytest.approx(1.0, abs=0.4)
 
 
-@pytest.mark.mpi
 def test_a_pressure_and_a_thickness_of_a_film_are_told_apart(comm):
     """A spring pulls the middle, so that the two heights depend on pressure and thickness in
     different ways."""

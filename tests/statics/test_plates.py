@@ -37,7 +37,6 @@ def test_a_cantilever_bends_as_the_elastica_however_thin(comm, thickness):
     assert elastica(comm, 16, thickness)["error"] < 4e-3
 
 
-@pytest.mark.mpi
 def test_strips_curl_roll_up_and_buckle_as_they_should(comm):
     # Errors of meshes of this size; the studies show their convergence.
     assert curl(comm, 16, math.pi / 2)["error"] < 2e-3
@@ -138,7 +137,6 @@ def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
     assert errors[1] < 5e-3 and errors[1] < errors[0] / 2
 
 
-@pytest.mark.mpi
 def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
     """From a start that is nearly flat, against large compressive stress: to four fifths of its
     energy."""

@@ -153,7 +153,6 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
     assert corner == pytest.approx((1 - 2 * e) ** 0.5, rel=1e-7)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order):
     """The film contracts, flutters and spins; nothing acts on it."""
@@ -181,7 +180,6 @@ def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order)
 # ---- cables --------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 def test_string(comm):
     """f = n/(2L) √(N/μ)."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (2.0, 0, 0)], 16), ROPE, order=2, initial_tension=50.0)
@@ -288,7 +286,6 @@ def test_what_is_refused(comm):
 # ---- asked for and reached -----------------------------------------------------------------------
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     """With all edges fixed the mesh is in equilibrium, so that all of the stress is left."""
@@ -301,7 +298,6 @@ def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     assert "prestress" not in caplog.text
 
 
-@pytest.mark.mpi
 def test_springs_in_series_take_prestress_back(comm, caplog):
     """A cable of EA/L = k between a support and a spring K keeps K/(k + K) of its tension.
 
@@ -333,7 +329,6 @@ def test_springs_in_series_take_prestress_back(comm, caplog):
             assert f"prestress of 'cable' {reached.mean:.3g} N of 10 N" in repr(result)
 
 
-@pytest.mark.mpi
 def test_film_on_soft_springs(comm, caplog):
     """A strip of film between a support and springs, stressed in one direction.
 

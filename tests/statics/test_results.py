@@ -48,7 +48,6 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
         gx.fields.positions(equilibrium, other)
 
 
-@pytest.mark.mpi
 def test_reaction_of_a_clamped_beam(comm):
     """Force -F and moment about the clamp: its arm is that of the deflected tip."""
     beam = gx.Beam(
@@ -131,7 +130,6 @@ def test_angular_velocity_of_a_beam(comm):
         gx.probes.AngularVelocity(gx.ground_frame(), "z")
 
 
-@pytest.mark.mpi
 def test_a_line_search_is_refused(comm):
     """The residual follows the iterates one by one: asked at another place, it is another
     function."""

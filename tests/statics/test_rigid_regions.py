@@ -32,7 +32,6 @@ def strip(comm, nu=0.0, order=2, cells=(8, 4)):
     return film, gx.Fixed(film, "film", components=(2,))
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("sliding", [False, True])
 def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     """f = E t λ ε; with ν and an edge that may shrink evenly, the strip shrinks by √(1 - 2νε)."""
@@ -53,7 +52,6 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     assert measured == pytest.approx([-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     """θ = M L/(E I) of small bending in the plane."""
     film, flat = strip(comm)
@@ -97,7 +95,6 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     assert math.hypot(*d) == pytest.approx(exact, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_wrinkled_hub_needs_no_secant(comm):
     """The torque that is given is that of a hub which is turned by the angle that was found."""
     law = gx.Miyazaki(E, 0.3, density=DENSITY, thickness=THICKNESS, residual_stiffness=1e-4)
@@ -162,7 +159,6 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     assert κ == pytest.approx(ratio * tube.FIRST, rel=1e-2)
 
 
-@pytest.mark.mpi
 def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     """A half circle, M = π EI/L, reached in steps."""
     thin = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
@@ -205,7 +201,6 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     assert last.supplied > 0
 
 
-@pytest.mark.mpi
 def test_what_cannot_be_one_piece_is_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS))
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), TUBE)

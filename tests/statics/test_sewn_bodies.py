@@ -82,7 +82,6 @@ def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None
     assert thickness == pytest.approx(MYLAR_THICKNESS, rel=1e-2)
 
 
-@pytest.mark.mpi
 def test_a_sheet_becomes_a_tube() -> None:
     """A bent sheet whose edges are 3 % of the circumference apart is sewn, and stretched by
     pressure."""
@@ -148,7 +147,6 @@ def test_gores_have_the_circumference_of_the_body() -> None:
     assert all(abs(seam.ease) < 1e-12 for seam in seams)
 
 
-@pytest.mark.mpi
 def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
     """16 flat gores with tendons of 0.88 of their seams: tendons bear 0.89 of the meridional load.
 
@@ -248,7 +246,6 @@ def test_bad_profiles_are_refused(profile: list, n: int, words: str) -> None:
         gx.patterns.gores(profile, n)
 
 
-@pytest.mark.mpi
 def test_open_gores_hold_no_gas() -> None:
     gores = mylar_gores(4)
     law = gx.TensionField(E=1e8, nu=0.3, density=1000.0, thickness=2e-5)

@@ -334,7 +334,6 @@ def test_what_a_pressed_film_encloses_is_measured_once(comm, monkeypatch):
     assert measured == [film.mesh.domain]
 
 
-@pytest.mark.mpi
 def test_open_rims_do_not_hide_normals_that_point_inwards(comm, caplog):
     """Rings of equal size cancel in the sum of the area vectors: the film was called closed."""
     mesh = ellipsoid_with_rings(comm, turn=True, orient=False)
@@ -350,7 +349,6 @@ def test_open_rims_do_not_hide_normals_that_point_inwards(comm, caplog):
     assert mesh.enclosed_volume() < 0
 
 
-@pytest.mark.mpi
 def test_orientation_gives_a_film_with_small_rims_its_outer_side(comm, caplog):
     volumes = []
     for turn in (False, True):

@@ -33,7 +33,6 @@ def turned(comm, angle):
     return mesh
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     """Between planes that are not x, y, z: f = E t λ ε, ε = (λ² - 1)/2, and ε across is -ν ε."""
@@ -108,7 +107,6 @@ def test_edge_loads_that_are_none(comm, bad, words):
         gx.loads.EdgeLoad(film, "right", **bad)
 
 
-@pytest.mark.mpi
 def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     """A cantilever by three supports of its ends; damping dissipates what the ledger says."""
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
@@ -151,7 +149,6 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
             assert abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("load", ["gravity", "centrifugal"])
 def test_a_tape_has_weight(comm, load):
     film = gx.Membrane(sheet(comm, 4, 4), LAW)
@@ -221,7 +218,6 @@ def test_a_support_of_nothing_is_refused(comm):
             support()
 
 
-@pytest.mark.mpi
 def test_supports_that_share_corners_balance_the_load_together(comm) -> None:
     """Four edges of a square hold its weight; each corner belongs to two of them."""
     film = gx.Membrane(

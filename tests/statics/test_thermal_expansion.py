@@ -82,7 +82,6 @@ def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm,
     assert set(state) <= ({2.0} if elastic > 0 else {0.0, 1.0})
 
 
-@pytest.mark.mpi
 def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None:
     law = gx.LinearOrthotropic(
         100e9, 5e9, 0.0, 2e9, density=1400.0, thickness=THICKNESS, direction=(1.0, 0.0, 0.0)
@@ -99,7 +98,6 @@ def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None
     np.testing.assert_allclose(strain, metric(1 + 30e-6 * 80), rtol=1e-6)
 
 
-@pytest.mark.mpi
 def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     angle = 0.4
     axis = (math.cos(angle), math.sin(angle), 0.0)
@@ -117,7 +115,6 @@ def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     np.testing.assert_allclose(both[1], metric(1 + 1e-3), rtol=1e-6)
 
 
-@pytest.mark.mpi
 def test_cables_and_beams_between_clamps(comm) -> None:
     curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 4)
     cooled = ThermalExpansion(ALPHA, T0 - 40.0, reference=T0)
@@ -205,7 +202,6 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
     assert result.totals.energy < 3e-3 * stored
 
 
-@pytest.mark.mpi
 def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     κ = 0.002  # 1/m: the plate bends by a tenth of its thickness, and stretches little
@@ -232,7 +228,6 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     assert abs(result.totals.energy) < 0.06 * held_flat
 
 
-@pytest.mark.mpi
 def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
     """u = ½ α a (X² - Y², 2 X Y) has the strain α a X in both directions."""
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
@@ -316,7 +311,6 @@ def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) ->
         gx.Membrane(sheet(comm, 2, 2), law, thermal=ThermalExpansion(**arguments))
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("temperature", "words"),
     [

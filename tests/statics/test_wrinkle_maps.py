@@ -109,7 +109,6 @@ def map_of(run, film, field: str) -> np.ndarray:
     return gx.fields.field_values(run, film, field=field)[1]
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "direction, along, across",
     [((1.0, 0.0, 0.0), E, E / 2), ((0.0, 1.0, 0.0), E / 2, E)],
@@ -134,7 +133,6 @@ def test_maps_of_a_fabric_along_its_axes(comm, direction, along, across):
     assert np.abs(crests @ t) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("field", ["wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction"])
 def test_maps_of_a_fabric_of_equal_stiffness_are_those_of_a_tension_field(comm, field):
     alike = fabric(E, E, NU, E / 2 / (1 + NU), direction=(1.0, 0.4, 0.0))

@@ -19,7 +19,6 @@ def test_bending_of_a_tensioned_strip(comm, law, K):
     assert result["P/P0"] == pytest.approx(1, abs=1e-2)
 
 
-@pytest.mark.mpi
 def test_bending_with_quadratic_elements(comm):
     result = bending_strip.problem(comm, "Miyazaki 1e-6", "P2", 2.0, 24)
     assert result["m/exact"] == pytest.approx(1, abs=2e-3)

@@ -40,7 +40,6 @@ def test_a_closed_line_has_two_layers() -> None:
     assert 2 <= found.max() + 1 <= 3  # three if the line begins in the middle of one
 
 
-@pytest.mark.mpi
 def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     low = gx.Membrane(sheet(comm, 5, 4), LINEAR, name="low")
     high = gx.Membrane(

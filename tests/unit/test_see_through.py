@@ -58,7 +58,6 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
         assert np.allclose(both, seen, atol=0.02)
 
 
-@pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
     tube = gx.Membrane(
         flat_tube(
