@@ -971,7 +971,6 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "an assembly of the wrong mesh": lambda at: gx.assemblies.InflatableTube(
         sheet(ONE, 2, 2), WRINKLING, gas=AIR
     ),
-    "guides of no hub": lambda at: gx.assemblies.RotationGuides(mass(), count=4, radius=1.0),
 }
 
 # ---- steppers, runs, outputs ---------------------------------------------------------------------
@@ -1326,9 +1325,6 @@ ANALYSES: dict[str, Case] = {
     ),
     "a start of words": lambda at: of_runs(lambda values: None, start={"a": "b"}),
     "fits of nan": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [math.nan], BY),
-    "a strip under a word": lambda at: gx.analysis.HangingStrip(
-        0.05, 0.01, bending_stiffness=1e-5
-    ).equilibrium("a", 1.0, 2.0),
     "convergence of words": lambda at: gx.analysis.convergence(
         lambda n: "a", meshes=[1, 2, 3], sizes=[1.0, 0.5, 0.25]
     ),
