@@ -23,6 +23,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, crossed_sheet, sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
+from tests.hanging import HANG_TIMEOUT
 
 LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
@@ -243,6 +244,7 @@ def test_a_time_limit_ends_gmsh(comm):
 
 
 INTERRUPTED = """
+import signal
 from mpi4py import MPI
 from gossamer_fx import gmsh_mesh
 
@@ -251,6 +253,8 @@ def endless(model):
     while True:
         pass
 
+# As at the start of a program, whatever the tests that started this one have set.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 gmsh_mesh(endless, MPI.COMM_SELF)
 """
 
@@ -267,7 +271,7 @@ def test_ctrl_c_ends_gmsh():
     assert child.stdout.readline() == "gmsh works\n"
     child.send_signal(signal.SIGINT)
     # Ends only when gmsh's process, which holds the pipes too, has ended.
-    _, said = child.communicate(timeout=60)
+    _, said = child.communicate(timeout=HANG_TIMEOUT)
     assert child.returncode == -signal.SIGINT
     assert said.rstrip().endswith("KeyboardInterrupt")
 
