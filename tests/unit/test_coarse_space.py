@@ -35,7 +35,7 @@ def patches_of(body) -> np.ndarray:
     return patches(body, body.space.tabulate_dof_coordinates()[: body.block.index_map.size_local])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_it_holds_every_affine_motion(comm, order):
     system = simulation(comm, 20, order=order).system

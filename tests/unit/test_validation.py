@@ -72,7 +72,6 @@ def missed(case, comm, results, quick=False):
     return [one.words for one in found if not one.holds]
 
 
-@pytest.mark.mpi
 def test_units_are_converted_and_the_error_is_relative(comm, folder):
     case = case_of(folder, GOOD) if comm.rank == 0 else None
     case = comm.bcast(case)

@@ -122,13 +122,7 @@ def test_the_twist_of_a_tube_does_not_count_its_bending_nor_its_motion():
 
 
 def test_an_inflated_tube_bears_its_pressure():
-    tube = Cantilever(
-        radius=0.08,
-        length=1.0,
-        pressure=5e4,
-        stiffness=2.2e5,
-        poisson=0.3,
-    )
+    tube = Cantilever(radius=0.08, length=1.0, pressure=5e4, stiffness=2.2e5, poisson=0.3)
     λ_L, λ_H = tube.stretches()
     hoop_strain = tube.pressure * tube.radius / tube.stiffness * (1 - 0.3 / 2)
     assert λ_H - 1 == pytest.approx(hoop_strain, rel=0.1)
@@ -184,7 +178,6 @@ def test_cells_are_small_in_the_fold_and_reach_the_end():
     assert lengths.max() < 0.4 * STEEL_TAPE.width
 
 
-@pytest.mark.mpi
 def test_a_shallow_tape_does_not_snap_between_turns(comm):
     """A search that goes on from another turn finds 45 times the moment: the tape snaps."""
     values = {
