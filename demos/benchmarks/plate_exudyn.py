@@ -11,7 +11,7 @@ import exudyn.shells
 import numpy as np
 from contestants import words
 from exudyn.itemInterface import Force, MarkerNodePosition
-from plate_problems import CASES, grid
+from shared_problems import CASES, grid
 
 case = words({"shape": "strip", "n": 16, "increments": 10})
 if case["shape"] != "strip":

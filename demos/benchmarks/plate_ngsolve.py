@@ -15,7 +15,7 @@ import time
 import ngsolve as ng
 from contestants import words
 from ngsolve.meshes import MakeStructuredSurfaceMesh
-from plate_problems import CASES, mapped
+from shared_problems import CASES, mapped
 
 # Words of the command line, and what they are without.
 case = words({"shape": "strip", "n": 16, "order": 2, "increments": 4, "power": 1.0, "damping": 1.0})

@@ -53,16 +53,9 @@ def angular_momentum() -> np.ndarray:
 scheme = Structures.StructuralMechanicsBossakScheme(
     K.Parameters('{"damp_factor_m": -0.3, "newmark_beta": 0.25, "projection_variables_list": []}')
 )
-# 1e-6 of the first residual of a step.
-criterion = K.ResidualCriteria(1e-6, 1e-10)
-criterion.SetEchoLevel(0)
-builder = K.ResidualBasedBlockBuilderAndSolver(kratos_model.linear_solver(case["solver"]))
-strategy = K.ResidualBasedNewtonRaphsonStrategy(
-    part, scheme, criterion, builder, 30, False, False, True
+strategy = kratos_model.newton_strategy(
+    part, scheme, absolute=1e-10, solver=case["solver"], iterations=30
 )
-strategy.SetEchoLevel(0)
-strategy.Initialize()
-strategy.Check()
 first = angular_momentum()
 cpu = time.process_time()
 wall = time.perf_counter()

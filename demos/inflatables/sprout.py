@@ -61,6 +61,7 @@ from scipy.spatial.transform import Rotation
 import gossamer_fx as gx
 from demos.common.deployment import (
     UNITS,
+    deployment_case,
     dissipation,
     print_figures,
     run_case,
@@ -311,11 +312,8 @@ def build(
     column = b * math.sin(folds.gamma)
     figure = Figure(length, diameter, (column / 2, BELOW), inset)
     lines = folds.segments((-length, 0.0), (column + length, 2 * length))
-    origin = (
-        -column / 2,
-        CUBE / 2 + STAND - BELOW,
-        0.0,
-    )  # of the first parallelogram, which stays as it is
+    # Of the first parallelogram, which stays as it is.
+    origin = (-column / 2, CUBE / 2 + STAND - BELOW, 0.0)
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
     turn = (float(x), float(y), float(z))
     law = KAPTON_HN.law(thickness, residual_stiffness=1e-4)
@@ -418,22 +416,12 @@ def build(
     probes["penetrations"] = gx.probes.Penetrations(touching)
     settling = Settling(window)
     probes["kinetic energy over the largest"] = settling
-    events = [gx.When(settling, settled, falling=True, stop=True, name="settled")]
+    events: list[gx.When] = []
+    if settled:
+        end = gx.When(settling, settled, falling=True, stop=True, name="settled")
+        events.append(end)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # The first guess of a step may press layers together: its residual is not a measure of the
-    # forces.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(
-        scene,
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        events=events if settled else [],
-        frames=80,
-    )
+    return deployment_case(items, TITLE, probes, until, control, dt, events=events)
 
 
 def inertia(mass: float) -> float:
