@@ -353,22 +353,7 @@ def build(
         valve = tube.inlet(source, partial(valve_area, bore=bore, opening=opening, delay=delay))
         items += [tube, valve]
         tubes[side] = tube
-    if inset:
-        legs = figure.legs(tethers)
-        ends = [
-            (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
-            for side, inner, outer in legs
-        ]
-        lengths = [inset / math.cos(HALF)] * len(ends)
-        items += [
-            gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
-            gx.RigidRegion(film, "side 1", rigid_body=cube),
-        ]
-    else:
-        items += [
-            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
-            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
-        ]
+    items += film_edges(film, tubes, cube, figure, tethers)
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [
@@ -400,16 +385,7 @@ def build(
             gx.loads.AirDrag(body, density, name=f"air drag on {body.name}") for body in films
         ]
 
-    probes: dict[str, Probe] = {}
-    for name, side in SIDES.items():
-        tube = tubes[side]
-        probes |= {f"{bag.name} [Pa]": gx.probes.GasState(bag, "pressure") for bag in tube.chambers}
-        probes |= {
-            f"{name} ring {i + 1} [mm2]": square_millimetres(gx.probes.RingArea(r))
-            for i, r in enumerate(tube.rings)
-        }
-        tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
-        probes |= {f"{name} tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    probes = tube_probes(tubes, figure)
     probes |= {
         f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
     }
@@ -422,6 +398,48 @@ def build(
         events.append(end)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     return deployment_case(items, TITLE, probes, until, control, dt, events=events)
+
+
+def film_edges(
+    film: gx.Membrane,
+    tubes: Mapping[int, gx.assemblies.InflatableTube],
+    cube: gx.RigidBody,
+    figure: Figure,
+    tethers: int,
+) -> list[object]:
+    """What holds the edges of the film: ties to the tubes, or for a film that is inset as many
+    tethers on each side."""
+    if not figure.inset:
+        return [
+            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
+            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
+        ]
+    ends = [
+        (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
+        for side, inner, outer in figure.legs(tethers)
+    ]
+    lengths = [figure.inset / math.cos(HALF)] * len(ends)
+    return [
+        gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
+        gx.RigidRegion(film, "side 1", rigid_body=cube),
+    ]
+
+
+def tube_probes(
+    tubes: Mapping[int, gx.assemblies.InflatableTube], figure: Figure
+) -> dict[str, Probe]:
+    """Pressures of the compartments, areas of the rings between them, and positions of the tips."""
+    probes: dict[str, Probe] = {}
+    for name, side in SIDES.items():
+        tube = tubes[side]
+        probes |= {f"{bag.name} [Pa]": gx.probes.GasState(bag, "pressure") for bag in tube.chambers}
+        probes |= {
+            f"{name} ring {i} [mm2]": square_millimetres(gx.probes.RingArea(ring))
+            for i, ring in enumerate(tube.rings, start=1)
+        }
+        tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
+        probes |= {f"{name} tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    return probes
 
 
 def inertia(mass: float) -> float:
