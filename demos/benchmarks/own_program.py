@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import contact_scene
 import numpy as np
 from contact_cost import contact_cost
-from contestants import words
+from contestants import Clock, words
 from gradient_cost import gradient
 from mpi4py import MPI
 from newton_times import limit, profile
@@ -123,12 +123,10 @@ def pendulum(
 
 def found_by(search: gx.Equilibrium) -> Figures:
     """Find an equilibrium, and return the times, the unknowns and the iterations as "steps"."""
-    cpu = time.process_time()
-    wall = time.perf_counter()
+    clock = Clock()
     found = search.find()
     return {
-        "cpu": time.process_time() - cpu,
-        "wall": time.perf_counter() - wall,
+        **clock.figures(),
         "dofs": search.system.numbering.size,
         "steps": found.iterations,
     }
@@ -241,8 +239,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
     # Seconds of the law in an iteration, and iterations, of each step.
     law_seconds: dict[str, list[float]] = {name: [] for name in runs}
     counts: dict[str, list[int]] = {name: [] for name in runs}
-    cpu = time.process_time()
-    wall = time.perf_counter()
+    clock = Clock()
     for step in range(FIRST_STEPS + 1, FIRST_STEPS + steps + 1):
         for name, run in runs.items():
             solver = run.solver.newton
@@ -255,8 +252,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
     isotropic_time = float(np.median(law_seconds["isotropic"]))
     return {
         "ratio": own_time / isotropic_time,
-        "cpu": time.process_time() - cpu,
-        "wall": time.perf_counter() - wall,
+        **clock.figures(),
         "dofs": runs[law].system.numbering.size,
         "steps": steps,
         "law [ms]": 1e3 * own_time,
