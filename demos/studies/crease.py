@@ -2,7 +2,7 @@
 elastica and hinge.
 
 The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring
-with a rest angle: the strip of `gx.analysis.HangingStrip` without own weight.
+with a rest angle: the strip of `demos.common.crease_identification` without own weight.
 Wanted: 1 % of the distance and 0.7° of the angle with 8 cells a panel; with 16, a quarter of it.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.crease_identification import HangingStrip
 from demos.studies.engine.study import ROUND_OFF, Measure, Study
 from demos.studies.plate import positions
 from gossamer_fx.meshes.creased_strip import creased_strip
@@ -30,7 +31,7 @@ STIFFNESS = 2e-3
 REST = math.radians(120.0)
 # ν = 0: the panels bend as strips.
 LAW = gx.Linear(E=E, nu=0.0, density=1400.0, thickness=THICKNESS)
-STRIP = gx.analysis.HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)
+STRIP = HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)
 FORCES = [0.003, 0.01, 0.03, 0.05, 0.1, 0.3]  # N/m
 
 
