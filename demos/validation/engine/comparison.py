@@ -62,8 +62,11 @@ class Comparison:
 
     @property
     def errors(self) -> Array:
-        """Relative errors (n,)."""
-        return (self.y_predicted - self.y_measured) / np.abs(self.y_measured)
+        """Errors (n,), relative to the reference of the case or else to each measured value."""
+        sizes = np.abs(self.y_measured)
+        if math.isfinite(self.measured.reference):
+            sizes = np.full(len(sizes), self.measured.reference)
+        return (self.y_predicted - self.y_measured) / sizes
 
     @property
     def mean_error(self) -> float:
