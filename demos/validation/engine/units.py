@@ -10,7 +10,11 @@ DIMENSIONS = {
     "1": "1, %",
     "rad": "rad, deg",
     "m": "m, mm, um, in",
+    "m3": "m3, cm3",
+    "m3/s": "m3/s, cm3/s",
     "s": "s",
+    "1/s": "1/s",
+    "m/s": "m/s, mm/s",
     "kg": "kg, g",
     "kg/m": "kg/m",
     "kg/m2": "kg/m2, g/m2",
@@ -20,7 +24,10 @@ DIMENSIONS = {
     "N m": "N m, N mm",
     "N/m": "N/m, kN/m",
     "N/rad": "N/rad",
+    "N s/m": "N s/m",
     "Pa": "Pa, kPa, MPa, GPa, bar, psi",
+    "K": "K",
+    "W/K": "W/K",
 }
 
 
