@@ -91,7 +91,10 @@ class Comparison:
 
     @property
     def middle(self) -> int:
-        """Index of the value that tables show: the middle of the range of a curve."""
+        """Index of the value that tables show: the middle of the range of a curve, or the largest
+        value where errors are relative to a reference, as curves may be zero in the middle."""
+        if math.isfinite(self.measured.reference):
+            return int(np.abs(self.y_measured).argmax())
         return len(self.y_measured) // 2
 
 
