@@ -66,7 +66,6 @@ def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -
     assert [momentum / inertia for inertia in inertias] == pytest.approx(spins, abs=0.051)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("hub", "mass"), [(85.0, 12.0), pytest.param(30.0, 4.0, marks=pytest.mark.slow)]
 )
@@ -206,7 +205,6 @@ def test_the_sail_opens_in_stage_2(tmp_path) -> None:
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I +
     1/I'))."""

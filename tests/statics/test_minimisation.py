@@ -193,7 +193,6 @@ def swing(values: dict[str, np.ndarray]) -> gx.analysis.Gradient:
     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
 
 
-@pytest.mark.mpi
 def test_a_run_is_minimised_to_the_closed_form(comm):
     """The mass is lowest after a whole oscillation; the rule turns by φ with tan(φ/2) = ω h/2 in a
     step."""

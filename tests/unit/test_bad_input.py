@@ -86,7 +86,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
         for argument, value in call.items():
             if not isinstance(value, tuple | list) or not value:
                 continue
-            others: list[object] = [list(value), tuple(value)]
+            others: list[object] = [list(value) if isinstance(value, tuple) else tuple(value)]
             if all(isinstance(one, int | float) for one in value):
                 others.append(np.array(value))
             for other in others:
@@ -98,7 +98,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
                 except Exception as error:
                     refused.append(f"{name}({argument}={other!r}): {type(error).__name__}: {error}")
     assert not refused, "\n".join(refused)
-    assert tried > 180
+    assert tried > 110
 
 
 @pytest.mark.mpi

@@ -90,16 +90,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
 
 
 def test_a_scene_without_solids_records_none(tmp_path) -> None:
-    film = gx.Membrane(
-        sheet(
-            MPI.COMM_SELF,
-            2,
-            2,
-            0.1,
-            0.1,
-        ),
-        WRINKLING,
-    )
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2, 0.1, 0.1), WRINKLING)
     recording = gx.Recording(tmp_path)
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     assert not (tmp_path / "solids.csv").exists() and RunReader(tmp_path).solids == []
