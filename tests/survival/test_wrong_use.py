@@ -1188,7 +1188,7 @@ RUNS: dict[str, Case] = {
     "values of a frame that is not there": lambda at: recorded(at).values("state", 99),
     "values of a word": lambda at: recorded(at).values("state", "first"),
     "a caption of a frame that is not there": lambda at: recorded(at).caption(99),
-    "a frame at a word": lambda at: recorded(at).frame("noon"),
+    "a record at a word": lambda at: recorded(at).record_at("noon"),
     "a strip of 1e9": lambda at: gx.plot.strip(
         recorded(at), "state", path=at / "a.png", count=10**9
     ),

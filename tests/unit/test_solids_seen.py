@@ -74,7 +74,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     if comm.rank == 0:
         read = RunReader(folder / "run")
         shape = read.shape(
-            read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
+            read.record_at(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
         )
         assert (shape.kinds != SOLID).sum() == 8  # of the film
         corners = shape.corners[shape.kinds == SOLID]
