@@ -157,12 +157,7 @@ def test_a_field_with_an_even_basis_is_one_number(comm):
 def test_a_search_for_a_field_restarts_on_all_ranks(comm, tmp_path):
     record = comm.bcast(tmp_path) / "search.json"
     _, equilibrium, result = blown_up(comm)
-    asked = {
-        "of": result,
-        "by": ["film.thickness"],
-        "bounds": BOUNDS,
-        "record": record,
-    }
+    asked = {"of": result, "by": ["film.thickness"], "bounds": BOUNDS, "record": record}
     first = gx.analysis.minimise(equilibrium, iterations=3, **asked)
     assert not first.converged
     _, again, result = blown_up(comm)
