@@ -1,5 +1,4 @@
 from .fixed import Driven as Driven
-from .fixed import Fixed as Fixed
 from .joint import BallJoint as BallJoint
 from .joint import CylindricalJoint as CylindricalJoint
 from .joint import FixedJoint as FixedJoint
@@ -8,6 +7,3 @@ from .joint import PrismaticJoint as PrismaticJoint
 from .joint import RevoluteJoint as RevoluteJoint
 from .joint import UniversalJoint as UniversalJoint
 from .latch import Latch as Latch
-from .rigid_region import RigidRegion as RigidRegion
-from .seam import Seam as Seam
-from .tie import Tie as Tie
