@@ -551,14 +551,14 @@ class LatchState(HistoryVariables):
     def release(self) -> None:
         self.is_held[:] = False
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {
             "wanted": self.is_wanted,
             "held": self.is_held.tolist(),
             "values": self.values.tolist(),
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.is_wanted = state["wanted"]
         self.is_held = np.array(state["held"])
         self.values = np.array(state["values"])
