@@ -332,10 +332,9 @@ class UniversalJoint(FrameJoint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        has_lengths = any(self.axis_a) and any(self.axis_b)
         check(
-            any(self.axis_a)
-            and any(self.axis_b)
-            and abs(unit(self.axis_a) @ unit(self.axis_b)) <= SAME_DIRECTION,
+            has_lengths and bool(abs(unit(self.axis_a) @ unit(self.axis_b)) <= SAME_DIRECTION),
             f"UniversalJoint '{self.name}': its axes {self.axis_a} and {self.axis_b} are not "
             "normal to each other; give two directions at a right angle.",
         )

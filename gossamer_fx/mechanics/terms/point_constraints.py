@@ -125,7 +125,9 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         self._latches = {k: term.latch for k, term in enumerate(terms) if term.latch}
         self.losses = [terms[k].name for k in self._latches]
         # Whether an equation is that of a released latch.
-        self._is_free = [np.zeros((at.n, at.m), dtype=bool) for at in self._measures]
+        self._is_free: list[npt.NDArray[np.bool_]] = [
+            np.zeros((at.n, at.m), dtype=bool) for at in self._measures
+        ]
         # e at the start of the scene, and the right-hand side e(q1) = target of the step.
         self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
@@ -199,7 +201,9 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
 
     def _free_equations(self) -> list[npt.NDArray[np.bool_]]:
         """Whether each equation is that of a released latch, as the present histories say."""
-        found = [np.zeros((at.n, at.m), dtype=bool) for at in self._measures]
+        found: list[npt.NDArray[np.bool_]] = [
+            np.zeros((at.n, at.m), dtype=bool) for at in self._measures
+        ]
         for k, latch in self._latches.items():
             for i, rows in self._rows_of(k):
                 found[i][rows] = ~latch.is_held
@@ -535,7 +539,7 @@ class LatchState(HistoryVariables):
     def __init__(self, measure: PointMeasure) -> None:
         self._measure = measure
         self.is_wanted = False
-        self.is_held = np.zeros(len(measure.c), dtype=bool)
+        self.is_held: npt.NDArray[np.bool_] = np.zeros(len(measure.c), dtype=bool)
         self.values: Array = np.zeros(len(measure.c))
 
     @property
