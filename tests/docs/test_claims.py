@@ -82,16 +82,16 @@ def claims() -> dict[str, str]:
         braids.append(f"{errors[0]:.0f} to {errors[-1]:.0f}")
     of_all = [(e, name, what) for name, found in ERRORS.items() for what, e in found]
     worst = max(of_all)
-    radius = [e for what, e in ERRORS["hiad_torus"] if what == "change of mean radius"]
+    growth = sorted(error for _, error in ERRORS["hiad_torus_growth"])
     airbag = points("airbag", "gossamer")
     kratos = points("airbag", "kratos")
     antenna = points("pendulum", "gossamer, P1")[0]
     fine_antenna = points("pendulum", "gossamer, P2")[-1]
     exudyn = points("pendulum", "exudyn")
-    assert worst[1:] == ("hiad_torus", "change of mean radius")
+    assert worst[1:] == ("hiad_torus_growth", "growth of the mean radius")
     return {
         "braided tubes": f"{braids[0]} %; {braids[1]} %; {braids[2]} %",
-        "worst miss": f"{100 * min(radius):.0f} and {100 * max(radius):.0f} %",
+        "worst miss": f"{100 * growth[-1]:.0f} % too large; {100 * growth[0]:.0f} % by the curve",
         "airbag": (
             f"{percent(airbag[1].numbers['error'])} in {seconds(airbag[1])} here, "
             f"{percent(kratos[1].numbers['error'])} in {seconds(kratos[1])} by Kratos"
