@@ -67,6 +67,7 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
+from demos.common.lidded_box import LiddedBox
 from gossamer_fx.build.fold.fold_map import Folded
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
@@ -192,7 +193,7 @@ class Settling:
 
 def lidded_box(
     stack: Array, figure: Figure, cube: gx.RigidBody, mass: float, panel: float
-) -> gx.assemblies.LiddedBox:
+) -> LiddedBox:
     """The box on the cube in which the stack lies; its lid opens along y.
 
     Args:
@@ -211,7 +212,7 @@ def lidded_box(
     along = (front - CUBE / 2 - STAND) / math.cos(HALF)
     outer_side = figure.at(1, along, figure.width)[0] - figure.centre[0]
     width = max(outer_side, float(np.abs(stack[:, 0]).max())) + BOX_ROOM
-    return gx.assemblies.LiddedBox(
+    return LiddedBox(
         (2 * height, 2 * width, front - floor),
         centre=(0.0, (front + floor) / 2, 0.0),
         mass=mass,

@@ -38,6 +38,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
+from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import (
     RPM,
     drum,
@@ -129,7 +130,7 @@ def build(
     sideways = np.array([-math.sin(angle), math.cos(angle)])
     exit_radius = float(np.linalg.norm(corners[-1 - FREE]))
     axis = outwards * (exit_radius + clearance) + sideways * clearance / math.cos(step / 2)
-    guides = gx.assemblies.RotationGuides(
+    guides = RotationGuides(
         hub,
         4,
         radius=float(np.linalg.norm(axis)),
@@ -176,7 +177,7 @@ def build(
     )
 
 
-def ring_probes(hub: gx.RigidBody, guides: gx.assemblies.RotationGuides) -> dict[str, Probe]:
+def ring_probes(hub: gx.RigidBody, guides: RotationGuides) -> dict[str, Probe]:
     """How fast the ring of the guides turns against the hub."""
     spin = gx.probes.AngularVelocity(hub.frame(), "z")
     ring = gx.probes.AngularVelocity(guides.ring.frame(), "z")

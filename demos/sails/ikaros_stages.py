@@ -40,6 +40,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures, run_case, smooth
 from demos.common.figures import finish, new_figure, save
+from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import (
     RPM,
     drum,
@@ -183,7 +184,7 @@ def _guides(
     brake: float,
     release: float,
     count: int,
-) -> gx.assemblies.RotationGuides:
+) -> RotationGuides:
     """Rods that touch the roll almost, those of them that let out an arm in the corner where it
     stands out."""
     away = ROD + 1.2 * contact
@@ -191,7 +192,7 @@ def _guides(
     arm = math.pi / 4 * ((folds.outer - folds.out) / folds.bends - 2)
     first = arm - (folds.hub_gap * (2 * folds.out + 1) + away + contact) / axis
 
-    return gx.assemblies.RotationGuides(
+    return RotationGuides(
         hub,
         count,
         radius=axis,

@@ -2,7 +2,7 @@
 elastica and hinge.
 
 The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring
-with a rest angle: the strip of `gx.analysis.HangingStrip` without own weight.
+with a rest angle: the strip of `demos.common.crease_identification` without own weight.
 Wanted: 1 % of the distance and 0.7° of the angle with 8 cells a panel; with 16, a quarter of it.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.crease_identification import HangingStrip
 from demos.studies.engine.study import ROUND_OFF, Measure, Study
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.records.probes.crease_angle import FoldAngle
@@ -34,7 +35,7 @@ LAW = gx.Linear(
     density=1400.0,
     thickness=THICKNESS,
 )
-STRIP = gx.analysis.HangingStrip(
+STRIP = HangingStrip(
     LENGTH,
     WIDTH,
     bending_stiffness=E * THICKNESS**3 / 12,

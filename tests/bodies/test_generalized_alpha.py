@@ -91,7 +91,7 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
         gx.Scene(
             bag,
             spring,
-            gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=2e-5),
+            gx.Orifice(gx.gas.Ambient(1e5, 300.0, name="reservoir"), bag, area=2e-5),
         ),
         stepper,
     )

@@ -111,10 +111,10 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
     def energies(self) -> dict[str, float]:
         return {self.spheres.name: float(self._stencil.energy().sum())}
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {"pairs": sorted(self.pairs)}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._take(frozenset((i, j) for i, j in state["pairs"]))
 
 

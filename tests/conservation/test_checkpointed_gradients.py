@@ -16,7 +16,7 @@ AGREEMENT = 1e-9
 
 
 def state_bytes(tape: gx.analysis.RunTape) -> int:
-    return max(node.bytes for node in tape.nodes)
+    return max(node.bytes for node in tape.states)
 
 
 def recorded(
@@ -148,7 +148,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm, memory):
     tape = gx.analysis.RunTape(run, memory=memory)
     run.run(until=1.0)
     if memory == 1e9:
-        assert sum(node.h for node in tape.nodes) == pytest.approx(1.0)
+        assert sum(node.h for node in tape.states) == pytest.approx(1.0)
     times = [node.time for node in tape.forwards()]
     assert times == sorted(times)
     assert times[-1] == pytest.approx(1.0)

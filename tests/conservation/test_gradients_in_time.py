@@ -268,14 +268,14 @@ def recorded(scene: gx.Scene, h: float, steps: int) -> tuple[gx.Simulation, gx.a
     run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED))
     tape = gx.analysis.RunTape(run)
     run.run(until=steps * h)
-    assert len(tape.nodes) == steps + 1
+    assert len(tape.states) == steps + 1
     return run, tape
 
 
 def momenta_at_start(tape: gx.analysis.RunTape, run: gx.Simulation) -> tuple[PETSc.Vec, PETSc.Vec]:
     """v0 of a tape, and M v0, the exact derivative of an energy that is conserved by v0."""
     velocity = run.system.numbering.vector()
-    velocity.array[:] = tape.nodes[0].v
+    velocity.array[:] = tape.states[0].v
     momenta = velocity.duplicate()
     run.system.M.mult(velocity, momenta)
     return velocity, momenta
@@ -315,7 +315,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     assert work == pytest.approx(float(momenta.dot(velocity)), rel=CONSERVING[make])
     # The backward pass leaves the run where it was.
     assert energy(run) == found.value
-    assert np.array_equal(system.q0.array_r, tape.nodes[-1].q)
+    assert np.array_equal(system.q0.array_r, tape.states[-1].q)
 
 
 # ---- parameters ----------------------------------------------------------------------------------
@@ -547,7 +547,7 @@ def test_steps_of_controlled_length_are_frozen(comm):
     run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED), control=control)
     tape = gx.analysis.RunTape(run)
     run.run(until=steps * h)
-    lengths = {node.h for node in tape.nodes[1:]}
+    lengths = {node.h for node in tape.states[1:]}
     assert len(lengths) > 3
     found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.initial_velocity"])
     _, momenta = momenta_at_start(tape, run)
@@ -727,8 +727,8 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     system = run.system
     steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
     # A step in the middle of the run, where film wrinkles or contact acts.
-    k = len(tape.nodes) // 3
-    first, last = tape.nodes[k - 1 : k + 1]
+    k = len(tape.states) // 3
+    first, last = tape.states[k - 1 : k + 1]
     a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
     # The start does not contain fixed coordinates and multipliers.
     for vector in (a, b, δq0, δv0):
@@ -835,7 +835,7 @@ def test_friction_and_yielding_are_noted_in_the_result(comm):
 
 def test_a_tape_is_of_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
-    dissipating = gx.Simulation(gx.Scene(mass), gx.steppers.GeneralizedAlpha(dt=0.1))
+    dissipating = gx.Simulation(gx.Scene(mass), gx.GeneralizedAlpha(dt=0.1))
     with pytest.raises(gx.InputError, match="not the same backwards"):
         gx.analysis.RunTape(dissipating)
 

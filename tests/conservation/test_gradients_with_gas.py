@@ -116,7 +116,7 @@ def cylinder_with_a_piston(
         name="cylinder",
         **CONTENTS,
     )
-    bottle = gx.gas.Reservoir(supply, supply_temperature, name="bottle")
+    bottle = gx.gas.Ambient(supply, supply_temperature, name="bottle")
     scene = gx.Scene(
         mass,
         gx.gas.WallHeat(cylinder, conductance, temperature=wall),
@@ -160,7 +160,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
         of=gx.analysis.Energy(),
         by=names,
     )
-    tape.restore(tape.nodes[0])
+    tape.restore(tape.states[0])
     owned = system.block(film).owned
     momenta = system.numbering.vector()
     system.M.mult(system.v0, momenta)

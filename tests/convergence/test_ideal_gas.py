@@ -44,7 +44,7 @@ def filling(p: float, T: float) -> gx.Scene:
     )
     return gx.Scene(
         tank,
-        gx.Orifice(gx.gas.Reservoir(P0, T0), tank, area=1e-6),
+        gx.Orifice(gx.gas.Ambient(P0, T0, name="reservoir"), tank, area=1e-6),
     )
 
 
@@ -200,7 +200,7 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
         dead_volume=1e-3,
     )
     inlet = gx.Orifice(
-        gx.gas.Reservoir(1e5, 300.0),
+        gx.gas.Ambient(1e5, 300.0, name="reservoir"),
         cylinder,
         area=2e-5,
     )

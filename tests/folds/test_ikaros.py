@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common.rotation_guides import RotationGuides
 from demos.sails import ikaros, ikaros_swing
 from gossamer_fx.meshes.sails import trapezoids
 from tests.small_scenes import run_until, spin_drift
@@ -214,7 +215,7 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     moment = 0.5
     mass = 2.0
     radius = 0.8
-    guides = gx.assemblies.RotationGuides(
+    guides = RotationGuides(
         hub,
         4,
         radius=radius,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common.rotation_guides import RotationGuides
 from demos.sails import ikaros_arms
 from tests.small_scenes import run_until, spin_drift
 
@@ -43,7 +44,7 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
         name="hub",
         comm=comm,
     )
-    guides = gx.assemblies.RotationGuides(
+    guides = RotationGuides(
         hub,
         4,
         radius=0.8,

@@ -1002,7 +1002,6 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "an assembly of the wrong mesh": lambda at: gx.assemblies.InflatableTube(
         sheet(ONE, 2, 2), WRINKLING, gas=AIR
     ),
-    "guides of no hub": lambda at: gx.assemblies.RotationGuides(mass(), count=4, radius=1.0),
 }
 
 # ---- steppers, runs, outputs ---------------------------------------------------------------------
@@ -1366,9 +1365,6 @@ ANALYSES: dict[str, Case] = {
     "fits of other counts": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [1.0, 2.0], BY),
     "fits of nan": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [math.nan], BY),
     "fits of too little": lambda at: gx.analysis.fit(at_rest(), [], [], BY),
-    "a strip under a word": lambda at: gx.analysis.HangingStrip(
-        0.05, 0.01, bending_stiffness=1e-5
-    ).equilibrium("a", 1.0, 2.0),
     "convergence of one mesh": lambda at: gx.analysis.convergence(
         lambda n: 1.0, meshes=[1], sizes=[1.0]
     ),

@@ -84,7 +84,9 @@ def two_pistons() -> gx.Scene:
     """Connected to each other, to a reservoir and a warm wall."""
     bags = [cylinder(p, 350.0, x) for p, x in ((2e5, 0.2), (1.5e5, 0.4))]
     between = gx.Orifice(*bags, area=2e-4, name="between")
-    inlet = gx.Orifice(gx.gas.Reservoir(4e5, 500.0), bags[0], area=1e-4, name="inlet")
+    inlet = gx.Orifice(
+        gx.gas.Ambient(4e5, 500.0, name="reservoir"), bags[0], area=1e-4, name="inlet"
+    )
     return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, temperature=700.0))
 
 

@@ -166,7 +166,6 @@ MESHES: list[Case] = [
 PICTURES: list[Case] = [
     (lambda: gx.plot.View(opacity=1.5), "opacity"),
     (lambda: gx.plot.Picture("a.png", colour="thickness"), 'give "state" or "group"'),
-    (lambda: gx.plot.Picture("a.png", section=(ORIGIN, ORIGIN)), "give a point"),
 ]
 
 LAWS: list[Case] = [
@@ -283,7 +282,7 @@ GAS: list[Case] = [
         ),
         "helium",
     ),
-    (lambda: compiled(gx.gas.Reservoir(1e5, 300.0)), "chamber"),
+    (lambda: compiled(gx.gas.Ambient(1e5, 300.0, name="reservoir")), "chamber"),
 ]
 
 PLATES_AND_CONTACT: list[Case] = [

@@ -8,7 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.records.fields.groups import groups_of
+from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.plot.camera import aim, render
 from gossamer_fx.records.plot.colours import colouring, group_table
 from tests.small_scenes import WRINKLING

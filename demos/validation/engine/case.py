@@ -10,6 +10,7 @@ read it.
     title, source, licence            one line each
     peer                              what the errors `peer_error` belong to (optional)
     model = "braided_tube"
+    family = "beams"                  cases that tables and the picture show together (optional)
     quick_tests = ["1 up, 69 kPa"]    those of the quick form
     [expected_warnings]               of the program: a reason by a part of the text (optional)
     "inner forces" = "the film is slack before it is inflated"
@@ -193,6 +194,7 @@ class Case:
     Attributes:
         name, title, source, licence, peer: words of the file.
         model: name of the model.
+        family: of the cases that are shown together; default the words of the model's name.
         tests: in the order of the file.
         quick_tests: names of those of the quick form.
         expected_warnings: reasons by a part of the text of a warning.
@@ -204,6 +206,7 @@ class Case:
     licence: str
     peer: str
     model: str
+    family: str
     tests: tuple[Test, ...]
     quick_tests: tuple[str, ...]
     expected_warnings: Mapping[str, str]
@@ -246,7 +249,8 @@ def read_case(path: Path, models: list[str]) -> Case:
     where = f"'{path}'"
     data = _parsed(path, where)
     known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
-    _check_keys(where, data, known | {"inputs", "tests", "expected_warnings"})
+    known |= {"family", "inputs", "tests", "expected_warnings"}
+    _check_keys(where, data, known)
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
     name = _line(where, data, "name")
@@ -281,6 +285,7 @@ def read_case(path: Path, models: list[str]) -> Case:
         licence=_line(where, data, "licence"),
         peer=_line(where, data, "peer", default=""),
         model=model,
+        family=_line(where, data, "family", default=model.replace("_", " ")),
         tests=found,
         quick_tests=tuple(quick_tests),
         expected_warnings={

@@ -72,7 +72,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.tape import Node, RunTape
+from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
 from gossamer_fx.core.checks.errors import StepFailure, check
 from gossamer_fx.core.model.body import Array
@@ -128,7 +128,7 @@ class BackwardSteps:
 
     # ---- the step itself -------------------------------------------------------------------------
 
-    def repeat(self, start: Node, end: Node) -> None:
+    def repeat(self, start: RecordedState, end: RecordedState) -> None:
         """Make the system stand at the end of a recorded step that it has not accepted.  `start`
         has the history variables at its start, `end` its length and contact pairs.  Collective."""
         system = self._system
@@ -144,7 +144,7 @@ class BackwardSteps:
         system.residual(y, self._scratch)
         self._check_residual(start, end)
 
-    def _end_at(self, start: Node, end: Node) -> None:
+    def _end_at(self, start: RecordedState, end: RecordedState) -> None:
         """Set q1 to the end of a step; the increment is that of the step, without its round-off."""
         system = self._system
         system.increment.remainder.set(0.0)
@@ -154,7 +154,7 @@ class BackwardSteps:
         system.set_increment(self._right_side, None)
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
-    def _check_residual(self, start: Node, end: Node) -> None:
+    def _check_residual(self, start: RecordedState, end: RecordedState) -> None:
         """Raise `StepFailure` if the residual of the repeated step [N] is more than `MAX_RESIDUAL`
         of the change of momentum in it over its length, as after an event that changed the scene.
         """
@@ -174,7 +174,7 @@ class BackwardSteps:
 
     # ---- its adjoint -----------------------------------------------------------------------------
 
-    def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+    def solve(self, start: RecordedState, end: RecordedState, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Repeat a step and solve (3), with scalar unknowns (7), for the adjoint vector μ.
         Derivatives of the result by positions [1/m] and velocities [s/m] at the end of the step,
         times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
@@ -213,7 +213,7 @@ class BackwardSteps:
         self.μ.array[:] -= ν @ Z
         scalars.take(ν, self.μ.array_r, h)
 
-    def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+    def carry(self, start: RecordedState, end: RecordedState, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Replace the derivatives with respect to the end of a step by those with respect to its
         start, by (4) and (5); after `solve`.  Collective."""
         system = self._system
@@ -256,7 +256,7 @@ class BackwardSteps:
         if self._system.constraints:
             vector.array[self._system.constraints.owned] = 0
 
-    def _multiply_by_exchanged(self, start: Node, end: Node) -> None:
+    def _multiply_by_exchanged(self, start: RecordedState, end: RecordedState) -> None:
         """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
         self.reverse(start, end)
         μ = self._scratch
@@ -265,7 +265,7 @@ class BackwardSteps:
         # A product needs no sum of the matrices that contact couples.
         self._system.assemble_tangent().mult_transpose(μ, self._Bμ)
 
-    def reverse(self, start: Node, end: Node) -> None:
+    def reverse(self, start: RecordedState, end: RecordedState) -> None:
         """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.
         Collective."""
         system = self._system
@@ -273,7 +273,7 @@ class BackwardSteps:
         system.reverse_step(end.q, -end.v, end.time, self._with_multipliers_of(start, end))
         system.set_inertia(0.0)
 
-    def _with_multipliers_of(self, start: Node, end: Node) -> Array:
+    def _with_multipliers_of(self, start: RecordedState, end: RecordedState) -> Array:
         """The coordinates of the start with the multipliers of the step."""
         q = np.array(start.q)
         constraints = self._system.constraints

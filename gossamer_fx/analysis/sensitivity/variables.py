@@ -27,7 +27,7 @@ from gossamer_fx.analysis.sensitivity.form_derivative import (
 )
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.terms.assembly import Differentiable
 from gossamer_fx.solve.system.system import System

@@ -27,7 +27,7 @@ from gossamer_fx.core.algebra.point_measures import (
     refuse_ports_outside,
 )
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,

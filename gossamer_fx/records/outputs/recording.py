@@ -39,8 +39,8 @@ from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
-from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of
 from gossamer_fx.records.outputs.description import describe, versions
 from gossamer_fx.records.outputs.output import (

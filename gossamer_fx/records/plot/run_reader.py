@@ -55,7 +55,7 @@ class RunReader:
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
         axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
-        groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the
+        groups: names of the groups of the films' cells, see `fields.groups_of`; empty if the
             field "group" was not recorded.
         times: values on the axis at which pictures can be drawn: those of the fields or, without
             bodies on meshes, of all steps.

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
@@ -151,15 +152,35 @@ class System:
 
     def _find_facets(self) -> None:
         """Find the compiled kinds of terms with a facet, once for the whole run."""
-        compiled = self.compiled
         # The constraints with Lagrange multipliers are of one kind; None without any.
-        with_multipliers = (kind for kind in compiled if isinstance(kind, Multipliers))
-        self.constraints: Multipliers | None = next(with_multipliers, None)
-        self.active_sets = [kind for kind in compiled if isinstance(kind, ActiveSet)]
-        self.differentiable = [kind for kind in compiled if isinstance(kind, Differentiable)]
-        self.shown: list[Shown] = [kind for kind in compiled if isinstance(kind, Shown)]
+        self.constraints: Multipliers | None = next(iter(self.compiled_as(Multipliers)), None)
+        self.active_sets = self.compiled_as(ActiveSet)
+        self.differentiable = self.compiled_as(Differentiable)
+        self.shown = self.compiled_as(Shown)
 
     # ---- look-ups --------------------------------------------------------------------------------
+
+    def compiled_as[T](self, facet: type[T]) -> list[T]:
+        """The compiled terms of a class or with a facet."""
+        return [compiled for compiled in self.compiled if isinstance(compiled, facet)]
+
+    @property
+    def chambers(self) -> dict[str, Any]:
+        """States of the gas chambers and tanks by name, see `gas.contract.ChamberState`."""
+        found: dict[str, Any] = {}
+        for scalars in self.scalar_unknowns:
+            found |= scalars.states()
+        return found
+
+    def chamber(self, name: str) -> Any:
+        """State of the gas in one chamber or tank."""
+        chambers = self.chambers
+        known = ", ".join(chambers) or "none"
+        check(
+            name in chambers,
+            f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
+        )
+        return chambers[name]
 
     @property
     def items(self) -> list[object]:

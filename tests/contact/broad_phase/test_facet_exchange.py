@@ -85,12 +85,12 @@ def test_steps_do_not_depend_on_the_number_of_ranks(comm):
 @pytest.mark.mpi
 def test_a_checkpoint_holds_the_activation_distances_of_all_points(comm):
     history = contact_set_of(falling(comm)).history
-    saved = history.get_state()
-    expected = contact_set_of(falling(MPI.COMM_SELF)).history.get_state()
+    saved = history.get_history()
+    expected = contact_set_of(falling(MPI.COMM_SELF)).history.get_history()
     assert saved["activation distance"] == pytest.approx(expected["activation distance"], rel=1e-9)
     assert saved["identifier"] == expected["identifier"]
     before = history.activation_distance.copy()
-    history.set_state(expected)
+    history.set_history(expected)
     assert history.activation_distance == pytest.approx(before, rel=1e-9)
 
 
