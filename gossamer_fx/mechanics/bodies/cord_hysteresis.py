@@ -177,11 +177,11 @@ class HystereticBars(TabulatedBars, PathDensity):
         after = np.maximum(self.strain(e1), self.largest)
         return self.lengths * (self.law.dissipated(after) - self.law.dissipated(before))
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """The largest strain of each bar, in the order of the line.  Collective."""
-        mine = list(zip(self.numbers.tolist(), self.largest.tolist(), strict=True))
+        mine = [(int(k), float(X)) for k, X in zip(self.numbers, self.largest, strict=True)]
         of_all_ranks = sorted(bar for of_rank in self.comm.allgather(mine) for bar in of_rank)
         return {"largest strains": [largest for _, largest in of_all_ranks]}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.largest[:] = np.array(state["largest strains"])[self.numbers]
