@@ -25,6 +25,7 @@ read it.
     x = {value = [...], unit = "mm"}  of a curve
     range = [25, 125]                 of x, in its unit, in which a curve is compared
     labels = ["La", "Lb"]             of values that are not a curve (optional)
+    scale = 100                       of errors, in place of each measured value (optional)
     tolerance = 0.05                  asked of the mean relative error, or
     accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
     quick_accepted = [0.0, 0.3]       the same, or of the mean relative error, of the quick form
@@ -74,6 +75,7 @@ class Measured:
         x_unit: of `x`.
         x_range: part of the abscissa in which curves are compared.
         labels: names of the values.
+        scale: what errors are relative to, in `unit`; None: each measured value.
         accepted: smallest and largest relative error that is accepted.
         quick_accepted: the same on the mesh of the quick form.
         is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
@@ -88,6 +90,7 @@ class Measured:
     x_unit: str
     x_range: tuple[float, float]
     labels: tuple[str, ...]
+    scale: float | None
     accepted: tuple[float, float]
     quick_accepted: tuple[float, float]
     is_mean_of_sizes: bool
@@ -394,7 +397,7 @@ def _measured(where: str, data: Any) -> Measured:
     """One entry of `tests.measured`."""
     entry = _mapping(where, data, "each of measured")
     known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted"}
-    known |= {"quick_accepted", "peer_error"}
+    known |= {"quick_accepted", "peer_error", "scale"}
     _check_keys(where, entry, known)
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
@@ -435,9 +438,13 @@ def _measured(where: str, data: Any) -> Measured:
             x,
             y,
         )
+    scale: float | None = None
+    if "scale" in entry:
+        scale = _number(f"{here}: scale", entry["scale"])
+        check(scale > 0, f"{here}: scale is {scale:g}; give a number > 0.")
     check(
-        len(compared) > 0 and bool((compared != 0).all()),
-        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
+        len(compared) > 0 and (scale is not None or bool((compared != 0).all())),
+        f"{here}: y has zeros or no values; give values that are not zero, or a scale of errors.",
     )
     labels = entry.get("labels", [])
     check(
@@ -467,6 +474,7 @@ def _measured(where: str, data: Any) -> Measured:
         x_unit=x_unit,
         x_range=x_range,
         labels=tuple(_words(f"{here}: labels", label) for label in labels),
+        scale=scale,
         accepted=accepted,
         quick_accepted=_pair(here, entry, "quick_accepted", default=accepted),
         is_mean_of_sizes="accepted" not in entry,

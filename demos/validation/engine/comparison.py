@@ -62,8 +62,9 @@ class Comparison:
 
     @property
     def errors(self) -> Array:
-        """Relative errors (n,)."""
-        return (self.y_predicted - self.y_measured) / np.abs(self.y_measured)
+        """Relative errors (n,), of each measured value or of the scale."""
+        scale = self.measured.scale or np.abs(self.y_measured)
+        return (self.y_predicted - self.y_measured) / scale
 
     @property
     def mean_error(self) -> float:

@@ -9,9 +9,11 @@ from gossamer_fx.records.plot.measured_series import unit_factor
 DIMENSIONS = {
     "1": "1, %",
     "rad": "rad, deg",
+    "rad/s": "rad/s, rpm",
     "m": "m, mm, um, in",
     "s": "s",
     "kg": "kg, g",
+    "kg m2": "kg m2",
     "kg/m": "kg/m",
     "kg/m2": "kg/m2, g/m2",
     "kg/m3": "kg/m3",
