@@ -30,7 +30,7 @@ def vessel_of(volume, pressure, temperature):
 
 def inlet(vessel, pressure, area):
     """An orifice from a reservoir of 300 K."""
-    return gx.Orifice(gx.gas.Reservoir(pressure, 300.0), vessel, area=area)
+    return gx.Orifice(gx.gas.Ambient(pressure, 300.0, name="reservoir"), vessel, area=area)
 
 
 def pressures(states):
@@ -72,7 +72,7 @@ def test_flow_grows_with_the_pressure_difference():
 
 
 def test_vacuum_gives_no_flow():
-    orifice = gx.Orifice(gx.gas.Ambient(), gx.gas.Reservoir(1e5, 300.0), area=1.0)
+    orifice = gx.Orifice(gx.gas.Ambient(), gx.gas.Ambient(1e5, 300.0, name="reservoir"), area=1.0)
     assert orifice.flow(AIR, 1.0, (0.0, 0.0), (300.0, 300.0)) == 0
     assert orifice.flow(AIR, 1.0, (0.0, 1e5), (300.0, 300.0)).real < 0
 
@@ -124,12 +124,7 @@ def test_flow_reverses_when_the_reservoir_is_the_lower_one():
 def test_order_of_the_ends_only_turns_the_sign():
     def final(first, second):
         a, b = (tank(0.01, p, 300.0, f"{p}") for p in (3e5, 1e5))
-        run, states = start(
-            a,
-            b,
-            gx.Orifice((a, b)[first], (a, b)[second], area=1e-5),
-            dt=0.05,
-        )
+        run, states = start(a, b, gx.Orifice((a, b)[first], (a, b)[second], area=1e-5), dt=0.05)
         run.run(until=1.0)
         return pressures(states)
 

@@ -30,7 +30,7 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,18 +46,22 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.cable import (
-    MIN_SQUARED_STRETCH,
     BarLaw,
-    CableLaw,
     LineDensity,
-    TensionOnly,
     engineering_strain,
     mean_of_positive_part,
 )
-from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.bodies.piecewise_force import Corners, corners_of
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import Hysteresis
 
 # Force at zero strain, as a fraction of the largest force, that counts as zero.
 ZERO_FORCE = 1e-9
+
+# Force of an unloading curve over its largest one below which a cord counts as slack: measured
+# curves end in a long toe of nearly no force, from which cycles would gain energy.
+SLACK_FORCE = 2e-3
 
 # Units of a CSV table, and what one of them is in the units of the law.
 STRAIN_UNITS = {"1": 1.0, "-": 1.0, "m/m": 1.0, "mm/m": 1e-3, "%": 1e-2}
@@ -76,14 +80,22 @@ class TabulatedCable(BarLaw):
     Beyond its last point the table goes on with its last slope.  In compression a table that begins
     at zero strain bears nothing; one with negative strains goes on with its first slope.
 
+    With `unloading` it is the law of a tape with hysteresis: below the largest strain so far the
+    force follows the unloading curve, moved so that its end is where the loading curve was left,
+    down to zero force.  What a cycle loses is dissipated by the name of the tape.  The module
+    `cord_hysteresis` has equations, sources and limits.
+
     Args:
         strain: engineering strains, rising, above -1; zero lies among or between them.
         force: [N], as many; not falling, zero at zero strain, positive in tension.
         line_density: mass per natural length [kg/m], positive.
+        unloading: strains and forces of the unloading curve, two columns as `strain` and `force`
+            from zero on, where forces below 0.2 % of the largest count as slack; default: that of
+            loading, without a loss.
 
     Raises:
         InputError: columns of different length, fewer than two points, strains that do not rise,
-            forces that fall, a force at zero strain.
+            forces that fall, a force at zero strain, unloading that would gain energy.
 
     Example:
         A rope that stiffens beyond 2 % and bears no compression:
@@ -97,6 +109,7 @@ class TabulatedCable(BarLaw):
     force: Sequence[float] | Array
     _: KW_ONLY
     line_density: LineDensity
+    unloading: tuple[Sequence[float] | Array, Sequence[float] | Array] | None = None
 
     def __post_init__(self) -> None:
         strain = np.asarray(self.strain, dtype=float)
@@ -104,6 +117,36 @@ class TabulatedCable(BarLaw):
         _check_table(strain, force)
         object.__setattr__(self, "strain", tuple(strain.tolist()))
         object.__setattr__(self, "force", tuple(force.tolist()))
+        if self.unloading is not None:
+            strain, force = (np.asarray(column, dtype=float) for column in self.unloading)
+            _check_table(strain, force)
+            columns = tuple(strain.tolist()), tuple(force.tolist())
+            object.__setattr__(self, "unloading", columns)
+            check(
+                strain[0] == 0,
+                f"TabulatedCable: the unloading curve begins at the strain {strain[0]:g}; "
+                "begin it at zero, where it has no force.",
+            )
+            self.hysteresis.check_losses()
+
+    @property
+    def has_history(self) -> bool:
+        """Whether the force depends on the strains of the past."""
+        return self.unloading is not None
+
+    @cached_property
+    def hysteresis(self) -> Hysteresis:
+        """The law with its unloading curve, which must have been given."""
+        # Imported here: a scene without hysteresis does not load it.
+        from gossamer_fx.mechanics.bodies.cord_hysteresis import Hysteresis
+
+        assert self.unloading is not None
+        strain, force = (np.asarray(column) for column in self.unloading)
+        # The last point that counts as slack is where the curve begins.
+        slack = int(np.flatnonzero(force <= SLACK_FORCE * force[-1])[-1])
+        strain = strain[slack:] - strain[slack]
+        force = np.append(0.0, force[slack + 1 :])
+        return Hysteresis(self.corners, corners_of(strain, force), float(strain[-1]))
 
     @staticmethod
     @check_arguments
@@ -111,7 +154,8 @@ class TabulatedCable(BarLaw):
         """Read a table with two columns, such as "strain [%]" and "force [kN]".
 
         The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
-        the force.  Lines that begin with # are comments.
+        the force.  A third column "branch" says of each row whether it is of the curve "loading" or
+        "unloading".  Lines that begin with # are comments.
 
         Args:
             path: path of the file; every rank reads it.
@@ -124,8 +168,10 @@ class TabulatedCable(BarLaw):
             InputError: the file does not exist, a unit is missing or unknown, a line has no two
                 numbers, or what is wrong with the table.
         """
-        strain, force = _read_csv(Path(path))
-        return TabulatedCable(strain, force, line_density=line_density)
+        branches = _read_csv(Path(path))
+        strain, force = branches["loading"]
+        unloading = branches.get("unloading")
+        return TabulatedCable(strain, force, line_density=line_density, unloading=unloading)
 
     @property
     def EA(self) -> float:
@@ -183,101 +229,6 @@ class TabulatedCable(BarLaw):
         return ufl.as_vector([force / mean_stretch])
 
 
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """Corners of a piecewise linear force, equations (1) and (2) of the module.
-
-    Attributes:
-        strains: x_i (n,).
-        sides: s_i (n,), 1 or -1.
-        slope_changes: c_i (n,) [N].
-        stiffness: slope [N] at zero strain in tension.
-    """
-
-    strains: Array
-    sides: Array
-    slope_changes: Array
-    stiffness: float
-
-    def force(self, x: Array) -> Array:
-        """N(x) [N] of strains of any shape."""
-        forces = self.slope_changes * self.sides * np.maximum(self._beyond(x), 0.0)
-        return forces.sum(axis=-1)
-
-    def energy(self, x: Array) -> Array:
-        """W(x) [J/m] of strains of any shape."""
-        return (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
-
-    def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
-        force = (self.slope_changes * self.sides * mean).sum(axis=-1)
-        stiffness = (self.slope_changes * slope).sum(axis=-1)
-        return force, stiffness
-
-    def _beyond(self, x: Array) -> Array:
-        """How far strains are beyond each corner, with a last axis of n corners."""
-        return self.sides * (x[..., None] - self.strains)
-
-
-@dataclass(frozen=True, eq=False)
-class TabulatedBars:
-    """Energy L W(x) of bars with natural lengths L [m], as a function of ε = ½(λ² - 1).
-
-    It plays `terms.point_energies.PointDensity`, for tapes.
-    """
-
-    corners: Corners
-    lengths: Array
-
-    def energy(self, e: Array) -> Array:
-        return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
-        λ0 = _stretch(e0[:, 0])
-        λ1 = _stretch(e1[:, 0])
-        mean_stretch = (λ0 + λ1) / 2
-        force, stiffness = self.corners.average(λ0 - 1, λ1 - 1)
-        S = self.lengths * force / mean_stretch
-        # d/dε1 = d/dλ1 / λ1 of equation (3)
-        D = self.lengths * (stiffness - force / (2 * mean_stretch)) / mean_stretch / λ1
-        return S[:, None], D[:, None, None]
-
-
-def corners_of(strain: Array, force: Array) -> Corners:
-    """The corners of the force (1) of the module through measured points (n,), which have passed
-    `_check_table`: in tension from zero upwards, then in compression from zero downwards."""
-    # The table is checked to have no force at zero strain, if only between two of its points.
-    if not (strain == 0).any():
-        at = int(np.searchsorted(strain, 0.0))
-        strain = np.insert(strain, at, 0.0)
-        force = np.insert(force, at, 0.0)
-    slopes = np.diff(force) / np.diff(strain)
-    zero = int(np.flatnonzero(strain == 0)[0])
-    in_tension = slopes[zero:]
-    # Compression is read from zero downwards, so that its first slope is that at zero.
-    in_compression = slopes[:zero][::-1]
-    strains = [strain[zero:-1], strain[1 : zero + 1][::-1]]
-    changes = [np.diff(in_tension, prepend=0.0), np.diff(in_compression, prepend=0.0)]
-    sides = [np.ones(len(in_tension)), -np.ones(len(in_compression))]
-    slope_changes = np.concatenate(changes)
-    # A point where the slope stays costs an operation at every quadrature point.
-    is_corner = slope_changes != 0
-    return Corners(
-        strains=np.concatenate(strains)[is_corner],
-        sides=np.concatenate(sides)[is_corner],
-        slope_changes=slope_changes[is_corner],
-        stiffness=float(in_tension[0]),
-    )
-
-
-def linear_corners(law: CableLaw) -> Corners:
-    """The corner at zero of a force that is linear in the engineering strain, on both sides or in
-    tension only."""
-    sides = np.array([1.0] if isinstance(law, TensionOnly) else [1.0, -1.0])
-    return Corners(np.zeros(len(sides)), sides, np.full(len(sides), law.EA), law.EA)
-
-
 def _check_table(strain: Array, force: Array) -> None:
     """Raise `InputError` unless measured points are a force law: two or more engineering strains
     (n,), rising from at most zero and above -1 to a positive one, and forces [N] (n,) that do not
@@ -325,9 +276,9 @@ def _first(found: npt.NDArray[np.intp]) -> int:
     return int(found[0]) + 1 if len(found) else 0
 
 
-def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Engineering strains and forces [N] of a CSV file with the header "strain [unit], force
-    [unit]", its columns in any order."""
+def _read_csv(path: Path) -> dict[str, tuple[list[float], list[float]]]:
+    """Engineering strains and forces [N] by the branch, of a CSV file with the header "strain
+    [unit], force [unit]" and perhaps "branch", its columns in any order."""
     rows = [[cell.strip() for cell in row] for row in csv_rows(path)]
     header = rows[0] if rows else []
     factors = {}
@@ -344,23 +295,23 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             f"'strain [%], force [kN]', with one of the units {', '.join(units)}.",
         )
         factors[column] = units[unit]
-    columns: list[list[float]] = [[], []]
+    branches: dict[str, tuple[list[float], list[float]]] = {"loading": ([], [])}
     for number, row in enumerate(rows[1:], start=1):
+        # More cells than headings are numbers with a decimal comma.
+        is_whole = len(row) == len(header)
+        branch = "loading"
+        if is_whole and "branch" in header:
+            branch = row[header.index("branch")]
         try:
             values = [factor * float(row[column]) for column, factor in factors.items()]
         except (ValueError, IndexError):
             values = []
-        # More cells than headings are numbers with a decimal comma.
         check(
-            len(values) == 2 and len(row) == len(header),
+            is_whole and len(values) == 2 and branch in ("loading", "unloading"),
             f"The table '{path}' has the row {number} '{', '.join(row)}'; "
-            "give a number in each column, with a decimal point.",
+            "give a number in each column, with a decimal point, and the branch 'loading' or "
+            "'unloading' if there is such a column.",
         )
-        for values_so_far, value in zip(columns, values, strict=True):
+        for values_so_far, value in zip(branches.setdefault(branch, ([], [])), values, strict=True):
             values_so_far.append(value)
-    return columns[0], columns[1]
-
-
-def _stretch(ε: Array) -> Array:
-    """λ of ε = ½(λ² - 1)."""
-    return np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
+    return branches

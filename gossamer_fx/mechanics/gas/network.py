@@ -381,7 +381,7 @@ class GasNetwork(ScalarUnknowns):
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
             for state in self.chambers
@@ -392,7 +392,7 @@ class GasNetwork(ScalarUnknowns):
             "mass supplied": self._mass_supplied,
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.geometry.follow()
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):
