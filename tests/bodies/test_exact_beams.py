@@ -18,6 +18,7 @@ Sources:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -148,14 +149,20 @@ PRINCETON = {
 
 @pytest.mark.parametrize(("load", "accepted"), [(8.896, 1.0e-4), (13.345, 3.1e-4)])
 def test_princeton_beam(load: float, accepted: float) -> None:
-    """Bent about both axes and twisted, with Saint-Venant's torsion constant."""
+    """Bent about both axes and twisted, with Saint-Venant's torsion constant.
+
+    32 elements change the errors by 1e-6.  All twelve vanish with one larger torsion constant,
+    which is that of the source, as it seems: it gives none.
+    """
     L = 0.508
     strip = gx.sections.rectangle(12.3777e-3, 3.2024e-3, E=71.7e9, nu=0.31, density=2700.0)
+    stiffer = replace(strip, GJ=1.034 * strip.GJ)
     for angle, (down, across) in PRINCETON[load].items():
         β = np.radians(angle)
         along = force((0.0, -load * np.cos(β), load * np.sin(β)))
-        (u,) = displacements([(0, 0, 0), (L, 0, 0)], 8, strip, along)
-        assert u[1:] == pytest.approx([-down, across], abs=accepted * L)
+        for of, tolerance in ((strip, accepted), (stiffer, 1.5e-5)):
+            (u,) = displacements([(0, 0, 0), (L, 0, 0)], 8, of, along)
+            assert u[1:] == pytest.approx([-down, across], abs=tolerance * L)
 
 
 def test_bend_of_45_degrees() -> None:

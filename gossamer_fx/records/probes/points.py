@@ -101,6 +101,7 @@ class Displacement(Position):
         return super().__call__(run) - float(start[AXES[self.axis]])
 
 
+@check_arguments
 class Velocity(Position):
     """Component [m/s] of the velocity of a point.
 
