@@ -168,7 +168,8 @@ def room_of(name: str) -> str:
     """The folder of the package in which the object of a public name is defined."""
     if "." in name:
         return name.split(".")[0]
-    return thing(name).__module__.split(".")[1]
+    house, room = thing(name).__module__.split(".")[1:3]
+    return house if house in ROOMS else room
 
 
 def members(cls: type) -> list[tuple[str, str, Any]]:
@@ -292,7 +293,7 @@ def reference() -> dict[str, str]:
     pages["reference"] = (
         "# Every public name\n\n"
         "Names of `import gossamer_fx as gx`: core names, e.g. `gx.Chamber`, and names of "
-        "namespaces, e.g. `gx.gas.Ring`; a namespace has its core names too. SI units and radians "
+        "namespaces, e.g. `gx.gas.Ring`. SI units and radians "
         "throughout; a group is the name of a physical group of the mesh.\n\n"
         "| what | names |\n|---|---|\n"
         + "\n".join(rows)

@@ -8,7 +8,6 @@ from .build import fold as fold
 from .build import meshes as meshes
 from .build import patterns as patterns
 from .build import presets as presets
-from .core import mesh as mesh
 from .core import sections as sections
 from .core.checks.errors import InputError as InputError
 from .core.checks.errors import NoEquilibrium as NoEquilibrium
@@ -19,7 +18,6 @@ from .core.mesh.mesh import gmsh_mesh as gmsh_mesh
 from .core.mesh.mesh import read_mesh as read_mesh
 from .core.model.body import Ground as Ground
 from .core.model.body import Port as Port
-from .mechanics import bodies as bodies
 from .mechanics import connectors as connectors
 from .mechanics import constraints as constraints
 from .mechanics import contact as contact
@@ -48,8 +46,8 @@ from .mechanics.gas.ideal_gas import IdealGas as IdealGas
 from .mechanics.gas.orifice import Orifice as Orifice
 from .mechanics.gas.volumes import Chamber as Chamber
 from .mechanics.gas.volumes import Tank as Tank
+from .mechanics.loads.body_forces import Gravity as Gravity
 from .mechanics.loads.damping import Damping as Damping
-from .mechanics.loads.gravity import Gravity as Gravity
 from .mechanics.loads.pressure import Pressure as Pressure
 from .mechanics.materials.elastica import Elastica as Elastica
 from .mechanics.materials.film import Linear as Linear
@@ -70,7 +68,6 @@ from .records.run.checkpoint import Checkpoints as Checkpoints
 from .records.run.events import At as At
 from .records.run.events import When as When
 from .records.run.simulation import Simulation as Simulation
-from .solve import scene as scene
 from .solve import steppers as steppers
 from .solve.scene.scene import RigidMotion as RigidMotion
 from .solve.scene.scene import Scene as Scene

@@ -48,7 +48,7 @@ from .core.model.terms import BringsTerms as BringsTerms
 from .core.model.terms import RefersToItems as RefersToItems
 from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of
-from .mechanics.contact.obstacle_drawing import DrawnSurface as DrawnSurface
+from .mechanics.contact.obstacles import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
 from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
 from .mechanics.contact.obstacles import ObstacleWall as ObstacleWall

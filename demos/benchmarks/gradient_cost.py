@@ -116,7 +116,7 @@ def gradient(n: int = 20, steps: int = 50, scene: str = "sheet") -> dict[str, fl
 
     # dE/dv0 = M v0, as energy is conserved from every start; with friction it is not.
     velocity = run.system.numbering.vector()
-    velocity.array[:] = tape.nodes[0].v
+    velocity.array[:] = tape.states[0].v
     momenta = velocity.duplicate()
     run.system.M.mult(velocity, momenta)
     film = next(body for body in run.system.bodies if body.name == "film")

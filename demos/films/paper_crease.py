@@ -13,7 +13,8 @@ together until θ = 125°, then slackens: the strip stays folded by 100°, and a
 above to 1e-6.  The rest angle is part of the state: it is in checkpoints, and `StartFrom` keeps it.
 
 What it does not know: real paper goes on opening for hours (a logarithm of time) and weakens with
-each fold.  Measure k and θr with your film, see `gx.analysis.identify_crease`.
+each fold.  Measure k and θr with your film: `identify_crease` of
+`demos.common.crease_identification`.
 
 Where the values come from:
     model, stiffness   k = B/L*, L* of 10 to 100 thicknesses, here 100: Lechenault, Thiria &

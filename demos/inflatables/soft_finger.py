@@ -176,7 +176,7 @@ def build(comm: MPI.Intracomm, dt: float = 0.015, until: float = 2.0) -> tuple[C
         for film in finger.films
     ]
     controller = Controller(finger)
-    supply = gx.gas.Reservoir(ATMOSPHERE + 3e4, TEMPERATURE)
+    supply = gx.gas.Ambient(ATMOSPHERE + 3e4, TEMPERATURE, name="reservoir")
     inlet = gx.Orifice(supply, chambers[0], area=controller.inlet_area, name="inlet")
     vent = gx.Orifice(chambers[0], outside, area=controller.vent_area, name="vent")
     # Silicone and air damp the swing of the finger.

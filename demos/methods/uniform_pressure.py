@@ -56,7 +56,7 @@ PRESSURE = 1e4  # in the full tube, about [Pa]
 # Time [s] of sound through the tube.
 SOUND = LENGTH / math.sqrt(NITROGEN.gamma * NITROGEN.R * TEMPERATURE)
 # 15 bar: the orifice is choked during all of the filling.
-SUPPLY = gx.gas.Reservoir(1.5e6, TEMPERATURE)
+SUPPLY = gx.gas.Ambient(1.5e6, TEMPERATURE, name="reservoir")
 
 
 def inlet_area(T: float) -> float:

@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures
+from demos.common.flight_picture import FlightPicture
 from demos.common.framed_sail import RADIUS, SIDE, SPIN, framed_sail
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
@@ -81,7 +82,7 @@ def main(
         }
         path = Path(output) / "orbit_sail.png"
         title = "A spinning sail in orbit"
-        outputs.append(gx.plot.FlightPicture(path, orbit, probes=drawn, title=title))
+        outputs.append(FlightPicture(path, orbit, probes=drawn, title=title))
     run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=until or start.period(orbit.mu))
     flat = orbit.pressure * SIDE**2 * sum(JPL_SAIL.coefficients())

@@ -46,6 +46,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import area_vectors, flat_triangles, triangles
+from demos.common.flight_picture import FlightPicture
 from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
@@ -565,7 +566,7 @@ def fly_frozen(
     if output is not None:
         path = Path(output) / "ikaros_devices.png"
         title = "IKAROS as built: a day in sunlight"
-        outputs.append(gx.plot.FlightPicture(path, orbit, probes=probes, title=title))
+        outputs.append(FlightPicture(path, orbit, probes=probes, title=title))
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     about_diameter, about_axis = moments(search)
     before = angular_momentum(run, frame, about_diameter, about_axis)

@@ -66,7 +66,7 @@ def inertia(cells: int) -> float:
     return 2 * MASS * R**2 * (math.pi**2 - 1)
 
 
-def spin_of(t: Array, cells: int) -> Array:
+def spin_of(t: Array) -> Array:
     """ω(t) [rad/s] of the closed form."""
     c = math.pi**2
     s = SPIN * t  # over R
@@ -154,9 +154,9 @@ def main(
     run, series = run_case(case, output)
     t = series.time
     spin = series["spin of the hub [rad/s]"]
-    error = np.abs(spin - spin_of(t, cells)) / SPIN
+    error = np.abs(spin - spin_of(t)) / SPIN
     if output is not None and comm.rank == 0:
-        draw(t, spin, cells, Path(output) / "yo_yo.png")
+        draw(t, spin, Path(output) / "yo_yo.png")
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
     return {
@@ -168,11 +168,11 @@ def main(
     }
 
 
-def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
+def draw(t: Array, spin: Array, path: Path) -> None:
     """The spin of the hub over the time, computed and of the closed form, and their difference."""
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
-    exact = spin_of(t, cells)
+    exact = spin_of(t)
     left.plot(1e3 * t, spin, color=RED, label="computed")
     left.plot(1e3 * t, exact, "--", color=BLUE, label="closed form")
     finish(left, "t [ms]", "spin of the hub [rad/s]")

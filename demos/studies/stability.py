@@ -116,7 +116,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         name="tube",
     )
     # The reservoir has 1 bar; the tube at the start a part of it.
-    tank = gx.gas.Reservoir(pressure=1e5, temperature=293.0)
+    tank = gx.gas.Ambient(pressure=1e5, temperature=293.0, name="reservoir")
     valve = gx.Orifice(tank, tube, area=1e-6)
     scene = gx.Scene(film, gx.constraints.BallJoint(tip, payload.port()), tube, valve)
     run = gx.Simulation(scene, gx.Midpoint(dt=v["h"] * H))

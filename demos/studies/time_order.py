@@ -104,7 +104,7 @@ def balloon(comm: MPI.Comm) -> gx.Scene:
         pressure=50.0,
         temperature=300.0,
     )
-    source = gx.gas.Reservoir(1e5, 300.0)
+    source = gx.gas.Ambient(1e5, 300.0, name="reservoir")
     valve = gx.Orifice(source, bag, area=3e-5)
     return gx.Scene(film, bag, valve)
 

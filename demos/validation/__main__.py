@@ -10,7 +10,9 @@ With --set the tests have other inputs; with --sensitivity each input is changed
 errors are printed.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
-and the table of the page, a row for each quantity, is made again from all that is there.
+and from all that is there the tables of the page (a row for each quantity) and of README.md (a row
+for each family) and the picture of all cases are made again; "all --store --only none" computes
+nothing and does only that.
 On two ranks: ./gossamer mpi 2 demos/validation NAME.
 """
 
@@ -26,6 +28,7 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.comparison import results_by_test
+from demos.validation.engine.overview import family_rows, overview
 from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
@@ -36,10 +39,13 @@ from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"
 STORED = HERE / "results"
-PAGE = HERE.parent.parent / "docs" / "measured.md"
+ROOT = HERE.parent.parent
+PAGE = ROOT / "docs" / "measured.md"
+FIRST_PAGE = ROOT / "README.md"
+OVERVIEW = STORED / "overview.png"
 MODELS = sorted(p.stem for p in (HERE / "models").glob("*.py") if not p.stem.startswith("_"))
 NAMES = sorted(path.stem for path in CASES.glob("*.toml"))
-# The part of the page that is written by this command.
+# The part of a page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- measured -->\n).*?(?=<!-- /measured -->)", re.DOTALL)
 
 
@@ -76,7 +82,7 @@ def main(words: list[str] | None = None) -> int:
     text, is_well = verdict(judgements)
     if comm.rank == 0:
         if wanted.store:
-            write_page()
+            write_pages()
         # Cases of which no test has such a name leave nothing to be compared.
         print(text if judgements else "No test has such a name.")
     return 0 if is_well or not judgements else 1
@@ -180,11 +186,21 @@ def table_of_tests() -> str:
     return markdown_table(rows(stored()))
 
 
-def write_page() -> None:
-    """Put the table into docs/measured.md."""
-    if PAGE.is_file():
-        text = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(BETWEEN.sub(lambda _: f"\n{page_table()}\n", text), encoding="utf-8")
+def family_table() -> str:
+    """The table of the first page: one row for each family of cases."""
+    return markdown_table(family_rows(stored()))
+
+
+def write_pages() -> None:
+    """Put the tables into the pages, and draw all cases."""
+    for page, table in ((PAGE, page_table()), (FIRST_PAGE, family_table())):
+        # An installed program has no pages.
+        if page.is_file():
+            old = page.read_text(encoding="utf-8")
+            # A function, since backslashes in a replacement have a meaning.
+            new = BETWEEN.sub(lambda _, table=table: f"\n{table}\n", old)
+            page.write_text(new, encoding="utf-8")
+    overview(stored(), OVERVIEW)
 
 
 if __name__ == "__main__":

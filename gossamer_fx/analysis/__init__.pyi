@@ -1,6 +1,3 @@
-from .design.crease_identification import HangingStrip as HangingStrip
-from .design.crease_identification import IdentifiedCrease as IdentifiedCrease
-from .design.crease_identification import identify_crease as identify_crease
 from .design.optimisation import Limit as Limit
 from .design.optimisation import Optimum as Optimum
 from .design.optimisation import minimise as minimise
@@ -21,7 +18,6 @@ from .mesh_convergence import Convergence as Convergence
 from .mesh_convergence import convergence as convergence
 from .sensitivity.objectives import ChamberPressure as ChamberPressure
 from .statics.continuation import Continuation as Continuation
-from .statics.equilibrium import Equilibrium as Equilibrium
 from .statics.form_finding import EdgeCable as EdgeCable
 from .statics.form_finding import Prestress as Prestress
 from .statics.form_finding import find_form as find_form

@@ -16,7 +16,6 @@ ROOT = Path(gx.__file__).parent.parent
 UNTIL = 0.25  # s
 
 
-@pytest.mark.mpi
 def test_means_over_long_steps_do_not_alternate(comm, caplog) -> None:
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
         series = step_size.move(comm, 5e-3, until=UNTIL)

@@ -59,7 +59,7 @@ def balloon(
         gx.Scene(
             film,
             bag,
-            gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=3e-5),
+            gx.Orifice(gx.gas.Ambient(1e5, 300.0, name="reservoir"), bag, area=3e-5),
         ),
         gx.Midpoint(dt=dt),
     )

@@ -44,7 +44,7 @@ def filling(p: float, T: float) -> gx.Scene:
     )
     return gx.Scene(
         tank,
-        gx.Orifice(gx.gas.Reservoir(P0, T0), tank, area=1e-6),
+        gx.Orifice(gx.gas.Ambient(P0, T0, name="reservoir"), tank, area=1e-6),
     )
 
 
@@ -90,7 +90,7 @@ def test_filling_of_a_tank(case):
 )
 def test_filling_is_of_second_order(case, before):
     p, T, *_ = FILLING[case]
-    steps = [0.5, 0.25, 0.125]
+    steps = [0.5, 0.125]
     *runs, exact = (histories(filling(p, T), dt, [before])[0][0, 0, 0] for dt in [*steps, 0.01])
     # The finest step has a third-order term of a few per cent.
     assert observed_order(steps, np.array(runs) - exact) == pytest.approx(2, abs=0.2)
@@ -200,7 +200,7 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
         dead_volume=1e-3,
     )
     inlet = gx.Orifice(
-        gx.gas.Reservoir(1e5, 300.0),
+        gx.gas.Ambient(1e5, 300.0, name="reservoir"),
         cylinder,
         area=2e-5,
     )
@@ -243,7 +243,7 @@ def test_piston_on_several_ranks_is_the_same(comm):
 
 
 def test_piston_is_of_second_order():
-    steps = [2e-3, 1e-3, 5e-4]
+    steps = [2e-3, 5e-4]
     times = [0.3, 0.5]
     errors = [piston(dt, times)[0] - [PISTON[t] for t in times] for dt in steps]
     for quantity in range(4):  # the mass is exact while the inlet is choked

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common.rotation_guides import RotationGuides
 from demos.sails import ikaros, ikaros_swing
 from gossamer_fx.meshes.sails import trapezoids
 from tests.small_scenes import run_until, spin_drift
@@ -65,7 +66,6 @@ def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -
     assert [momentum / inertia for inertia in inertias] == pytest.approx(spins, abs=0.051)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("hub", "mass"), [(85.0, 12.0), pytest.param(30.0, 4.0, marks=pytest.mark.slow)]
 )
@@ -205,7 +205,6 @@ def test_the_sail_opens_in_stage_2(tmp_path) -> None:
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I +
     1/I'))."""
@@ -214,7 +213,7 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     moment = 0.5
     mass = 2.0
     radius = 0.8
-    guides = gx.assemblies.RotationGuides(
+    guides = RotationGuides(
         hub,
         4,
         radius=radius,

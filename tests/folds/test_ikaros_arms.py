@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common.rotation_guides import RotationGuides
 from demos.sails import ikaros_arms
 from tests.small_scenes import run_until, spin_drift
 
@@ -34,7 +35,6 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
     assert measured == pytest.approx(ω, rel=0.01)
 
 
-@pytest.mark.mpi
 def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work counts as supplied, the damper's loss as dissipated; both momenta are conserved."""
     hub = gx.RigidBody(
@@ -43,7 +43,7 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
         name="hub",
         comm=comm,
     )
-    guides = gx.assemblies.RotationGuides(
+    guides = RotationGuides(
         hub,
         4,
         radius=0.8,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.common.flight_picture import FlightPicture
 from gossamer_fx.mechanics.orbit.elements import elements_of
 from tests.orbit.test_orbit_loads import AIR, film, plate
 from tests.small_scenes import run_until
@@ -156,7 +157,7 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A), sun=(1.0, 0.3, 0.2))
     body, surface = plate(0.3)
     probes = {"altitude [m]": gx.probes.OrbitState(orbit, "altitude")}
-    picture = gx.plot.FlightPicture(
+    picture = FlightPicture(
         folder / "flight.png",
         orbit,
         probes=probes,

@@ -30,7 +30,7 @@ def penalty_slope(x):
     return x - 1
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("law", "slope"), [("barrier", barrier_slope), ("penalty", penalty_slope)])
 @pytest.mark.parametrize("stiffness", [None, 1e6])
 def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slope, stiffness):
@@ -38,13 +38,7 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     # Two activation distances above the floor: contact must be found.
     sheet = film(comm, height=2 * DISTANCE)
     floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
-    contact = gx.Contact(
-        sheet,
-        floor,
-        distance=DISTANCE,
-        law=law,
-        stiffness=stiffness,
-    )
+    contact = gx.Contact(sheet, floor, distance=DISTANCE, law=law, stiffness=stiffness)
     equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(sheet, (0.0, 0.0, -GRAVITY))))
     result = equilibrium.find()
     weight = SIGMA * GRAVITY
@@ -71,7 +65,7 @@ PRESSURE = 1000.0
 STIFFNESS = 1e9 * 25e-6
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("law", "increments"),
     # With one increment planes move by twenty times the distance at which contact begins.
@@ -85,13 +79,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
     """
     tube = gx.Membrane(
         cylinder(comm, RADIUS, LENGTH, 32, 2),
-        gx.Miyazaki(
-            1e9,
-            0.3,
-            density=1400.0,
-            thickness=25e-6,
-            residual_stiffness=1e-6,
-        ),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=25e-6, residual_stiffness=1e-6),
         name="tube",
     )
     press = 0.02
@@ -106,12 +94,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
         )
         for side, name in ((1.0, "upper"), (-1.0, "lower"))
     ]
-    contact = gx.Contact(
-        tube,
-        *planes,
-        distance=DISTANCE,
-        law=law,
-    )
+    contact = gx.Contact(tube, *planes, distance=DISTANCE, law=law)
     supports = [gx.Fixed(tube, rim, components=(0,)) for rim in ("first rim", "last rim")]
     supports += [gx.Fixed(tube, line, components=(1,)) for line in ("top", "bottom")]
     equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Pressure(tube, PRESSURE), *supports))
@@ -156,7 +139,6 @@ def force_of_drum(tension, gap):
     return 2 * (tension + STRIP_STIFFNESS * WIDTH * strain) * stretch * math.sin(slope)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("law", "tension"), [("barrier", 20.0), ("barrier", 0.0), ("penalty", 0.0)]
 )

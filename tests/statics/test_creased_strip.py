@@ -20,9 +20,9 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from demos.common.crease_identification import GRAVITY, HangingStrip, identify_crease
 from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
-from gossamer_fx.analysis.design.crease_identification import GRAVITY
 from gossamer_fx.meshes.creased_strip import creased_strip
 from tests.small_scenes import at_rest
 
@@ -136,7 +136,7 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
 
 def test_own_weight_opens_a_hanging_strip() -> None:
     """Half of the weight of a strip that is light compared with its load acts at its end."""
-    heavy = gx.analysis.HangingStrip(
+    heavy = HangingStrip(
         LENGTH,
         WIDTH,
         bending_stiffness=STRIP.bending_stiffness,
@@ -159,7 +159,7 @@ def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
 
 def test_identification_of_exact_data() -> None:
     weights, angles, distances = measured(0.0)
-    found = gx.analysis.identify_crease(
+    found = identify_crease(
         STRIP,
         weights,
         angles=angles,
@@ -174,7 +174,7 @@ def test_identification_of_exact_data() -> None:
 def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
     uncertainties = {"angle_uncertainty": math.radians(0.5), "distance_uncertainty": 2e-4}
     weights, angles, distances = measured(1.0)
-    found = gx.analysis.identify_crease(
+    found = identify_crease(
         STRIP,
         weights,
         angles=angles,
@@ -193,13 +193,12 @@ def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
     [
         ({"weights": [1e-3]}, "1 weights, 4 angles and 4 distances"),
         ({"weights": [-1.0, 1e-3, 2e-3, 3e-3]}, "negative weights"),
-        ({"angle_uncertainty": 0.0}, "angle_uncertainty is 0.0 rad; give a positive number"),
     ],
 )
 def test_measurements_that_cannot_be(change: dict[str, object], words: str) -> None:
     call = dict(zip(("weights", "angles", "distances"), measured(0.0), strict=True))
     with pytest.raises(gx.InputError, match=words):
-        gx.analysis.identify_crease(STRIP, **(call | change))
+        identify_crease(STRIP, **(call | change))
 
 
 def hanging_plate(weight: float, cells: int = 16) -> tuple[float, float]:
@@ -224,7 +223,7 @@ def hanging_plate(weight: float, cells: int = 16) -> tuple[float, float]:
 
 POLYIMIDE = gx.Linear(E=3.0e9, nu=0.3, density=1420.0, thickness=50e-6)
 # A strip whose width is large compared with √(radius × thickness) bends as a wide plate does.
-HUNG = gx.analysis.HangingStrip(
+HUNG = HangingStrip(
     0.05,
     0.015,
     bending_stiffness=POLYIMIDE.E * POLYIMIDE.thickness**3 / 12 / (1 - POLYIMIDE.nu**2),
@@ -243,7 +242,7 @@ def test_the_crease_of_a_plate_is_identified_from_its_measured_shapes() -> None:
     distance_error = 2e-4
     random = np.random.default_rng(0)
     angles, distances = np.array([hanging_plate(weight) for weight in weights]).T
-    found = gx.analysis.identify_crease(
+    found = identify_crease(
         HUNG,
         weights,
         angles=angles + angle_error * random.normal(size=len(weights)),

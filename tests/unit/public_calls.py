@@ -46,7 +46,6 @@ UNCALLED = {
 UNCALLED |= {
     "Contact",
     "probes.Crossings",
-    "analysis.IdentifiedCrease",
     "StepFailure",
     "StartFrom",
     "Scene",
@@ -127,9 +126,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         calls[name] = usual | given
 
     reader = gx.plot.RunReader(inputs.run)
-    strip = gx.analysis.HangingStrip(0.05, 0.01, bending_stiffness=2.6e-5)
-    weights = [1e-5, 1e-4, 5e-4]
-    measured = [strip.equilibrium(1.9, 3e-3, weight) for weight in weights]
     tension = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=10.0)
     soap = gx.Membrane(sheet(WORLD, 2, 2), tension, name="soap film")
     gas = gx.IdealGas(gamma=1.4, R=287.0)
@@ -201,21 +197,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("contact.Cone", start=z, end=(1.0, 0.0, 0.0), radii=(0.0, 0.1))
     add("contact.Cylinder", start=z, end=(1.0, 0.0, 0.0), radius=0.1)
     add("probes.FoldAngle", crease=gx.connectors.Crease(creased, "crease", stiffness=1e-3))
-    add(
-        "analysis.HangingStrip",
-        length=0.05,
-        width=0.01,
-        bending_stiffness=2.6e-5,
-        area_density=0.07,
-    )
-    add(
-        "analysis.identify_crease",
-        strip=strip,
-        weights=weights,
-        angles=[angle for angle, _ in measured],
-        distances=[distance for _, distance in measured],
-        angle_uncertainty=0.01,
-    )
     add("connectors.Damper", a=P, b=Q, damping=1.0)
     add("Damping", body=film, mass_factor=1.0, stiffness_factor=1.0, tension_only=True)
     add("probes.Displacement", port=P, axis="x")
@@ -257,7 +238,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("orbit.ExponentialAtmosphere", density=1.0, altitude=1.0, scale_height=1.0)
     add("Fixed", body=beam, group="start", direction=(1.0, 0.0, 0.0), motion=lambda x, t: 0 * x)
     add("constraints.FixedJoint", a=A, b=B)
-    add("plot.FlightPicture", path=folder / "a.png", orbit=orbit, probes={})
     add("loads.Force", port=P, force=z)
     add("Frame", origin=Q, directors=(Q, Q, Q))
     add("probes.GasFlow", opening=gx.Orifice(tank, gx.gas.Reservoir(2e5, 300.0), area=1e-6))
@@ -282,15 +262,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     )
     add("probes.JointForce", joint=gx.constraints.BallJoint(P, Q), axis="x")
     add("Ledger", path=folder / "ledger.csv")
-    add(
-        "assemblies.LiddedBox",
-        sizes=(0.1, 0.1, 0.1),
-        centre=z,
-        release_time=0.1,
-        damping=1e-3,
-        body=block,
-        turn=(0.0, 0.0, 1.0),
-    )
     add("Linear", **film_law)
     add("constraints.Link", a=P, b=Q)
     add("probes.MeanSpin", body=film)
@@ -313,7 +284,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("steppers.PathAverage")
     add("steppers.VariationalMidpoint", dt=1e-3)
     add("probes.Penetrations", contact=touching)
-    add("plot.Picture", path=folder / "a.png", times=(0.1,), section=((0, 0, 0), (0, 0, 1)))
+    add("plot.Picture", path=folder / "a.png", times=(0.1,))
     add("gas.Piston", port=P, area=1.0, direction=z)
     add("Plate", mesh=mesh, law=law)
     add("contact.Plane", point=z, normal=z, friction=0.1)
@@ -327,7 +298,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("constraints.CylindricalJoint", **hinge)
     add("outputs.Probes", path=folder / "a.csv", probes={"a": lambda run: 0.0}, times=(0.1,))
     add("Recording", folder=folder / "run", fields={}, times=(0.1,))
-    add("gas.Reservoir", pressure=1e5, temperature=300.0)
     add("constraints.RevoluteJoint", **hinge)
     add("RigidBody", mass=1.0, inertia=(1.0, 1.0, 1.0), position=z, velocity=z, spin=z)
     add("RigidRegion", body=film, group="left", rigid_body=None)
@@ -336,15 +306,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("gas.Ring", body=film, edges="left")
     add("connectors.Rope", a=P, b=Q, length=1.0, stiffness=1.0)
     add("connectors.RopeBundle", ends=[(P, Q)], lengths=[1.0], stiffness=1.0)
-    add(
-        "assemblies.RotationGuides",
-        hub=block,
-        count=4,
-        radius=0.8,
-        first_angle=0.1,
-        drawn=lambda t: 0.1 * t,
-        reel_depth=0.6,
-    )
     add("sections.Section", **edges)
     add("Series", probes={"a": lambda run: 0.0})
     add("Simulation", scene=scene, stepper=gx.Midpoint(dt=0.1), outputs=[])

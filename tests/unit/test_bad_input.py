@@ -86,7 +86,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
         for argument, value in call.items():
             if not isinstance(value, tuple | list) or not value:
                 continue
-            others: list[object] = [list(value), tuple(value)]
+            others: list[object] = [list(value) if isinstance(value, tuple) else tuple(value)]
             if all(isinstance(one, int | float) for one in value):
                 others.append(np.array(value))
             for other in others:
@@ -98,7 +98,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
                 except Exception as error:
                     refused.append(f"{name}({argument}={other!r}): {type(error).__name__}: {error}")
     assert not refused, "\n".join(refused)
-    assert tried > 180
+    assert tried > 110
 
 
 @pytest.mark.mpi
@@ -146,7 +146,6 @@ OF_ANY_SIGN = {
     "analysis.Limit": "low",
     "analysis.TravellingWaves": "forward backward forward_frequency backward_frequency",
     "analysis.convergence": "exact",
-    "assemblies.RotationGuides": "first_angle",
     "connectors.Crease": "rest_angle",
     "connectors.TorsionSpring": "rest_angle",
     "loads.EdgeMoment": "moment",
@@ -171,13 +170,11 @@ NOT_NEGATIVE = {
     "TensionField": "nu residual_stiffness",
     "Tolerances": "relative absolute floor energy scalars constraint",
     "analysis.Frequency": "number",
-    "analysis.HangingStrip": "area_density",
     "analysis.Limit": "high",
     "analysis.Prestress": "nu",
     "analysis.find_form": "change",
     "analysis.modes": "above",
     "assemblies.InflatableTube": "dead_volume crease_stiffness set_angle_ratio contact_distance",
-    "assemblies.LiddedBox": "release_time damping",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",
     "connectors.Spring": "length",

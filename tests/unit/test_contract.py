@@ -40,12 +40,12 @@ class Counter:
     def update(self, linearly: bool) -> None:
         self.calls.append("update")
 
-    def get_state(self) -> dict[str, Any]:
-        self.calls.append("get_state")
+    def get_history(self) -> dict[str, Any]:
+        self.calls.append("get_history")
         return {}
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        self.calls.append("set_state")
+    def set_history(self, state: dict[str, Any]) -> None:
+        self.calls.append("set_history")
 
     def update_active_set(self) -> None:
         self.calls.append("update_active_set")
@@ -102,7 +102,7 @@ def test_names_of_methods_enrol_nothing() -> None:
     [term] = [term for term in run.system.terms if isinstance(term, IdleTerm)]
     assert not isinstance(idle.helper, FACETS)
     assert idle.helper.calls == term.helper.calls == []
-    saved = run.history.get_state()
+    saved = run.history.get_history()
     assert not [name for name in saved if name == "Idle" or name.endswith("helper")]
 
 

@@ -8,7 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.records.fields.groups import groups_of
+from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.plot.camera import aim, render
 from gossamer_fx.records.plot.colours import colouring, group_table
 from tests.small_scenes import WRINKLING
@@ -38,7 +38,7 @@ def middle(folder, films, opacity):
     return image[image.shape[0] // 2, image.shape[1] // 2]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("opacity", [1.0, 0.6])
 def test_layers_shine_through_in_order(comm, folder, opacity):
     """Light that a layer lets through is that of the next one; what nothing keeps back is white."""
@@ -58,7 +58,6 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
         assert np.allclose(both, seen, atol=0.02)
 
 
-@pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
     tube = gx.Membrane(
         flat_tube(

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import gossamer_fx
+from gossamer_fx import GeneralizedAlpha
 from gossamer_fx.mechanics.terms.discrete_gradient import AtRest, EndPoint, PathAverage
-from gossamer_fx.solve.steppers import GeneralizedAlpha, VariationalMidpoint
+from gossamer_fx.solve.steppers import VariationalMidpoint
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 HOME_OF_RULES = PACKAGE / "mechanics" / "terms" / "discrete_gradient.py"

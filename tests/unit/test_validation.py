@@ -14,21 +14,25 @@ import pytest
 
 from demos.validation.__main__ import (
     CASES,
+    FIRST_PAGE,
     MODELS,
     NAMES,
     PAGE,
+    family_table,
     main,
     page_table,
+    stored,
     table_of_tests,
 )
 from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import Predicted, compare, comparisons
-from demos.validation.engine.report import rows
+from demos.validation.engine.overview import marks_by_family, overview
+from demos.validation.engine.report import is_asked, percent, rows
 from demos.validation.engine.results import case_set
 from demos.validation.models import hanging_kite
 from gossamer_fx import InputError
 from gossamer_fx.analysis.cases.case_set import run_cases
-from gossamer_fx.analysis.cases.results import read_results
+from gossamer_fx.analysis.cases.results import Result, read_results
 
 GOOD = """
 format = 1
@@ -68,7 +72,6 @@ def missed(case, comm, results, quick=False):
     return [one.words for one in found if not one.holds]
 
 
-@pytest.mark.mpi
 def test_units_are_converted_and_the_error_is_relative(comm, folder):
     case = case_of(folder, GOOD) if comm.rank == 0 else None
     case = comm.bcast(case)
@@ -142,6 +145,18 @@ def test_a_curve_is_compared_over_its_range(folder):
     short = compare(measured, Predicted(np.array([10.0, 17.0]), np.array([0.0, 7e-3])))
     assert short.mean_error == math.inf and not short.is_accepted()
     assert compare(measured, None).mean_error == math.inf
+
+
+def test_errors_of_a_curve_through_zero_are_relative_to_its_reference(folder):
+    curve = 'y = {value = [-2, 0, 4], unit = "N"}\nx = {value = [-1, 0, 1], unit = "mm"}'
+    text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nreference = 4")
+    (measured,) = case_of(folder, text).tests[0].measured
+    shifted = compare(measured, Predicted(np.array([-1.8, 0.2, 4.2]), np.array([-1e-3, 0, 1e-3])))
+    assert shifted.errors == pytest.approx(0.05)
+    # Tables show its largest value.
+    assert shifted.y_measured[shifted.middle] == 4.0
+    with pytest.raises(InputError, match="reference is 0; give a number > 0"):
+        case_of(folder, text.replace("reference = 4", "reference = 0"))
 
 
 def test_a_band_is_of_the_signed_error(folder):
@@ -254,12 +269,43 @@ def test_the_cases_are_complete_and_have_results(name):
     assert case.quick_tests
 
 
-def test_the_page_shows_the_stored_results():
-    assert page_table() in PAGE.read_text(encoding="utf-8")
+@pytest.mark.parametrize(
+    ("page", "table"), [(PAGE, page_table), (FIRST_PAGE, family_table)], ids=["page", "first page"]
+)
+def test_the_pages_show_the_stored_results(page, table):
+    assert table() in page.read_text(encoding="utf-8")
+
+
+def test_the_picture_shows_every_test_and_a_miss_at_its_error(folder):
+    found = marks_by_family(stored())
+    marks = [mark for family in found.values() for mark in family]
+    assert len(marks) == len(table_of_tests().splitlines()) - 2
+    for mark in marks:
+        assert abs(mark.ratio - 1) == pytest.approx(abs(mark.comparison.error))
+    # The mean radius of the torus shrinks by more than measured, which is a negative number.
+    (torus, _) = [one for one in marks if one.comparison.measured.quantity.endswith("mean radius")][
+        :2
+    ]
+    assert torus.ratio > 1.5
+    # A test without a result of its quantity is drawn as failed.
+    failed = case_of(folder, GOOD)
+    nothing = Result({"test": "one"}, {}, 0.0)
+    overview([*stored(), (failed, [nothing])], folder / "overview.png")
+    assert (folder / "overview.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_the_first_page_shows_the_worst_miss():
+    errors = [
+        abs(mark.comparison.error)
+        for family in marks_by_family(stored()).values()
+        for mark in family
+        if is_asked(mark.comparison.measured)
+    ]
+    assert f"| {percent(max(errors))} |" in family_table()
 
 
 def test_the_rows_of_the_page_count_every_test():
-    counted = re.findall(r"^\| \w+ \| [^|]+ \| (\d+) \|", page_table(), re.MULTILINE)
+    counted = re.findall(r"^\| [^|]+ \| \w+ \| [^|]+ \| (\d+) \|", page_table(), re.MULTILINE)
     # The table of all tests has two further lines: its head, and the rule below it.
     assert sum(map(int, counted)) == len(table_of_tests().splitlines()) - 2
     assert "| hiad_71 | load | 8 | 1.2 % | 4.1 % |" in page_table()
@@ -269,7 +315,7 @@ def test_the_page_names_every_input_of_a_specimen():
     page = PAGE.read_text(encoding="utf-8")
     for name in NAMES:
         data = tomllib.loads((CASES / f"{name}.toml").read_text(encoding="utf-8"))
-        named = {one for test in data["tests"] for one in test["inputs"]}
+        named = {one for test in data["tests"] for one in test.get("inputs", {})}
         # The braid angle is in the files of tubes for information: the stiffnesses contain it.
         missing = [one for one in named - {"braid_angle"} if f"`{one}`" not in page]
         assert not missing, f"{name}: {missing}"

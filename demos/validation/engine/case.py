@@ -10,6 +10,7 @@ read it.
     title, source, licence            one line each
     peer                              what the errors `peer_error` belong to (optional)
     model = "braided_tube"
+    family = "beams"                  cases that tables and the picture show together (optional)
     quick_tests = ["1 up, 69 kPa"]    those of the quick form
     [expected_warnings]               of the program: a reason by a part of the text (optional)
     "inner forces" = "the film is slack before it is inflated"
@@ -25,6 +26,8 @@ read it.
     x = {value = [...], unit = "mm"}  of a curve
     range = [25, 125]                 of x, in its unit, in which a curve is compared
     labels = ["La", "Lb"]             of values that are not a curve (optional)
+    reference = 39.5                  in the unit of y: errors are relative to it, and not to each
+                                      measured value, for curves through zero (optional)
     tolerance = 0.05                  asked of the mean relative error, or
     accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
     quick_accepted = [0.0, 0.3]       the same, or of the mean relative error, of the quick form
@@ -74,6 +77,7 @@ class Measured:
         x_unit: of `x`.
         x_range: part of the abscissa in which curves are compared.
         labels: names of the values.
+        reference: what errors are relative to, in `unit`; not a number for each measured value.
         accepted: smallest and largest relative error that is accepted.
         quick_accepted: the same on the mesh of the quick form.
         is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
@@ -88,6 +92,7 @@ class Measured:
     x_unit: str
     x_range: tuple[float, float]
     labels: tuple[str, ...]
+    reference: float
     accepted: tuple[float, float]
     quick_accepted: tuple[float, float]
     is_mean_of_sizes: bool
@@ -193,6 +198,7 @@ class Case:
     Attributes:
         name, title, source, licence, peer: words of the file.
         model: name of the model.
+        family: of the cases that are shown together; default the words of the model's name.
         tests: in the order of the file.
         quick_tests: names of those of the quick form.
         expected_warnings: reasons by a part of the text of a warning.
@@ -204,6 +210,7 @@ class Case:
     licence: str
     peer: str
     model: str
+    family: str
     tests: tuple[Test, ...]
     quick_tests: tuple[str, ...]
     expected_warnings: Mapping[str, str]
@@ -246,7 +253,8 @@ def read_case(path: Path, models: list[str]) -> Case:
     where = f"'{path}'"
     data = _parsed(path, where)
     known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
-    _check_keys(where, data, known | {"inputs", "tests", "expected_warnings"})
+    known |= {"family", "inputs", "tests", "expected_warnings"}
+    _check_keys(where, data, known)
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
     name = _line(where, data, "name")
@@ -281,6 +289,7 @@ def read_case(path: Path, models: list[str]) -> Case:
         licence=_line(where, data, "licence"),
         peer=_line(where, data, "peer", default=""),
         model=model,
+        family=_line(where, data, "family", default=model.replace("_", " ")),
         tests=found,
         quick_tests=tuple(quick_tests),
         expected_warnings={
@@ -394,7 +403,7 @@ def _measured(where: str, data: Any) -> Measured:
     """One entry of `tests.measured`."""
     entry = _mapping(where, data, "each of measured")
     known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted"}
-    known |= {"quick_accepted", "peer_error"}
+    known |= {"reference", "quick_accepted", "peer_error"}
     _check_keys(where, entry, known)
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
@@ -435,8 +444,12 @@ def _measured(where: str, data: Any) -> Measured:
             x,
             y,
         )
+    reference = math.nan
+    if "reference" in entry:
+        reference = _number(f"{here}: reference", entry["reference"])
+        check(reference > 0, f"{here}: reference is {reference:g}; give a number > 0.")
     check(
-        len(compared) > 0 and bool((compared != 0).all()),
+        len(compared) > 0 and ("reference" in entry or bool((compared != 0).all())),
         f"{here}: y has zeros or no values; relative errors need values that are not zero.",
     )
     labels = entry.get("labels", [])
@@ -467,6 +480,7 @@ def _measured(where: str, data: Any) -> Measured:
         x_unit=x_unit,
         x_range=x_range,
         labels=tuple(_words(f"{here}: labels", label) for label in labels),
+        reference=reference,
         accepted=accepted,
         quick_accepted=_pair(here, entry, "quick_accepted", default=accepted),
         is_mean_of_sizes="accepted" not in entry,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ HEAD = [
     "time [s]",
 ]
 SUMMARY_HEAD = [
+    "family",
     "case",
     "quantity",
     "tests",
@@ -48,6 +49,11 @@ LABEL_WIDTH = 0.17
 PANELS_IN_A_ROW = 4
 # Of the title of a figure.
 LETTERS_PER_INCH = 12
+# Largest over smallest value of a panel, beyond which errors of the smaller ones would not be seen:
+# all are then drawn over the measured ones.
+LARGEST_SPREAD = 20.0
+# Relative error below which one decimal of the percentage would not show it.
+SMALL_ERROR = 5e-4
 
 
 def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Iterator[list[str]]:
@@ -68,20 +74,23 @@ def rows(cases: Iterable[tuple[Case, list[Result]]], quick: bool = False) -> Ite
 def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
     """Cells of a table with one row for each quantity of a case, with its best and worst test."""
     yield SUMMARY_HEAD
-    groups: dict[tuple[str, str, str], list[Comparison]] = {}
-    for case, results in cases:
+    groups: dict[tuple[str, str, str, bool], list[Comparison]] = {}
+    # Sorted by family; cases and quantities keep their order.
+    for case, results in sorted(cases, key=lambda entry: entry[0].family):
         for test, result in results_by_test(case, results):
             for comparison in comparisons(test, result):
                 measured = comparison.measured
-                key = (case.name, measured.quantity, asked(measured, quick=False))
+                # What is shown for information has a separate row.
+                key = (case.family, case.name, measured.quantity, is_asked(measured))
                 groups.setdefault(key, []).append(comparison)
-    for (case_name, quantity, limit), group in groups.items():
+    for (family, case_name, quantity, _), group in groups.items():
+        by_limit = sorted(group, key=lambda one: one.measured.accepted[1])
+        limit = between([asked(one.measured, quick=False) for one in by_limit])
         ordered = sorted(group, key=lambda one: abs(one.error))
         worst = _cells(ordered[-1], quick=False)
         within = sum(one.is_accepted() for one in group)
-        peers = sorted(one.measured.peer_error for one in group)
-        peer = " to ".join(dict.fromkeys(_percent(error) for error in (peers[0], peers[-1])))
         yield [
+            family,
             case_name,
             quantity,
             str(len(group)),
@@ -91,8 +100,19 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
             worst[2],
             limit,
             f"{within} of {len(group)}" if limit else "",
-            peer,
+            peer_errors(group),
         ]
+
+
+def between(words: Sequence[str]) -> str:
+    """The first and the last of some words, once if they are the same; nothing of none."""
+    return " to ".join(dict.fromkeys([*words[:1], *words[-1:]]))
+
+
+def peer_errors(group: Iterable[Comparison]) -> str:
+    """The least and the largest error of the peers that are known."""
+    known = [one.measured.peer_error for one in group if math.isfinite(one.measured.peer_error)]
+    return between([percent(error) for error in sorted(known)])
 
 
 def _cells(comparison: Comparison, quick: bool) -> list[str]:
@@ -111,17 +131,25 @@ def _cells(comparison: Comparison, quick: bool) -> list[str]:
         name,
         f"{comparison.y_predicted[k]:.4g}{unit}",
         f"{comparison.y_measured[k]:.4g}{unit}",
-        _percent(comparison.error, signed=not measured.is_mean_of_sizes),
+        percent(comparison.error, signed=not measured.is_mean_of_sizes),
         asked(measured, quick),
-        _percent(measured.peer_error),
+        percent(measured.peer_error),
     ]
 
 
-def _percent(value: float, signed: bool = False) -> str:
-    # Missing values, as the error of a peer that is not known, leave their cell empty.
+def percent(value: float, signed: bool = False) -> str:
+    """A relative error in words; nothing if it is not known, as that of a peer may be."""
     if not math.isfinite(value):
         return ""
-    return f"{100 * value:+.1f} %" if signed else f"{100 * value:.1f} %"
+    sign = "+" if signed else ""
+    # Of small errors one digit, however small they are.
+    form = ".1f" if abs(value) >= SMALL_ERROR else ".1g"
+    return f"{100 * value:{sign}{form}} %"
+
+
+def is_asked(measured: Measured) -> bool:
+    """Whether the case asks something of the error, or else shows it for information."""
+    return bool(np.isfinite(measured.accepted).all())
 
 
 def asked(measured: Measured, quick: bool) -> str:
@@ -221,7 +249,7 @@ def _draw_curve(axis, comparison: Comparison, result: Result) -> None:
             linewidth=1.6,
             label="predicted",
         )
-        words = f"mean error {_percent(comparison.mean_error)}"
+        words = f"mean error {percent(comparison.mean_error)}"
         axis.text(
             0.97,
             0.05,
@@ -259,6 +287,13 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
         y_measured += list(comparison.y_measured)
         y_predicted += list(comparison.y_predicted)
     places = np.arange(len(names))
+    unit = entries[0][1].measured.unit
+    label = "" if unit == "1" else f"[{unit}]"
+    sizes = np.abs(y_measured)
+    if sizes.max() > LARGEST_SPREAD * sizes.min():
+        y_predicted = list(np.divide(y_predicted, y_measured))
+        y_measured = [1.0] * len(names)
+        label = "over measured"
     axis.plot(
         places,
         y_measured,
@@ -291,9 +326,4 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
         fontsize=6,
         parse_math=False,
     )
-    unit = entries[0][1].measured.unit
-    axis.set_ylabel(
-        "" if unit == "1" else f"[{unit}]",
-        fontsize=8,
-        parse_math=False,
-    )
+    axis.set_ylabel(label, fontsize=8, parse_math=False)

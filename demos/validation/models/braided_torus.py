@@ -15,8 +15,9 @@ small further stiffness E_L along the tube give, per width,
 
     A11 = G cot²β + E_L,    A12 = A66 = G,    A22 = G tan²β                                      (1)
 
-Two axial cords are bonded to the wall; after inflation each has F_c.  The stretches of the wall are
-those of a straight tube, see `braided_tube`.
+Axial cords are bonded to the wall at any angles of the section; after inflation each has F_c.
+While the torus is pulled in they lose force on their unloading curve, see `TabulatedCable`.  The
+stretches of the wall are those of a straight tube, see `braided_tube`.
 
 The shape of the torus under the first, small cable forces was measured.  The stress-free shape is
 corrected until the computed shape under these forces is the measured one: with c the radius of the
@@ -73,6 +74,9 @@ LOAD_FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 
 # Fourier components of the centre line that are compared.
 WAVES = (3, 4, 5)
+
+# Least angle [rad] between cords that are not on one line: cells are no slivers.
+LEAST_ARC = math.radians(5) - 1e-9
 
 Ring = tuple[Port, ...]
 
@@ -135,12 +139,11 @@ class Torus:
         count = len(shape)
         stations = inputs.numbers("station_angles", "rad")
         forces = inputs.numbers("first_forces", "N")
-        # The mesh has six columns around at least, and cords lie on its lines.
-        between = (tube.cord_angles - tube.cord_angles[0]) / (math.pi / 3)
+        # Cells around the section go from cord to cord.
         check(
-            bool(np.allclose(between, np.rint(between), atol=1e-9)),
-            f"{inputs.where}: cord_angles differ by other angles than multiples of 60 degrees; "
-            "give those.",
+            bool((arcs_between(tube.cord_angles)[1] > LEAST_ARC).all()),
+            f"{inputs.where}: cord_angles are {np.rad2deg(tube.cord_angles).round(6).tolist()} "
+            "degrees; give equal ones, or such that are 5 degrees apart.",
         )
         check(
             count >= 16 and len(forces) == 2 * len(stations),
@@ -165,10 +168,9 @@ class Torus:
         if "cells_along" in inputs or "cells_around" in inputs:
             cells = inputs.whole("cells_along"), inputs.whole("cells_around")
             check(
-                cells[0] % 16 == 0 and cells[1] % 6 == 0,
+                cells[0] % 16 == 0 and cells[1] >= 6,
                 f"{inputs.where}: cells_along is {cells[0]} and cells_around {cells[1]}; give a "
-                "multiple of 16 "
-                "and one of 6, so that stations and cords are on lines of the mesh.",
+                "multiple of 16, so that stations are on lines of the mesh, and 6 or more.",
             )
         return Torus(
             tube=tube,
@@ -206,10 +208,26 @@ class Torus:
 # ---- mesh ----------------------------------------------------------------------------------------
 
 
+def arcs_between(cord_angles: Array) -> tuple[Array, Array]:
+    """Different angles (n,) of cords [rad], rising, and the arcs (n,) from each to the next one."""
+    angles = np.unique(cord_angles.round(9))
+    return angles, np.diff(angles, append=angles[0] + 2 * math.pi)
+
+
 def section_angles(torus: Torus, around: int) -> Array:
-    """Angles (2 around,) [rad] of the nodes of a section from its top outwards, the first at a
-    cord."""
-    return torus.tube.cord_angles[0] + np.arange(2 * around) * math.pi / around
+    """Angles (2 n,) [rad] of the nodes of a section of n cells from its top outwards, the first at
+    a cord.  Cells of nearly equal size go from cord to cord, about `around` of them in all."""
+    angles = []
+    for angle, arc in zip(*arcs_between(torus.tube.cord_angles), strict=True):
+        cells = max(round(around * arc / (2 * math.pi)), 1)
+        angles.append(angle + arc * np.arange(2 * cells) / (2 * cells))
+    return np.concatenate(angles)
+
+
+def section_parts(φ: Array) -> Array:
+    """Parts (n,) of the perimeter, as an angle [rad], for which the nodes at φ (n,) stand."""
+    after = np.diff(φ, append=φ[0] + 2 * math.pi)
+    return (after + np.roll(after, 1)) / 2
 
 
 def surface(line: Array, radius: float, φ: Array) -> Array:
@@ -448,7 +466,8 @@ def build(
     # The inflated film has the given line; the stretches of the wall lead to that without stress.
     stress_free = surface(line / λ_L, tube.radius / λ_H, φ)
     inflated = surface(line, tube.radius, φ)
-    columns = [round((angle - φ[0]) * around / math.pi) for angle in tube.cord_angles]
+    lines, _ = arcs_between(tube.cord_angles)
+    columns = [int(np.argmin(np.abs(φ - angle))) for angle in lines]
     mesh = torus_mesh(comm, stress_free, columns)
     law = tube.wall(gx.materials.AroundAxis((0.0, 0.0, 1.0)))
     numbering = Numbering(stress_free)
@@ -466,15 +485,20 @@ def build(
     )
     # Cords have their force F_c after inflation, when their edges are longer by λ_L.
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
-    cords = [
-        gx.connectors.Tape.along_edges(
-            film, tube.cord_law(1.0), edges=f"cord {j}", length_factor=factor, name=f"cord {j}"
+    cords = []
+    for j, line_angle in enumerate(lines):
+        count = int(np.isclose(tube.cord_angles, line_angle, atol=1e-8).sum())
+        law_of_line = tube.cord_law(float(count))
+        name = f"cord {j}"
+        cords.append(
+            gx.connectors.Tape.along_edges(
+                film, law_of_line, edges=name, length_factor=factor, name=name
+            )
         )
-        for j in range(len(columns))
-    ]
     nodes = numbering.global_nodes(film)
-    means = tuple(_mean(film, row, np.ones(len(row))) for row in nodes)
-    cables = _cables(torus, film, nodes, np.cos(φ))
+    parts = section_parts(φ)
+    means = tuple(_mean(film, row, parts) for row in nodes)
+    cables = _cables(torus, film, nodes, φ)
     supports = [means[_row(angle, len(means))] for angle in torus.support_angles]
     scene = gx.Scene(
         film,
@@ -529,7 +553,7 @@ def _row(angle: float, count: int) -> int:
     return round(angle * count / (2 * math.pi)) % count
 
 
-def _cables(torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array) -> list[Cable]:
+def _cables(torus: Torus, film: gx.Membrane, nodes: Array, φ: Array) -> list[Cable]:
     """Lower cables by station, then upper ones.
 
     A strap around the section takes the force of a cable to the film.  It is spread over the
@@ -545,7 +569,7 @@ def _cables(torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array) -> lis
     shares = shares / shares.sum()
     cables: list[Cable] = []
     for side, (radius, height) in zip((-1.0, 1.0), torus.pulleys, strict=True):
-        weights = 1 + 2 * side * cosine
+        weights = section_parts(φ) * (1 + 2 * side * np.cos(φ))
         for angle in torus.station_angles:
             row = _row(angle, count)
             parts = []

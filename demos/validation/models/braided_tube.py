@@ -88,6 +88,7 @@ class Tube:
         cord_angles: from the top [rad].
         cord_force: of each cord after inflation [N].
         cord_strain, cord_table: strain and force of a cord.
+        cord_unloading: strain and force of a cord that unloads; None: as it is loaded.
         cord_compression: force per strain of a cord in compression [N].
         deflection: of midspan up to which the test is followed.
     """
@@ -102,6 +103,7 @@ class Tube:
     cord_force: float
     cord_strain: Array
     cord_table: Array
+    cord_unloading: tuple[Array, Array] | None
     cord_compression: float
     deflection: float
 
@@ -191,13 +193,19 @@ class Tube:
         )
 
     def cord_law(self, share: float) -> gx.TabulatedCable:
-        """The law of a share of a cord: one on the plane of symmetry counts half."""
+        """The law of a share of a cord: one on the plane of symmetry counts half, two on one line
+        are 2."""
         strain = np.concatenate([[-LARGEST_STRAIN, 0.0], self.cord_strain])
         force = np.concatenate([[-LARGEST_STRAIN * self.cord_compression, 0.0], self.cord_table])
+        unloading = None
+        if self.cord_unloading is not None:
+            unloading_strain, unloading_force = self.cord_unloading
+            unloading = np.append(0.0, unloading_strain), share * np.append(0.0, unloading_force)
         return gx.TabulatedCable(
             strain,
             share * force,
             line_density=CORD_MASS,
+            unloading=unloading,
         )
 
     def cord_strain_after_inflation(self) -> float:
@@ -228,11 +236,22 @@ def inflated_stretches(
 
 def cords_of(inputs: Inputs) -> dict[str, Any]:
     """The cords of a case file, as `Tube` takes them."""
+    unloading = None
+    if "cord_unloading_strain" in inputs:
+        strain = inputs.numbers("cord_unloading_strain", "1")
+        force = inputs.numbers("cord_unloading_force", "N")
+        check(
+            len(strain) == len(force) > 1,
+            f"{inputs.where}: cord_unloading_strain has {len(strain)} values and "
+            f"cord_unloading_force {len(force)}; give as many, two at least.",
+        )
+        unloading = strain, force
     return {
         "cord_angles": np.mod(inputs.numbers("cord_angles", "rad"), 2 * math.pi),
         "cord_force": inputs.number("cord_force", "N", above=0),
         "cord_strain": inputs.numbers("cord_table_strain", "1"),
         "cord_table": inputs.numbers("cord_table_force", "N"),
+        "cord_unloading": unloading,
         "cord_compression": inputs.number("cord_compression", "N", above=0),
     }
 

@@ -30,7 +30,7 @@ from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx import Mesh
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
-from gossamer_fx.records.fields.values import positions
+from gossamer_fx.records.fields.fields import positions
 
 # Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0

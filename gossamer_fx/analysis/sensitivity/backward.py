@@ -72,7 +72,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.tape import Node, RunTape
+from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
 from gossamer_fx.core.checks.errors import StepFailure, check
 from gossamer_fx.core.model.body import Array
@@ -108,7 +108,7 @@ class BackwardSteps:
         self._Bμ = numbering.vector()
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
-        self._irreversible = [kind for kind in self._system.differentiable if not kind.reversible]
+        self._irreversible = [one for one in self._system.differentiable if not one.reversible]
         # Only what such forces need.
         self._by_position = numbering.vector() if self._irreversible else None
         self._by_velocity = numbering.vector() if self._irreversible else None
@@ -117,18 +117,18 @@ class BackwardSteps:
     def start(self) -> None:
         """Begin a new pass from the last step to the first."""
         self.scalars.start()
-        for kind in self._system.differentiable:
-            kind.start_adjoint()
+        for compiled in self._system.differentiable:
+            compiled.start_adjoint()
 
     def add_energy_by_history(self, share: float) -> None:
         """Add a share of the derivative of the stored energy by history variables; the system
         stands in the state.  Collective."""
-        for kind in self._system.differentiable:
-            kind.add_energy_by_history(share)
+        for compiled in self._system.differentiable:
+            compiled.add_energy_by_history(share)
 
     # ---- the step itself -------------------------------------------------------------------------
 
-    def repeat(self, start: Node, end: Node) -> None:
+    def repeat(self, start: RecordedState, end: RecordedState) -> None:
         """Make the system stand at the end of a recorded step that it has not accepted.  `start`
         has the history variables at its start, `end` its length and contact pairs.  Collective."""
         system = self._system
@@ -144,7 +144,7 @@ class BackwardSteps:
         system.residual(y, self._scratch)
         self._check_residual(start, end)
 
-    def _end_at(self, start: Node, end: Node) -> None:
+    def _end_at(self, start: RecordedState, end: RecordedState) -> None:
         """Set q1 to the end of a step; the increment is that of the step, without its round-off."""
         system = self._system
         system.increment.remainder.set(0.0)
@@ -154,7 +154,7 @@ class BackwardSteps:
         system.set_increment(self._right_side, None)
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
-    def _check_residual(self, start: Node, end: Node) -> None:
+    def _check_residual(self, start: RecordedState, end: RecordedState) -> None:
         """Raise `StepFailure` if the residual of the repeated step [N] is more than `MAX_RESIDUAL`
         of the change of momentum in it over its length, as after an event that changed the scene.
         """
@@ -174,14 +174,14 @@ class BackwardSteps:
 
     # ---- its adjoint -----------------------------------------------------------------------------
 
-    def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+    def solve(self, start: RecordedState, end: RecordedState, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Repeat a step and solve (3), with scalar unknowns (7), for the adjoint vector μ.
         Derivatives of the result by positions [1/m] and velocities [s/m] at the end of the step,
         times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
         system = self._system
         self.repeat(start, end)
-        for kind in system.differentiable:
-            kind.add_end_derivatives(a)
+        for compiled in system.differentiable:
+            compiled.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)
@@ -213,7 +213,7 @@ class BackwardSteps:
         self.μ.array[:] -= ν @ Z
         scalars.take(ν, self.μ.array_r, h)
 
-    def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+    def carry(self, start: RecordedState, end: RecordedState, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Replace the derivatives with respect to the end of a step by those with respect to its
         start, by (4) and (5); after `solve`.  Collective."""
         system = self._system
@@ -246,8 +246,8 @@ class BackwardSteps:
             return None, None
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
-        for kind in self._irreversible:
-            kind.add_start_derivatives(self.μ, self._by_position, self._by_velocity)
+        for compiled in self._irreversible:
+            compiled.add_start_derivatives(self.μ, self._by_position, self._by_velocity)
         return self._by_position, self._by_velocity
 
     def clear(self, vector: PETSc.Vec) -> None:
@@ -256,7 +256,7 @@ class BackwardSteps:
         if self._system.constraints:
             vector.array[self._system.constraints.owned] = 0
 
-    def _multiply_by_exchanged(self, start: Node, end: Node) -> None:
+    def _multiply_by_exchanged(self, start: RecordedState, end: RecordedState) -> None:
         """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
         self.reverse(start, end)
         μ = self._scratch
@@ -265,7 +265,7 @@ class BackwardSteps:
         # A product needs no sum of the matrices that contact couples.
         self._system.assemble_tangent().mult_transpose(μ, self._Bμ)
 
-    def reverse(self, start: Node, end: Node) -> None:
+    def reverse(self, start: RecordedState, end: RecordedState) -> None:
         """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.
         Collective."""
         system = self._system
@@ -273,7 +273,7 @@ class BackwardSteps:
         system.reverse_step(end.q, -end.v, end.time, self._with_multipliers_of(start, end))
         system.set_inertia(0.0)
 
-    def _with_multipliers_of(self, start: Node, end: Node) -> Array:
+    def _with_multipliers_of(self, start: RecordedState, end: RecordedState) -> Array:
         """The coordinates of the start with the multipliers of the step."""
         q = np.array(start.q)
         constraints = self._system.constraints

@@ -58,11 +58,11 @@ class RunToRecord(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class RecordedState:
     """An accepted state of a run, after `index` steps and at a time [s]; `h` [s] is the length of
-    the step that led to it, zero for the first node.
+    the step that led to it, zero for the first state.
 
-    Coordinates with multipliers q and velocities v (n,) are this rank's; `bytes` is what the node
+    Coordinates with multipliers q and velocities v (n,) are this rank's; `bytes` is what the state
     takes on it.  Histories and scalars are in the order of the kinds and scalar unknowns that saved
     them; `active_sets` are those of the step that led to it.
     """
@@ -93,7 +93,7 @@ class RunTape:
         memory: what the tape may take on each rank [bytes].
 
     Attributes:
-        nodes: the states that are kept, from the one at the start of the recording to the last one.
+        states: those that are kept, from the one at the start of the recording to the last one.
         stride: number of steps between two states that are kept.
         bytes: memory of the states on this rank.
 
@@ -104,7 +104,7 @@ class RunTape:
         >>> run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
         >>> tape = gx.analysis.RunTape(run)
         >>> run.run(until=1.0)
-        >>> len(tape.nodes)
+        >>> len(tape.states)
         11
     """
 
@@ -128,11 +128,11 @@ class RunTape:
             f"RunTape: memory is {memory:.3g} bytes; "
             f"four states need {FEWEST_STATES * first.bytes} bytes on a rank.",
         )
-        self.nodes: list[Node] = [first]
+        self.states: list[RecordedState] = [first]
         # Counted along with the states: a sum over all of them in every step would grow with the
         # square of the number of steps.
         self.bytes = first.bytes
-        # Lengths and ends [s] of all steps, of which the first entries stand for the first node.
+        # Lengths and ends [s] of all steps, of which the first entries stand for the first state.
         self._lengths = [0.0]
         self._times = [first.time]
         self.system.recorders.append(self._record)
@@ -148,31 +148,31 @@ class RunTape:
 
     # ---- states ----------------------------------------------------------------------------------
 
-    def restore(self, node: Node) -> None:
+    def restore(self, state: RecordedState) -> None:
         """Make a recorded state that of the system.  Collective."""
-        self.system.restore(node.q, node.v, node.time)
-        for kind, saved in zip(self.system.differentiable, node.histories, strict=True):
-            kind.load_history(saved)
-        for scalars, state in zip(self.system.scalar_unknowns, node.scalars, strict=True):
-            scalars.set_state(state)
+        self.system.restore(state.q, state.v, state.time)
+        for compiled, saved in zip(self.system.differentiable, state.histories, strict=True):
+            compiled.load_history(saved)
+        for scalars, history in zip(self.system.scalar_unknowns, state.scalars, strict=True):
+            scalars.set_history(history)
 
-    def _present(self, index: int, h: float) -> Node:
-        """The accepted state of the system, after a step of length h [s], as a node of the tape."""
+    def _present(self, index: int, h: float) -> RecordedState:
+        """The accepted state of the system after a step of length h [s], for the tape."""
         system = self.system
         active_sets = []
         if h > 0:
-            active_sets = [kind.save_active_set() for kind in system.active_sets]
+            active_sets = [compiled.save_active_set() for compiled in system.active_sets]
         q = np.array(system.q0.array_r)
         v = np.array(system.v0.array_r)
-        histories = [kind.save_history() for kind in system.differentiable]
-        return Node(
+        histories = [compiled.save_history() for compiled in system.differentiable]
+        return RecordedState(
             index=index,
             time=system.time,
             h=h,
             q=q,
             v=v,
             histories=histories,
-            scalars=[scalars.get_state() for scalars in system.scalar_unknowns],
+            scalars=[scalars.get_history() for scalars in system.scalar_unknowns],
             active_sets=active_sets,
             bytes=_bytes_of([q, v, histories, active_sets]),
         )
@@ -185,22 +185,22 @@ class RunTape:
         while self.steps and self._times[-1] > start + system.h / 2:
             self._times.pop()
             self._lengths.pop()
-        while self.nodes[-1].index > self.steps:
+        while self.states[-1].index > self.steps:
             self._drop_last()
         self._lengths.append(system.h)
         self._times.append(system.time)
         # The last state stays in any case, as the end of the run so far.
-        if self.nodes[-1].index % self.stride:
+        if self.states[-1].index % self.stride:
             self._drop_last()
-        node = self._present(self.steps, system.h)
-        self.nodes.append(node)
-        self.bytes += node.bytes
+        state = self._present(self.steps, system.h)
+        self.states.append(state)
+        self.bytes += state.bytes
         if self._is_over(self.memory):
             self._thin_out(self.memory)
 
     def _drop_last(self) -> None:
         """Drop the last state."""
-        self.bytes -= self.nodes.pop().bytes
+        self.bytes -= self.states.pop().bytes
 
     def _is_over(self, memory: float) -> bool:
         """Whether the states need more memory [bytes] on any rank.  Collective."""
@@ -209,45 +209,47 @@ class RunTape:
     def _thin_out(self, memory: float) -> None:
         """Drop every second state until the rest needs no more memory [bytes]; both ends stay.
         Collective."""
-        last = self.nodes[-1]
-        while len(self.nodes) > 2 and self._is_over(memory):
+        last = self.states[-1]
+        while len(self.states) > 2 and self._is_over(memory):
             self.stride *= 2
-            self.nodes = [node for node in self.nodes[:-1] if node.index % self.stride == 0]
-            self.nodes.append(last)
-            self.bytes = sum(node.bytes for node in self.nodes)
+            self.states = [state for state in self.states[:-1] if state.index % self.stride == 0]
+            self.states.append(last)
+            self.bytes = sum(state.bytes for state in self.states)
 
     # ---- steps that are made again ---------------------------------------------------------------
 
-    def forwards(self) -> Iterator[Node]:
+    def forwards(self) -> Iterator[RecordedState]:
         """All states in the order of time.  The system may be changed in between.  Collective."""
-        yield self.nodes[0]
-        for first, last in zip(self.nodes[:-1], self.nodes[1:], strict=True):
-            node = first
-            while node.index + 1 < last.index:
-                node = self._advance(node, node.index + 1)
-                yield node
+        yield self.states[0]
+        for first, last in zip(self.states[:-1], self.states[1:], strict=True):
+            state = first
+            while state.index + 1 < last.index:
+                state = self._advance(state, state.index + 1)
+                yield state
             yield last
 
-    def backwards(self, last: int) -> Iterator[tuple[Node, Node]]:
+    def backwards(self, last: int) -> Iterator[tuple[RecordedState, RecordedState]]:
         """Start and end of the first `last` steps, last step first.  The system may be changed in
         between. States that were dropped are made again, within the memory of the tape.
         Collective."""
         if self.stride > 1:
             # Room for the states that are made again.
             self._thin_out(self.memory / 2)
-        nodes = list(self.nodes)
-        for first, end in zip(nodes[-2::-1], nodes[:0:-1], strict=True):
+        states = list(self.states)
+        for first, end in zip(states[-2::-1], states[:0:-1], strict=True):
             if first.index < last:
                 yield from self._between(first, end, last, self._free_states())
 
     def _free_states(self) -> int:
         """Number of states for which there is room on every rank; at least one.  Collective."""
-        largest = max(node.bytes for node in self.nodes)
+        largest = max(state.bytes for state in self.states)
         count = int((self.memory - self.bytes) // max(largest, 1))
         fewest: int = self.system.comm.allreduce(count, op=MPI.MIN)
         return max(fewest, 1)
 
-    def _between(self, first: Node, end: Node, last: int, free: int) -> Iterator[tuple[Node, Node]]:
+    def _between(
+        self, first: RecordedState, end: RecordedState, last: int, free: int
+    ) -> Iterator[tuple[RecordedState, RecordedState]]:
         """Steps from `first` to `end`, last step first, as far as they are among the first `last`
         ones."""
         count = end.index - first.index
@@ -268,7 +270,7 @@ class RunTape:
             yield from self._between(known[-2], known[-1], last, below)
             known.pop()
 
-    def _advance(self, node: Node, index: int) -> Node:
+    def _advance(self, state: RecordedState, index: int) -> RecordedState:
         """Make the recorded steps again from a known state to a later one, and return that one.
         Collective."""
         system = self.system
@@ -278,10 +280,10 @@ class RunTape:
         # Nothing records or counts steps that are made again: the run has made them already.
         system.recorders = []
         try:
-            self.restore(node)
+            self.restore(state)
             # Less than the round-off of the coordinates, so that no state keeps it.
             system.increment.remainder.set(0.0)
-            for k in range(node.index + 1, index + 1):
+            for k in range(state.index + 1, index + 1):
                 try:
                     self._solver.step(self._lengths[k])
                 except NotConverged as problem:

@@ -27,7 +27,7 @@ from gossamer_fx.analysis.sensitivity.objectives import (
     SceneView,
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
-from gossamer_fx.analysis.sensitivity.tape import Node, RunTape
+from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.variables import (
     AdjointFields,
     FormVariable,
@@ -68,7 +68,7 @@ class TransientGradients:
         """The gradient of one result at the last step of the tape, or of a `CrossingTime`; the
         system is as before afterwards.  Collective."""
         system = self._system
-        present = self._tape.nodes[-1]
+        present = self._tape.states[-1]
         remainder = system.increment.remainder.copy()
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
@@ -101,8 +101,8 @@ class TransientGradients:
         growth = growth_of(self.norms)
         self._warn(growth, duration)
         notes: list[str] = []
-        for kind in system.differentiable:
-            notes += kind.gradient_notes()
+        for compiled in system.differentiable:
+            notes += compiled.gradient_notes()
         return collected(
             value=value,
             unit=objective.unit,
@@ -120,9 +120,9 @@ class TransientGradients:
             return objective(view), objective, {self._tape.steps: 1.0}
         times = []
         values = []
-        for node in self._tape.forwards():
-            self._tape.restore(node)
-            times.append(node.time)
+        for state in self._tape.forwards():
+            self._tape.restore(state)
+            times.append(state.time)
             values.append(objective.of(view))
             # States after the first crossing do not count.
             if objective.has_passed(values):
@@ -136,16 +136,16 @@ class TransientGradients:
         scalars = self.steps.scalars
         if not scalars.size:
             return
-        self._tape.restore(self._tape.nodes[0])
+        self._tape.restore(self._tape.states[0])
         with self._by_position as by_position:
             scalars.finish(by_position)
         self.steps.clear(self._by_position)
 
-    def _add_result(self, objective: Objective, node: Node, share: float) -> None:
+    def _add_result(self, objective: Objective, state: RecordedState, share: float) -> None:
         """Add a share of the derivatives of a result in a state, also those by parameters.
         Collective."""
         system = self._system
-        self._tape.restore(node)
+        self._tape.restore(state)
         result_by_position = system.numbering.vector()
         result_by_velocity = system.numbering.vector()
         objective.add_derivative(system, result_by_position, result_by_velocity)
@@ -186,8 +186,8 @@ class TransientGradients:
         """Add what forces that depend on the masses of bodies give for densities and thicknesses.
         The mass of a body is v·M v of the unit velocity v along x."""
         system = self._system
-        for kind in system.differentiable:
-            for body, by_mass in kind.derivatives_by_mass().items():
+        for compiled in system.differentiable:
+            for body, by_mass in compiled.derivatives_by_mass().items():
                 unit = system.numbering.vector()
                 rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
                 rows[:, 0] = 1.0

@@ -43,7 +43,7 @@ import logging
 import math
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
@@ -184,14 +184,6 @@ class Search:
         self.steps = 0
         self.cuts = 0
 
-    @property
-    def chambers(self) -> dict[str, Any]:
-        """States of the gas chambers and tanks by name."""
-        found: dict[str, Any] = {}
-        for scalars in self.system.scalar_unknowns:
-            found |= scalars.states()
-        return found
-
     def run(self, at: float, progress: bool) -> None:
         """Search under the loads of time `at` [s]; the state of the system is then the equilibrium.
         Raises what `Equilibrium.find` names.  Collective."""
@@ -200,6 +192,8 @@ class Search:
         self.cuts = 0
         self._way = abs(at - self.reached)
         self.system.q0.copy(self._start)
+        for kind in self.system.compiled:
+            kind.begin_search()
         if self.system.active_sets:
             self._announce_load(at)
         self._warn_of_inward_normals(at)
@@ -279,7 +273,7 @@ class Search:
                     f"No equilibrium after {self.iterations} Newton iterations in {self.steps} "
                     f"pseudo-steps: {self._unbalanced_words(residual)}, "
                     f"pseudo-step {h:.1e} s; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
+                    f"{remedies(self.system, self.system.chambers, self._pressed_films)}"
                 )
 
     def _unbalanced_words(self, residual: float) -> str:

@@ -21,7 +21,7 @@ from gossamer_fx.mechanics.constraints.fixed import Fixed
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.orifice import Orifice
 from gossamer_fx.mechanics.gas.ring import Ring
-from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
+from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Tank
 from gossamer_fx.mechanics.materials.film import FilmLaw
 
 if TYPE_CHECKING:
@@ -268,7 +268,7 @@ class InflatableTube:
         )
 
     @check_arguments
-    def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
+    def inlet(self, source: Tank | Ambient, area: float | Callable[[float], float]) -> Orifice:
         """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
         is a number or a function of time [s]."""
         return Orifice(

@@ -57,7 +57,7 @@ _DESCRIPTIONS = {
     "Joint": "a joint, e.g. BallJoint",
     "State": "a Simulation or an Equilibrium",
     "Item": "items of a scene: bodies, gas, loads, constraints or connectors",
-    "Holder": "a reservoir or surroundings",
+    "Holder": "gas of constant pressure",
     "Volume": "a chamber or tank",
     "Event": "an At or a When",
     "Motion": "a recording of shapes, e.g. Snapshots",

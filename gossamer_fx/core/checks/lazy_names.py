@@ -137,25 +137,28 @@ class _AliasLoader(Loader):
 
 
 def public_names() -> list[str]:
-    """Names of all public classes and functions as they follow `gx.`, each once: core names alone,
-    e.g. "Chamber", the others with their namespace, e.g. "gas.Ring"."""
+    """Names of all public classes and functions as they follow `gx.`: core names alone, e.g.
+    "Chamber", the others with their namespace, e.g. "gas.Ring"."""
     core_names = import_module("gossamer_fx").__all__
     namespaces = _namespaces("gossamer_fx", core_names)
     found = [name for name in core_names if name not in namespaces]
     for namespace, names in namespaces.items():
         for name in names:
-            if name not in core_names and not _is_module(f"gossamer_fx.{namespace}", name):
+            if not _is_module(f"gossamer_fx.{namespace}", name):
                 found.append(f"{namespace}.{name}")
     return found
 
 
 def _unknown(package: str, name: str, names: list[str]) -> str:
-    """Message about an unknown name, with similar names of the package and of its namespaces."""
+    """Message about an unknown name, with similar names of the package and of its namespaces, and
+    the core name that is meant."""
     message = f"{package} has no '{name}'"
     proposals = difflib.get_close_matches(name, names, n=_MAX_PROPOSALS, cutoff=0.75)
     for namespace, known in _namespaces(package, names).items():
         if name in known:
             proposals.insert(0, f"{namespace}.{name}")
+    if name in import_module("gossamer_fx").__all__:
+        proposals.insert(0, f"gossamer_fx.{name}")
     if proposals:
         return f"{message}; did you mean {' or '.join(proposals)}?"
     return f"{message}; its names are: {', '.join(names)}."

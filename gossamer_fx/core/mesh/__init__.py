@@ -1,6 +1,2 @@
 """Meshes: generated with gmsh or read from its files, with their edges and checks of their
 quality."""
-
-from gossamer_fx.core.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

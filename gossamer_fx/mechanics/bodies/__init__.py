@@ -1,5 +1,1 @@
 """Bodies: what has coordinates and mass."""
-
-from gossamer_fx.core.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -54,6 +54,11 @@ class BarLaw:
         """Whether the energy is quadratic in the Green strain ε."""
         return False
 
+    @property
+    def has_history(self) -> bool:
+        """Whether the force depends on the strains of the past; then only tapes take the law."""
+        return False
+
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference length [J/m] of e = (ε,)."""
         raise NotImplementedError
@@ -279,6 +284,11 @@ class Cable(Curve):
         name: str = "cable",
     ) -> None:
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
+        check(
+            not law.has_history,
+            f"Cable '{name}': its law has an unloading curve, whose history only a Tape has; "
+            "bond a tape to a film, or give a law without unloading.",
+        )
         self._take_mesh(name, mesh, order, size=3, dim=1)
         self.law = law
         self.constants = law.constants(self.mesh.domain)

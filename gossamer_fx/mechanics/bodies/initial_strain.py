@@ -22,7 +22,7 @@ from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.bodies.properties import cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy

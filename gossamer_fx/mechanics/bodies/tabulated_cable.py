@@ -30,7 +30,7 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,8 +56,15 @@ from gossamer_fx.mechanics.bodies.cable import (
 )
 from gossamer_fx.mechanics.terms.point_energies import one_sided_average, one_sided_energy
 
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import Hysteresis
+
 # Force at zero strain, as a fraction of the largest force, that counts as zero.
 ZERO_FORCE = 1e-9
+
+# Force of an unloading curve over its largest one below which a cord counts as slack: measured
+# curves end in a long toe of nearly no force, from which cycles would gain energy.
+SLACK_FORCE = 2e-3
 
 # Units of a CSV table, and what one of them is in the units of the law.
 STRAIN_UNITS = {"1": 1.0, "-": 1.0, "m/m": 1.0, "mm/m": 1e-3, "%": 1e-2}
@@ -76,14 +83,22 @@ class TabulatedCable(BarLaw):
     Beyond its last point the table goes on with its last slope.  In compression a table that begins
     at zero strain bears nothing; one with negative strains goes on with its first slope.
 
+    With `unloading` it is the law of a tape with hysteresis: below the largest strain so far the
+    force follows the unloading curve, moved so that its end is where the loading curve was left,
+    down to zero force.  What a cycle loses is dissipated by the name of the tape.  The module
+    `cord_hysteresis` has equations, sources and limits.
+
     Args:
         strain: engineering strains, rising, above -1; zero lies among or between them.
         force: [N], as many; not falling, zero at zero strain, positive in tension.
         line_density: mass per natural length [kg/m], positive.
+        unloading: strains and forces of the unloading curve, two columns as `strain` and `force`
+            from zero on, where forces below 0.2 % of the largest count as slack; default: that of
+            loading, without a loss.
 
     Raises:
         InputError: columns of different length, fewer than two points, strains that do not rise,
-            forces that fall, a force at zero strain.
+            forces that fall, a force at zero strain, unloading that would gain energy.
 
     Example:
         A rope that stiffens beyond 2 % and bears no compression:
@@ -97,6 +112,7 @@ class TabulatedCable(BarLaw):
     force: Sequence[float] | Array
     _: KW_ONLY
     line_density: LineDensity
+    unloading: tuple[Sequence[float] | Array, Sequence[float] | Array] | None = None
 
     def __post_init__(self) -> None:
         strain = np.asarray(self.strain, dtype=float)
@@ -104,6 +120,36 @@ class TabulatedCable(BarLaw):
         _check_table(strain, force)
         object.__setattr__(self, "strain", tuple(strain.tolist()))
         object.__setattr__(self, "force", tuple(force.tolist()))
+        if self.unloading is not None:
+            strain, force = (np.asarray(column, dtype=float) for column in self.unloading)
+            _check_table(strain, force)
+            columns = tuple(strain.tolist()), tuple(force.tolist())
+            object.__setattr__(self, "unloading", columns)
+            check(
+                strain[0] == 0,
+                f"TabulatedCable: the unloading curve begins at the strain {strain[0]:g}; "
+                "begin it at zero, where it has no force.",
+            )
+            self.hysteresis.check_losses()
+
+    @property
+    def has_history(self) -> bool:
+        """Whether the force depends on the strains of the past."""
+        return self.unloading is not None
+
+    @cached_property
+    def hysteresis(self) -> Hysteresis:
+        """The law with its unloading curve, which must have been given."""
+        # Imported here: a scene without hysteresis does not load it.
+        from gossamer_fx.mechanics.bodies.cord_hysteresis import Hysteresis
+
+        assert self.unloading is not None
+        strain, force = (np.asarray(column) for column in self.unloading)
+        # The last point that counts as slack is where the curve begins.
+        slack = int(np.flatnonzero(force <= SLACK_FORCE * force[-1])[-1])
+        strain = strain[slack:] - strain[slack]
+        force = np.append(0.0, force[slack + 1 :])
+        return Hysteresis(self.corners, corners_of(strain, force), float(strain[-1]))
 
     @staticmethod
     @check_arguments
@@ -111,7 +157,8 @@ class TabulatedCable(BarLaw):
         """Read a table with two columns, such as "strain [%]" and "force [kN]".
 
         The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
-        the force.  Lines that begin with # are comments.
+        the force.  A third column "branch" says of each row whether it is of the curve "loading" or
+        "unloading".  Lines that begin with # are comments.
 
         Args:
             path: path of the file; every rank reads it.
@@ -124,8 +171,10 @@ class TabulatedCable(BarLaw):
             InputError: the file does not exist, a unit is missing or unknown, a line has no two
                 numbers, or what is wrong with the table.
         """
-        strain, force = _read_csv(Path(path))
-        return TabulatedCable(strain, force, line_density=line_density)
+        branches = _read_csv(Path(path))
+        strain, force = branches["loading"]
+        unloading = branches.get("unloading")
+        return TabulatedCable(strain, force, line_density=line_density, unloading=unloading)
 
     @property
     def EA(self) -> float:
@@ -229,15 +278,24 @@ class TabulatedBars:
     corners: Corners
     lengths: Array
 
+    def strain(self, e: Array) -> Array:
+        """Engineering strains (n,) of ε (n, 1)."""
+        return _stretch(e[:, 0]) - 1
+
     def energy(self, e: Array) -> Array:
-        return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
+        return self.lengths * self.corners.energy(self.strain(e))
+
+    def mean_force(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """Force [N] averaged over the path between engineering strains (n,), and its derivative by
+        x1."""
+        return self.corners.average(x0, x1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2
-        force, stiffness = self.corners.average(λ0 - 1, λ1 - 1)
+        force, stiffness = self.mean_force(λ0 - 1, λ1 - 1)
         S = self.lengths * force / mean_stretch
         # d/dε1 = d/dλ1 / λ1 of equation (3)
         D = self.lengths * (stiffness - force / (2 * mean_stretch)) / mean_stretch / λ1
@@ -325,9 +383,9 @@ def _first(found: npt.NDArray[np.intp]) -> int:
     return int(found[0]) + 1 if len(found) else 0
 
 
-def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Engineering strains and forces [N] of a CSV file with the header "strain [unit], force
-    [unit]", its columns in any order."""
+def _read_csv(path: Path) -> dict[str, tuple[list[float], list[float]]]:
+    """Engineering strains and forces [N] by the branch, of a CSV file with the header "strain
+    [unit], force [unit]" and perhaps "branch", its columns in any order."""
     rows = [[cell.strip() for cell in row] for row in csv_rows(path)]
     header = rows[0] if rows else []
     factors = {}
@@ -344,21 +402,26 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             f"'strain [%], force [kN]', with one of the units {', '.join(units)}.",
         )
         factors[column] = units[unit]
-    columns: list[list[float]] = [[], []]
+    branches: dict[str, tuple[list[float], list[float]]] = {"loading": ([], [])}
     for number, row in enumerate(rows[1:], start=1):
+        # More cells than headings are numbers with a decimal comma.
+        is_whole = len(row) == len(header)
+        branch = "loading"
+        if is_whole and "branch" in header:
+            branch = row[header.index("branch")]
         try:
             values = [factor * float(row[column]) for column, factor in factors.items()]
         except (ValueError, IndexError):
             values = []
-        # More cells than headings are numbers with a decimal comma.
         check(
-            len(values) == 2 and len(row) == len(header),
+            is_whole and len(values) == 2 and branch in ("loading", "unloading"),
             f"The table '{path}' has the row {number} '{', '.join(row)}'; "
-            "give a number in each column, with a decimal point.",
+            "give a number in each column, with a decimal point, and the branch 'loading' or "
+            "'unloading' if there is such a column.",
         )
-        for values_so_far, value in zip(columns, values, strict=True):
+        for values_so_far, value in zip(branches.setdefault(branch, ([], [])), values, strict=True):
             values_so_far.append(value)
-    return columns[0], columns[1]
+    return branches
 
 
 def _stretch(ε: Array) -> Array:

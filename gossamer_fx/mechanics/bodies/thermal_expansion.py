@@ -19,7 +19,7 @@ from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.bodies.properties import cells_of_group
 from gossamer_fx.mechanics.materials.thermal import Temperature, ThermalExpansion
 from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain

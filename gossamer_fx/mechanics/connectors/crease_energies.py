@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra import dihedral_angle
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.model.body import Array, Body, Indices, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -237,7 +237,7 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
 
     # ---- history variables -----------------------------------------------------------------------
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """Fold angles that do not follow from positions and input: those of points that have
         slipped or turned by more than half a turn.  Collective."""
         unusual = []
@@ -249,7 +249,7 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         # Sorted, so that the file is the same for any number of ranks.
         return {"points": sorted(of_all_ranks)}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         stored = {tuple(name): (turns, rest) for name, turns, rest in state["points"]}
         for points in self._arrays:
             points.recall(stored)

@@ -12,9 +12,8 @@ from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_we
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, unit
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Between, LineBetween, bodies_of
 from gossamer_fx.mechanics.terms.point_energies import (
     AttachedKineticEnergy,

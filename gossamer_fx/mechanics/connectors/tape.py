@@ -219,7 +219,11 @@ class Tape:
         ]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
         # Of the bars, a rank has the lengths of those that it evaluates.
-        density = _density(law, L[evaluated_here(vectors)])
+        here = evaluated_here(vectors)
+        if law.has_history:
+            density = _hysteretic(law, L[here], here, self.body.comm)
+        else:
+            density = _density(law, L[here])
         yield PointStoredEnergy(self.name, measure, density)
 
 
@@ -243,6 +247,22 @@ def _density(law: BarLaw, lengths: Array) -> PointDensity:
     )
     assert isinstance(law, TabulatedCable)
     return TabulatedBars(law.corners, lengths)
+
+
+def _hysteretic(law: BarLaw, lengths: Array, here: list[int], comm: MPI.Intracomm) -> PointDensity:
+    """The stored energy [J] as of `_density` of the bars of these indices, with its history."""
+    from gossamer_fx.mechanics.bodies.cord_hysteresis import HystereticBars
+    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
+
+    assert isinstance(law, TabulatedCable)
+    return HystereticBars(
+        corners=law.corners,
+        lengths=lengths,
+        law=law.hysteresis,
+        numbers=np.array(here, dtype=np.int64),
+        largest=np.zeros(len(here)),
+        comm=comm,
+    )
 
 
 def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:

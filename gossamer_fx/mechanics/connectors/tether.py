@@ -269,10 +269,10 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         found[self._at.owner] = values
         return np.asarray(self._system.comm.allreduce(found))
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {"lengths": self.lengths().tolist()}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next = self.length
 

@@ -24,9 +24,8 @@ from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Vector, unit
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Between, Frame, along, check_axis, is_normal
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 

@@ -1,11 +1,7 @@
 from .fixed import Driven as Driven
-from .fixed import Fixed as Fixed
 from .joint import BallJoint as BallJoint
 from .joint import CylindricalJoint as CylindricalJoint
 from .joint import FixedJoint as FixedJoint
 from .joint import Link as Link
 from .joint import PrismaticJoint as PrismaticJoint
 from .joint import RevoluteJoint as RevoluteJoint
-from .rigid_region import RigidRegion as RigidRegion
-from .seam import Seam as Seam
-from .tie import Tie as Tie

@@ -73,7 +73,7 @@ class Seam:
             length, one line twice, times that are negative or not rising.
 
     Example:
-        >>> tube = gx.constraints.Seam(film, "left", film, "right")
+        >>> tube = gx.Seam(film, "left", film, "right")
         >>> tube.name, round(tube.ease, 12)
         ('film/left sewn to film/right', 0.0)
     """

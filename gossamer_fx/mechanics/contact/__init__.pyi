@@ -1,5 +1,4 @@
 from .cone import Cone as Cone
-from .contact import Contact as Contact
 from .obstacles import Box as Box
 from .obstacles import Cylinder as Cylinder
 from .obstacles import Plane as Plane

@@ -15,7 +15,7 @@ from gossamer_fx.core.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,16 +31,14 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.obstacles import (
+    DrawnSurface,
     Obstacle,
     ObstacleSolid,
     ObstacleWall,
+    rounded_cone,
     unit_vector,
 )
 from gossamer_fx.mechanics.contact.stencils import ROUNDING, TINY, EdgeEdge, WallStencil, lengths_of
-
-if TYPE_CHECKING:
-    # Drawing is loaded when a picture is made.
-    from gossamer_fx.mechanics.contact.obstacle_drawing import DrawnSurface
 
 
 class EdgeCone(EdgeEdge):
@@ -191,7 +188,5 @@ class Cone(Obstacle):
         return ObstacleWall(PointInCone, (origin, first, second), height * sine)
 
     def picture(self, near: Array) -> DrawnSurface:
-        from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone
-
         centres, axis, radii = self._balls()
         return rounded_cone(centres, axis, radii, self.inside)

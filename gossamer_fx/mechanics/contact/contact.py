@@ -12,9 +12,8 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import MeshBody, has_nodal_unknowns, is_body, is_on_mesh
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.contact.compiled import FRICTION, STIFFNESS, ContactEnergy
 from gossamer_fx.mechanics.contact.geometry.facets import TRIANGLE_SIDES, facets_of
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, check_friction

@@ -59,7 +59,7 @@ class ContactHistory(HistoryVariables):
         if self.has_begun:
             self.activation_distance = self.activation_distance[own_points]
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """Return the history variables of all ranks for a checkpoint, the same on every rank;
         collective."""
         identifier = self.identifier
@@ -83,8 +83,8 @@ class ContactHistory(HistoryVariables):
             "reference speed": self.reference_speed,
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore the history variables that `get_state` returned, on any number of ranks."""
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore the history variables that `get_history` returned, on any number of ranks."""
         of_all_points = np.array(state["activation distance"], dtype=float)
         self.has_begun = len(of_all_points) > 0
         self.activation_distance = of_all_points

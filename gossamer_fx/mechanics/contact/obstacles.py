@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, is_vector
 from gossamer_fx.core.drawing import Solid
-from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector, unit
+from gossamer_fx.core.model.body import Array, Attached, Ground, Indices, Port, Vector, unit
 from gossamer_fx.mechanics.bodies.frames import along, ground_frame
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.stencils import (
@@ -30,10 +30,6 @@ from gossamer_fx.mechanics.contact.stencils import (
     PointInSphere,
     PointPlane,
 )
-
-if TYPE_CHECKING:
-    # Drawing is loaded when a picture is made.
-    from gossamer_fx.mechanics.contact.obstacle_drawing import DrawnSurface
 
 # Displacement [m], three numbers, over the time [s]
 PrescribedMotion = Callable[[float], Sequence[float]]
@@ -234,8 +230,6 @@ class Plane(Obstacle):
         return [wall], []
 
     def picture(self, near: Array) -> DrawnSurface:
-        from gossamer_fx.mechanics.contact.obstacle_drawing import grid
-
         return grid(np.asarray(self.point, dtype=float), unit(self.normal), near)
 
 
@@ -273,8 +267,6 @@ class Sphere(Obstacle):
         return [], [ObstacleSolid((centre,), radius=self.radius)]
 
     def picture(self, near: Array) -> DrawnSurface:
-        from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone
-
         # A ball is a cylinder without length; any axis will do.
         upwards = np.array([0.0, 0.0, 1.0])
         centre = np.asarray(self.centre, dtype=float)
@@ -322,8 +314,6 @@ class Cylinder(Obstacle):
         return [ObstacleWall(PointInCylinder, points, self.radius)], []
 
     def picture(self, near: Array) -> DrawnSurface:
-        from gossamer_fx.mechanics.contact.obstacle_drawing import rounded_cone
-
         ends = (np.asarray(self.start, dtype=float), np.asarray(self.end, dtype=float))
         axis = unit(ends[1] - ends[0])
         return rounded_cone(ends, axis, (self.radius, self.radius), self.inside)
@@ -426,3 +416,93 @@ def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
             triangles.append((base, base | first, opposite))
             triangles.append((base, base | second, opposite))
     return tuple(triangles)
+
+
+# ---- drawing -------------------------------------------------------------------------------------
+
+
+# Points of each circle of a ball or cylinder, and circles from its equator to a pole.
+CIRCLE_POINTS = 32
+CIRCLES = 9
+
+# A plane is drawn as a square grid with this number of fields along each side.
+GRID_FIELDS = 6
+
+# Side of the grid over the largest size of the shapes for which it is drawn: they should not reach
+# its edge.
+GRID_SIZE = 1.2
+
+# Lines along a cylinder, evenly spaced.
+MERIDIANS = 4
+
+NO_TRIANGLES: Indices = np.zeros((0, 3), dtype=np.int32)
+
+DrawnSurface = tuple[Array, Indices, Indices]  # points (n, 3), triangles (t, 3), lines (l, 2)
+
+
+def grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
+    """Return a square grid of lines on a plane. `point`: of the plane, (3,) [m]; `normal`: unit
+    vector (3,); `near`: points (n, 3) [m], in the middle of which the grid is drawn. Returns ends
+    of the lines (k, 3) [m], no triangles, and the lines (l, 2) as indices of these points."""
+    middle = (near.max(axis=0) + near.min(axis=0)) / 2
+    # Projected onto the plane.
+    middle = middle - (middle - point) @ normal * normal
+    half = GRID_SIZE * float(np.ptp(near, axis=0).max()) / 2
+    # Unit directions of both families of lines, within the plane
+    u, v = perpendicular_pair(normal)
+    ends = []
+    for position in np.linspace(-half, half, GRID_FIELDS + 1):
+        for across, parallel in ((u, v), (v, u)):
+            start = position * across - half * parallel
+            end = position * across + half * parallel
+            ends.append([start, end])
+    # X are the ends of all lines.
+    X = middle + np.concatenate(ends)
+    lines = np.arange(len(X), dtype=np.int32).reshape(len(ends), 2)
+    return X, NO_TRIANGLES, lines
+
+
+def rounded_cone(
+    ends: tuple[Array, Array], axis: Array, radii: tuple[float, float], inside: bool
+) -> DrawnSurface:
+    """Return the surface around two balls: a cone, or with equal radii a cylinder, with round ends.
+    Its lines are the circles where the balls touch the mantle, and `MERIDIANS` lines along it.  The
+    ends are the centres (3,) [m] of the balls, the axis a unit vector (3,) from one to the other,
+    and the radii [m] theirs.  A room has no triangles."""
+    angles = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
+    # Unit vectors u and v across the axis, orthogonal to each other
+    u, v = perpendicular_pair(axis)
+    circle = np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
+    # The mantle touches both balls at one latitude, which is zero on a cylinder.
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    tangent = float(np.arcsin((radii[0] - radii[1]) / length)) if length else 0.0
+    # Circles from the pole behind the start to the pole beyond the end, by their latitude.
+    behind = np.linspace(-np.pi / 2, tangent, CIRCLES)
+    beyond = np.linspace(tangent, np.pi / 2, CIRCLES)
+    points = []
+    for centre, radius, latitudes in zip(ends, radii, (behind, beyond), strict=True):
+        for latitude in latitudes:
+            outward = np.cos(latitude) * circle + np.sin(latitude) * axis
+            points.append(centre + radius * outward)
+    # X are the points of all circles, one circle after the other.
+    X = np.vstack(points)
+
+    number = np.arange(len(X), dtype=np.int32).reshape(2 * CIRCLES, CIRCLE_POINTS)
+    following = np.roll(number, -1, axis=1)
+    lines = []
+    # The last circle before the start and the first one after the end are those of the mantle.
+    for k in (CIRCLES - 1, CIRCLES):
+        lines.append(np.column_stack([number[k], following[k]]))
+    for meridian in number[:, :: CIRCLE_POINTS // MERIDIANS].T:
+        lines.append(np.column_stack([meridian[:-1], meridian[1:]]))
+    if inside:
+        return X, NO_TRIANGLES, np.vstack(lines)
+
+    # Two triangles for each field between two circles.
+    a = number[:-1].ravel()
+    b = following[:-1].ravel()
+    c = following[1:].ravel()
+    d = number[1:].ravel()
+    first = np.column_stack([a, b, c])
+    second = np.column_stack([a, c, d])
+    return X, np.vstack([first, second]), np.vstack(lines)

@@ -10,9 +10,8 @@ import numpy as np
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector, combine
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, bodies_of
 from gossamer_fx.mechanics.control.rotation import (
     euler_angles,
@@ -166,7 +165,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         by_rate = control.torque_derivative(angles, torques, nothing, by_rates)
         return by_position, by_rate
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         control = self._control
         return {
             "due": self._next_sample,
@@ -175,7 +174,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
             "torques": control.torques.tolist(),
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._next_sample = state["due"]
         self.torque = np.array(state["torque"])
         self._control.angles = np.array(state["angles"])

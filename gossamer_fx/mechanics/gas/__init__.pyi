@@ -1,9 +1,4 @@
 from .enclosure import Piston as Piston
-from .ideal_gas import IdealGas as IdealGas
-from .orifice import Orifice as Orifice
 from .orifice import WallHeat as WallHeat
 from .ring import Ring as Ring
 from .volumes import Ambient as Ambient
-from .volumes import Chamber as Chamber
-from .volumes import Reservoir as Reservoir
-from .volumes import Tank as Tank

@@ -388,7 +388,7 @@ class GasNetwork(ScalarUnknowns):
         names = [passage.opening.name for passage in self._passages]
         return dict(zip(names, self._flows, strict=True))
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
             for state in self.chambers
@@ -400,7 +400,7 @@ class GasNetwork(ScalarUnknowns):
             "flows": self._flows,
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.geometry.follow()
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):

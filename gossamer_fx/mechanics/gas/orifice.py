@@ -79,7 +79,7 @@ class Orifice:
     """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
 
     Args:
-        a, b: chambers, tanks, reservoirs or surroundings; a flow from a to b is positive.
+        a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
             between two chambers, whose deformed area counts.
         discharge_coefficient: C_d, effective over geometric area, in (0, 1].
@@ -91,7 +91,7 @@ class Orifice:
         InputError: an end holds no gas, both ends are the same, or a quantity is out of its range.
 
     Example:
-        >>> bottle = gx.gas.Reservoir(2e5, 300.0)
+        >>> bottle = gx.gas.Ambient(2e5, 300.0, name="reservoir")
         >>> valve = gx.Orifice(bottle, tank, area=lambda t: 1e-6 if t < 1.0 else 0.0)
     """
 

@@ -23,39 +23,15 @@ Temperature = Annotated[float, positive("K")]
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Reservoir:
-    """A gas supply of constant pressure and temperature.
+class Ambient:
+    """The surroundings or a supply of gas: constant pressure, by default a vacuum, and constant
+    temperature.
 
     Mass and energy that it gives count as supplied in the energy balance.
 
     Args:
-        pressure: absolute pressure [Pa], > 0.
-        temperature: [K], > 0.
-        name: in messages.
-
-    Raises:
-        InputError: pressure or temperature is not a positive number.
-
-    Example:
-        >>> bottle = gx.gas.Reservoir(pressure=2e5, temperature=300.0)
-        >>> inlet = gx.Orifice(bottle, tank, area=1e-6)
-    """
-
-    pressure: Pressure
-    temperature: Temperature
-    _: KW_ONLY
-    name: str = "reservoir"
-    scalar_unknowns = GasNetwork
-
-
-@check_arguments
-@dataclass(frozen=True, eq=False)
-class Ambient:
-    """The surroundings: constant pressure, by default a vacuum, and constant temperature.
-
-    Args:
         pressure: absolute pressure [Pa], ≥ 0.
-        temperature: [K], > 0; of gas that flows in from the surroundings.
+        temperature: [K], > 0; of gas that flows in from it.
         name: in messages.
 
     Raises:
@@ -63,6 +39,8 @@ class Ambient:
 
     Example:
         >>> vent = gx.Orifice(tank, gx.gas.Ambient(), area=1e-6)
+        >>> supply = gx.gas.Ambient(2e5, 300.0, name="supply")
+        >>> inlet = gx.Orifice(supply, tank, area=1e-6, name="inlet")
     """
 
     pressure: Annotated[float, not_negative("Pa")] = 0.0

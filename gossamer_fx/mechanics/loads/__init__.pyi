@@ -1,9 +1,6 @@
 from .air_drag import AirDrag as AirDrag
-from .centrifugal import Centrifugal as Centrifugal
-from .damping import Damping as Damping
+from .body_forces import Centrifugal as Centrifugal
 from .edge_load import EdgeLoad as EdgeLoad
 from .edge_load import EdgeMoment as EdgeMoment
 from .force import Force as Force
 from .force import Torque as Torque
-from .gravity import Gravity as Gravity
-from .pressure import Pressure as Pressure

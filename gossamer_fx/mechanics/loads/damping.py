@@ -23,9 +23,8 @@ from gossamer_fx.core.forms.compilation import compile_expression, compile_form,
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.beam import Beam
 from gossamer_fx.mechanics.bodies.cable import Cable
 from gossamer_fx.mechanics.bodies.membrane import Membrane

@@ -12,9 +12,8 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
 from gossamer_fx.mechanics.terms.point_loads import Couple, PointForce, PointLoad
 

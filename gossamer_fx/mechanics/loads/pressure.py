@@ -12,9 +12,8 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.loads import Load
 

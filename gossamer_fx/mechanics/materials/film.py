@@ -27,7 +27,7 @@ from gossamer_fx.core.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.forms.strain_path import Piece, gradient, mean_gradient, within_cone
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx import Membrane, RigidBody
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -25,7 +26,6 @@ from gossamer_fx.extend import (
     constant,
     positive,
 )
-from gossamer_fx.mechanics.bodies import Membrane, RigidBody
 from gossamer_fx.mechanics.orbit.environment import ROTATION
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import (

@@ -148,11 +148,11 @@ class Origin:
             x * v - y * u,
         ]
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         names = {"position": self._R0, "velocity": self._V0, "first": self._first}
         return {name: [str(d) for d in numbers] for name, numbers in names.items()}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._R0 = [Decimal(digits) for digits in state["position"]]
         self._V0 = [Decimal(digits) for digits in state["velocity"]]
         self._first = [Decimal(digits) for digits in state["first"]]
@@ -296,9 +296,9 @@ class Flight(HistoryVariables):
             self.origin.keep()
             self._for = None
 
-    def get_state(self) -> dict[str, Any]:
-        return self.origin.get_state()
+    def get_history(self) -> dict[str, Any]:
+        return self.origin.get_history()
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        self.origin.set_state(state)
+    def set_history(self, state: dict[str, Any]) -> None:
+        self.origin.set_history(state)
         self._for = None

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx import Frame
 from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_arguments, is_vector
-from gossamer_fx.mechanics.bodies import Frame
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.mechanics.orbit.harmonics import Igrf

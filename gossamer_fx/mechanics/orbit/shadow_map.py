@@ -22,8 +22,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
+from gossamer_fx import Membrane
 from gossamer_fx.extend import Array, Assembly, cell_nodes
-from gossamer_fx.mechanics.bodies import Membrane
 
 Indices = npt.NDArray[np.integer]
 

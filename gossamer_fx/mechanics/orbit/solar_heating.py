@@ -30,6 +30,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from gossamer_fx import Membrane
 from gossamer_fx.extend import (
     Array,
     Assembly,
@@ -54,7 +55,6 @@ from gossamer_fx.extend import (
     positive,
     thermal_strain_of,
 )
-from gossamer_fx.mechanics.bodies import Membrane
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
@@ -511,10 +511,10 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
         for one in self._films:
             one.take_time()
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {"heats": [one.sums().tolist() for one in self._films]}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         for one, sums in zip(self._films, state["heats"], strict=True):
             one.set_sums(sums)
 

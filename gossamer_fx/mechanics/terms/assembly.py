@@ -168,6 +168,10 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
 
     # ---- the course of a step --------------------------------------------------------------------
 
+    def begin_search(self) -> None:
+        """A search for the next equilibrium starts from the accepted state.  Its pseudo-steps are
+        no path: history variables change here, and not at their ends."""
+
     def begin_step(self, t: float) -> None:
         """Start a step of length `system.h` [s] whose forces act at time t [s]."""
 
@@ -343,12 +347,12 @@ class HistoryVariables(ABC):
     """
 
     @abstractmethod
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """The history as numbers, strings and lists of them; the same on every rank."""
 
     @abstractmethod
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; coordinates and velocities have been restored."""
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned; coordinates and velocities have been restored."""
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
         """History variables in the cells of bodies, on which strains may depend.

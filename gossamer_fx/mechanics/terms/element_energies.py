@@ -84,7 +84,7 @@ from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.materials.film import CLaw
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,

@@ -15,7 +15,7 @@ from gossamer_fx.core.algebra.numbering import GlobalIndices
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,

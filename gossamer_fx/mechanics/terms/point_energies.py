@@ -8,6 +8,7 @@ first port.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
@@ -26,12 +27,13 @@ from gossamer_fx.core.algebra.point_measures import (
     refuse_ports_outside,
 )
 from gossamer_fx.core.model.body import Array, Port
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
     Compiler,
     Differentiable,
+    HistoryVariables,
 )
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
@@ -68,6 +70,22 @@ class PointDamping(Protocol):
         The loss S_mean·(e1 - e0) [J] is never negative.
         """
         ...
+
+
+class PathDensity(HistoryVariables):
+    """A `PointDensity` whose stress depends on the strains of the past, and which dissipates.
+
+    In a step S_mean·(e1 - e0) = Δψ + the loss, with the history at the start of the step.
+    """
+
+    @abstractmethod
+    def take(self, e: Array) -> None:
+        """Add accepted strains (n, m) to the history, from which the next step starts."""
+
+    @abstractmethod
+    def loss(self, e0: Array, e1: Array) -> Array:
+        """Dissipated energies [J] (n,) between two strains (n, m), of which either may be beyond
+        the history."""
 
 
 class Stencil:
@@ -231,6 +249,8 @@ class Stencil:
 
     def loss(self, q1: Array) -> Array:
         """Dissipated energy of each row of the measure (n,) in the step [J]."""
+        if isinstance(self.density, PathDensity):
+            return self.density.loss(self.e0, self.at.measure(self.at.vectors(q1)))
         _, e1, (S, _) = self._end(q1)
         return np.einsum("nm,nm->n", S, e1 - self.e0)
 
@@ -276,13 +296,27 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         # Unknowns of the stencils in q1, fetched once in an iteration.
         self._ends: list[Array] | None = None
+        # Names of the stencils whose density has a history, by index; each has one term, whose loss
+        # follows those of the dampers.
+        self._with_history: dict[int, str] = {}
+        for k, (alike, stencil) in enumerate(self._groups):
+            if isinstance(stencil.density, PathDensity):
+                self._with_history[k] = alike[0].name
+        self.losses += self._with_history.values()
         # New values of numbers of laws, such as a stiffness, that `set_number` changed after the
         # compilation, by the identity of the term and the name of the number.
         self._numbers: dict[tuple[int, str], float] = {}
 
+    def begin_search(self) -> None:
+        """Take the accepted state into the histories of densities that have one."""
+        for k in self._with_history:
+            self._stencils[k].density.take(self._stencils[k].e0)
+
     def begin_step(self, t: float) -> None:
         """Start a step of length `system.h` [s]."""
         self._ends = None
+        if not self._system.rule.is_static:
+            self.begin_search()
         for stencil in self._stencils:
             stencil.h = self._system.h
 
@@ -386,7 +420,17 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
         for (terms, stencil), q in zip(self._groups, self._at_end(), strict=True):
             if isinstance(terms[0], PointDissipation):
                 found.extend(np.bincount(stencil.at.owner, stencil.loss(q), len(terms)))
+        found += [self._stencils[k].loss(self._at_end()[k]).sum() for k in self._with_history]
         return np.array(found)
+
+    def without_gradient(self) -> str:
+        """Name a density with a history, whose derivative is not known."""
+        for name in self._with_history.values():
+            return (
+                f"'{name}' unloads on another curve than it is loaded, so that its force depends "
+                "on the path; give it a law without unloading"
+            )
+        return ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from gossamer_fx.core.algebra.point_measures import (
 )
 from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.model.body import Array, Attached
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -238,12 +238,12 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         by_velocity.assemble()
 
     def save_history(self) -> list[dict[str, Any]]:
-        return [law.get_state() for law in self._laws if isinstance(law, HistoryVariables)]
+        return [law.get_history() for law in self._laws if isinstance(law, HistoryVariables)]
 
     def load_history(self, saved: list[dict[str, Any]]) -> None:
         laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
         for law, state in zip(laws, saved, strict=True):
-            law.set_state(state)
+            law.set_history(state)
 
     def without_gradient(self) -> str:
         """A load that depends on velocities or on its history has none."""

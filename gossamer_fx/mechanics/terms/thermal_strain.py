@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dolfinx import fem
 
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.terms import Parameter
 
 # Sets a function on a mesh to the temperatures [K] of a time [s].
 SetTemperature = Callable[[fem.Function, float], None]

@@ -14,7 +14,7 @@
     pressure                gas pressure inside less that outside [Pa]; on a film between two
                             chambers the difference of their pressures
     temperature             of a film with thermal expansion or solar heating [K]; zero without
-    group                   number of the cell's part among those of all films, see `fields.groups`
+    group                   number of the cell's part among those of all films, see `groups_of`
 
     wrinkle_slope           largest slope of wrinkles that the mesh does not resolve, see
                             `fields.wrinkles`: local means, where `state` may alternate between
@@ -52,21 +52,23 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
 from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, tension
 from gossamer_fx.records.fields.body_shape import At, BodyShape
 from gossamer_fx.records.fields.film_states import film_state
-from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.solve.system.system import System
 
 # Fields of `fields.wrinkles`
@@ -395,8 +397,8 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
-    for kind in system.shown:
-        found = kind.cell_values(function.name, body)
+    for compiled in system.shown:
+        found = compiled.cell_values(function.name, body)
         if found is None:
             continue
         cells, values = found
@@ -421,8 +423,8 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     index_map = body.block.index_map
     at_nodes = la.vector(index_map)
     at_nodes.array[:] = 0
-    for kind in system.shown:
-        found = kind.node_values(function.name, body)
+    for compiled in system.shown:
+        found = compiled.node_values(function.name, body)
         if found is None:
             continue
         global_nodes, values = found
@@ -459,3 +461,143 @@ _COLLECTORS: dict[str, Collector] = {
     "contact_pressure": _collect_node_values,
     "mode_amplitude": _collect_node_values,
 }
+
+
+Integers = npt.NDArray[np.int64]
+
+
+# ---- groups of cells, which pictures and recordings distinguish ----------------------------------
+
+
+def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[Integers]]:
+    """Return the names of the parts of films, and the part of each of this rank's own cells.
+    Collective.
+
+    The parts of a film are the groups of cells of its mesh, and "rest" for the cells in no group. A
+    cell in several groups belongs to the last of them; a group that has no cell left is not a part.
+    A film with one part only is called by the name of the film.  With several films, the names of
+    their groups follow that of the film.
+
+    Returns:
+        The names of all parts, and for each film the numbers (cells,) of its cells' parts in that
+        list.
+    """
+    names: list[str] = []
+    parts: list[Integers] = []
+    for film in films:
+        film_names, film_parts = _groups_of_film(film)
+        if len(films) > 1 and len(film_names) > 1:
+            film_names = [f"{film.name}: {name}" for name in film_names]
+        parts.append(film_parts + len(names))
+        names += film_names
+    return names, parts
+
+
+def _groups_of_film(film: Membrane) -> tuple[list[str], Integers]:
+    """Return the names of the parts of one film, and the part of each of this rank's own cells.
+
+    A part is a group of cells of the mesh, or "rest" for the cells in no group.  Collective.
+
+    Returns:
+        names, the same on all ranks, and numbers (cells,) into them.
+    """
+    # The cells of a reduced film are those of the film that was reduced.
+    mesh = film.full.mesh
+    count = mesh.domain.topology.index_map(2).size_local
+    surfaces = [(name, cells) for name, (dim, cells) in mesh.groups.items() if dim == 2]
+    names = [name for name, _ in surfaces] + ["rest"]
+    rest = len(surfaces)
+    of_cells = np.full(count, rest, dtype=np.int64)
+    for k, (_, cells) in enumerate(surfaces):
+        owned = cells[cells < count]
+        of_cells[owned] = k
+    # A part counts if any rank has a cell of it, so that all ranks have the same list.
+    here = np.bincount(of_cells, minlength=len(names)) > 0
+    everywhere = film.comm.allreduce(here.astype(np.int64))
+    visible = np.flatnonzero(everywhere)
+    if len(visible) < 2:
+        return [film.name], np.zeros(count, dtype=np.int64)
+    numbers = np.searchsorted(visible, of_cells).astype(np.int64)
+    return [names[k] for k in visible], numbers
+
+
+# ---- arrays for scripts --------------------------------------------------------------------------
+
+
+@check_arguments
+def positions(state: HasSystem, body: Body) -> Array:
+    """Positions (n, 3) [m] of this rank's nodes of a body.
+
+    Args:
+        state: a `Simulation` in its current state, or an `Equilibrium`.
+        body: a body of its scene.
+
+    Returns:
+        A copy, which does not change with the state.
+
+    Raises:
+        InputError: the body is not in the scene.
+
+    Example:
+        >>> gx.fields.positions(run, mass)
+        array([[ 0.,  0., -1.]])
+    """
+    _check_in(state, body)
+    return state.system.state[body].positions().copy()
+
+
+@check_arguments
+def field_values(
+    state: HasSystem, body: MeshBody, *, field: str, at: At = "mean"
+) -> tuple[Array, Array]:
+    """Points and values of a field on this rank's part of a body.  Collective.
+
+    Args:
+        state: a `Simulation` in its current state, or an `Equilibrium`.
+        body: a film, plate, cable or beam of its scene.
+        field: e.g. "displacement" [m], "strain1", "stress1" [Pa] or "state"; the error of a wrong
+            name lists those of the body.
+        at: "mean" for stresses, tensions, moments and states of films as means over the last step,
+            or "end" for those at its end; of an equilibrium both are the same.
+
+    Returns:
+        Points (n, 3) [m] on the stress-free shape, and values (n,) or (n, 3) at these points.
+        Fields that jump between cells have points of each cell, so a node occurs several times.
+
+    Raises:
+        InputError: the body is not in the scene, has no mesh, or does not have the field.
+
+    Example:
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"))
+        >>> points, strain = gx.fields.field_values(
+        ...     gx.Simulation(scene, gx.Midpoint(dt=0.1)), film, field="strain1"
+        ... )
+        >>> float(abs(strain).max()) < 1e-12
+        True
+    """
+    _check_in(state, body)
+    check(
+        is_on_mesh(body),
+        f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
+    )
+    fields = FieldFunctions(state.system, body, [field], at=at)
+    fields.update()
+    function = fields.functions[0]
+    space = function.function_space
+    # Ghosts follow the owned points; other ranks return those.
+    owned = space.dofmap.index_map.size_local
+    components = space.dofmap.index_map_bs
+    points = np.asarray(space.tabulate_dof_coordinates()[:owned])
+    values: Array = function.x.array.reshape(-1, components)[:owned].copy()
+    if components == 1:
+        values = values[:, 0]
+    return points, values
+
+
+def _check_in(state: HasSystem, body: Body) -> None:
+    """Check that a body is in the scene of a run or an equilibrium."""
+    # by identity: two bodies may compare equal
+    check(
+        any(body is known for known in state.system.bodies),
+        f"'{getattr(body, 'name', body)}' is not in the scene; ask for one of its bodies.",
+    )

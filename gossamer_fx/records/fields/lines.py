@@ -263,7 +263,7 @@ def _of_stored_energy(
     ½(l²/L² - 1), so that l²/L² = (c - e)/c.  The mean force of a step acts in its middle, whose
     length is that of the tension.
     """
-    compiled = next(kind for kind in system.compiled if isinstance(kind, PointEnergies))
+    [compiled] = system.compiled_as(PointEnergies)
     count = len(term.measure.ports)
     is_tape = bool(np.any(term.measure.c))
     if is_tape:
@@ -311,19 +311,17 @@ def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
     # Imported here: a scene without a reel does not load it.
     from gossamer_fx.mechanics.connectors.tether import PaidOutRopes
 
-    for kind in system.compiled:
-        if not isinstance(kind, PaidOutRopes):
-            continue
-        for number, term in enumerate(kind.terms):
+    for ropes in system.compiled_as(PaidOutRopes):
+        for number, term in enumerate(ropes.terms):
             # The names of parts are unique in a scene.
             if term.name == connector.name:
                 ends = system.state.vectors(connector.lines_to_draw[0])
                 length = float(np.linalg.norm(ends[1] - ends[0]))
                 one = slice(number, number + 1)
                 return LineForces(
-                    tensions=kind.tensions(mean=at == "mean")[one],
+                    tensions=ropes.tensions(mean=at == "mean")[one],
                     lengths=np.array([length]),
-                    natural_lengths=kind.lengths()[one],
+                    natural_lengths=ropes.lengths()[one],
                     weights=np.ones(1),
                 )
     raise AssertionError(f"'{connector.name}' has neither a stored energy nor a reel")

@@ -40,8 +40,8 @@ from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.records.fields.fields import groups_of
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
-from gossamer_fx.records.fields.groups import groups_of
 from gossamer_fx.records.outputs.arguments import arguments_of
 from gossamer_fx.records.outputs.description import describe, versions
 from gossamer_fx.records.outputs.output import (
@@ -52,7 +52,7 @@ from gossamer_fx.records.outputs.output import (
     replace_file,
 )
 from gossamer_fx.records.outputs.run_file import FORMAT, file_name
-from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.records.outputs.solid_poses import PoseComponent, as_data, moves, solids_of
 from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import GAS, GasFlow, GasState, gas_flows
@@ -281,7 +281,7 @@ class Recording:
     ) -> Iterator[tuple[str, TableOutput]]:
         """Yield the tables by their file names; those without columns are left out.
 
-        These are tables of gas states, area fractions of films, positions of points, frames of
+        These are tables of gas states, area fractions of films, positions of points, poses of
         solids, the user's probes, ends of connectors, tensions, and the energy balance.
         """
         gas: dict[str, Probe] = {}
@@ -301,7 +301,7 @@ class Recording:
             "probes.csv": self.probes,
             "gas.csv": gas,
             "points.csv": points,
-            "solids.csv": self._frame_columns(),
+            "solids.csv": self._pose_columns(),
         }
         for name, probes in columns.items():
             if probes:
@@ -329,7 +329,7 @@ class Recording:
             )
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
-    def _frame_columns(self) -> dict[str, Probe]:
+    def _pose_columns(self) -> dict[str, Probe]:
         """Columns of solids.csv: probes of the origin [m] and axes [-] of each solid that moves.
 
         A solid is a rigid shape in pictures, e.g. of a rigid body or an obstacle; each has twelve
@@ -341,7 +341,9 @@ class Recording:
             # Solids may have the same name; the number makes the columns unique.
             for i, vector in enumerate(("", "d1", "d2", "d3")):
                 for j, axis in enumerate("xyz"):
-                    columns[f"{number} {solid.name} {vector}{axis}"] = FramePart(solid, 3 * i + j)
+                    columns[f"{number} {solid.name} {vector}{axis}"] = PoseComponent(
+                        solid, 3 * i + j
+                    )
         return columns
 
     def _write(self, run: StateView, status: str) -> None:

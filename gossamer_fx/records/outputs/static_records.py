@@ -78,7 +78,6 @@ class ModeView:
 
         Side effect: the amplitude of the mode is appended to the compiled terms of the system, so
         that it is recorded as a field."""
-        self._equilibrium = equilibrium
         self.comm = equilibrium.comm
         self.scene = equilibrium.scene
         self.system = equilibrium.system
@@ -164,10 +163,10 @@ class ModeView:
 
     @property
     def chambers(self) -> Mapping[str, Any]:
-        return self._equilibrium.chambers
+        return self.system.chambers
 
     def chamber(self, name: str) -> Any:
-        return self._equilibrium.chamber(name)
+        return self.system.chamber(name)
 
 
 class _ModeAmplitude(Shown):

@@ -1,5 +1,4 @@
 from .camera import View as View
-from .flight_picture import FlightPicture as FlightPicture
 from .picture import Picture as Picture
 from .plot import animate as animate
 from .plot import curves as curves
@@ -8,6 +7,5 @@ from .plot import modes as modes
 from .plot import overlay as overlay
 from .plot import strip as strip
 from .report import InlineReport as InlineReport
-from .report import write_report as write_report
 from .run_reader import RunReader as RunReader
 from .vtk_export import export as export

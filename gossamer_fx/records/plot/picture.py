@@ -15,7 +15,6 @@ from pathlib import Path
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
-from gossamer_fx.core.model.body import Vector
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.outputs.output import Schedule, make_parent
 from gossamer_fx.records.outputs.recording import Recording
@@ -23,7 +22,6 @@ from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import by_state, colouring
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import Views, write_page
-from gossamer_fx.records.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.records.plot.plot import field_views
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.solve.view import StateView
@@ -111,15 +109,12 @@ class Picture(DrawnRun):
             early, its last state is added.
         title: a line on top.
         view: camera and transparency; default as `View` chooses it.
-        section: a point [m] and a normal.  Instead of the films, the lines in which this plane cuts
-            them are drawn, in the colours of the films and their groups, or of the layers of a film
-            without groups.
         colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their
             cells).
 
     Raises:
-        InputError: too many times, a section without a normal, or another colour; when the run is
-            made: a folder that cannot be written.
+        InputError: too many times, or another colour; when the run is made: a folder that cannot be
+            written.
 
     Example:
         >>> picture = gx.plot.Picture(
@@ -136,7 +131,6 @@ class Picture(DrawnRun):
         *,
         title: str = "",
         view: View | None = None,
-        section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
         super().__init__(path)
@@ -153,9 +147,6 @@ class Picture(DrawnRun):
             f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".',
         )
         self.colour = colour
-        if section is not None:
-            check_section(f"Picture '{path}'", section)
-        self.section = section
 
     def recording(self, run: StateView) -> Recording:
         """The recording that the picture needs: displacements, and the field that gives the
@@ -164,13 +155,10 @@ class Picture(DrawnRun):
         Args:
             run: with the films of the scene.
         """
-        field = "state"
-        if self.section is not None or self.colour == "group":
-            field = "group"
         films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
         return Recording(
             self.folder,
-            fields=dict.fromkeys(films, ("displacement", field)),
+            fields=dict.fromkeys(films, ("displacement", self.colour)),
             every=NEVER,
             times=self.times,
             title=self.title,
@@ -183,21 +171,17 @@ class Picture(DrawnRun):
         write_page(self.path, self.title, self._views(run), curves)
 
     def _views(self, run: RunReader) -> Views | None:
-        """The shapes or sections to draw; None for a run without recorded states."""
-        frames = self._frames(run)
-        if not frames:
+        """The shapes to draw; None for a run without recorded states."""
+        records = self._records(run)
+        if not records:
             return None
-        if self.section is not None and run.films:
-            point, normal = self.section
-            return PlaneCut(run, point, normal).views(frames)
-        # Without films the shapes of cables and masses are drawn in one colour, and there is no
-        # section of them.
+        # Without films the shapes of cables and masses are drawn in one colour.
         colours = by_state(False)
         if run.films:
             colours = colouring(run, self.colour)
-        return field_views(run, self.colour, colours, frames, self.view)
+        return field_views(run, self.colour, colours, records, self.view)
 
-    def _frames(self, run: RunReader) -> list[int]:
+    def _records(self, run: RunReader) -> list[int]:
         """Indices of the states to draw: those that were asked for, and the last one of a stopped
         run."""
         count = len(run.times)

@@ -27,8 +27,8 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """The compiled pairs of a contact in a run."""
-    for compiled in run.system.compiled:
-        if isinstance(compiled, CompiledContact) and compiled.item is contact:
+    for compiled in run.system.compiled_as(CompiledContact):
+        if compiled.item is contact:
             return compiled
     raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
 

@@ -69,11 +69,9 @@ class FoldAngle:
     def _compiled(self, system: System) -> CreaseEnergies:
         """The compiled creases of a scene, among them this one."""
         energy = self.crease.energy
-        for kind in system.compiled:
-            if not isinstance(kind, CreaseEnergies):
-                continue
-            if any(term is energy for term in kind.terms):
-                return kind
+        for creases in system.compiled_as(CreaseEnergies):
+            if any(term is energy for term in creases.terms):
+                return creases
         raise InputError(f"'{self.crease.name}' is not in the scene; add it, or remove its probe.")
 
 

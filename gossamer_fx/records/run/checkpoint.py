@@ -91,12 +91,12 @@ class SavedRun(StateView, Protocol):
     recorded: bool
     cursors: Cursors
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """Its state beyond the history of the scene, for JSON; the same on every rank."""
         ...
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned, after the history of the scene."""
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned, after the history of the scene."""
         ...
 
 
@@ -330,8 +330,8 @@ class Checkpoints:
             "cells": list(run.history.cells),
             "time": system.time,
             "supplied": run.comm.allreduce(system.supplied_energy),
-            "run": run.get_state(),
-            "history": run.history.get_state(),
+            "run": run.get_history(),
+            "history": run.history.get_history(),
             "totals": _plain(run.totals),
             "outputs": cursors,
         }
@@ -390,8 +390,8 @@ def read(
     # Causes of losses that the scene or the checkpoint does not have begin, or remain, as they are.
     causes = {**losses, **system.losses}
     system.losses = {name: share * losses.get(name, 0.0) for name in causes}
-    run.history.set_state(state["history"])
-    run.set_state(state["run"])
+    run.history.set_history(state["history"])
+    run.set_history(state["run"])
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])

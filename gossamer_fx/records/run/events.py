@@ -351,15 +351,15 @@ class EventMonitor:
             descriptions.append({"key": _key(event), "name": event.name, **arguments})
         return descriptions
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         keys = [_key(event) for event in self._events]
         return {
             "done": [keys[k] for k in self._done],
             "last": [[_key(event), value] for event, value in self._last.items()],
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned: which events have happened, and the last values of
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned: which events have happened, and the last values of
         probes.
 
         Events are found by their keys, as they may come in another order; a new event has not

@@ -334,10 +334,7 @@ class Simulation:
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        found: dict[str, ChamberState] = {}
-        for scalars in self.system.scalar_unknowns:
-            found |= scalars.states()
-        return found
+        return self.system.chambers
 
     @check_arguments
     def chamber(self, name: str) -> ChamberState:
@@ -352,13 +349,8 @@ class Simulation:
         Raises:
             InputError: the scene has no chamber of this name.
         """
-        chambers = self.chambers
-        known = ", ".join(chambers) or "none"
-        check(
-            name in chambers,
-            f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
-        )
-        return chambers[name]
+        state: ChamberState = self.system.chamber(name)
+        return state
 
     # ---- running ---------------------------------------------------------------------------------
 
@@ -556,7 +548,7 @@ class Simulation:
 
     # ---- checkpoints -----------------------------------------------------------------------------
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """Counters, first totals and events, for a checkpoint: numbers, words, lists, dictionaries.
 
         Energies are in J, times in s; the same on every rank.
@@ -568,7 +560,7 @@ class Simulation:
             first[name] = value
         events: dict[str, Any] = {"done": [], "last": []}
         if self._monitor:
-            events = self._monitor.get_state()
+            events = self._monitor.get_history()
         counts = {name: getattr(self, name) for name in _COUNTS}
         return {
             **counts,
@@ -579,11 +571,11 @@ class Simulation:
             "events": events,
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         """Restore the counters, energies and events of a checkpoint.  Collective.
 
         Args:
-            state: what `get_state` returned, maybe of an earlier version.
+            state: what `get_history` returned, maybe of an earlier version.
 
         Raises:
             InputError: the probe of an event fails.
@@ -603,7 +595,7 @@ class Simulation:
         self._totals = self.system.totals()
         self.recorded = state["recorded"]
         if self._monitor:
-            self._monitor.set_state(state["events"])
+            self._monitor.set_history(state["events"])
 
 
 def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:

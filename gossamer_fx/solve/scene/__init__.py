@@ -1,5 +1,1 @@
 """What there is: a scene, its initial state, and its validation."""
-
-from gossamer_fx.core.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

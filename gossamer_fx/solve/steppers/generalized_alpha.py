@@ -111,10 +111,10 @@ class GeneralizedAlphaSolver:
         self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
         self._has_acceleration = False
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {"started": self._has_acceleration}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._has_acceleration = state["started"]
 
     def step(self, h: float) -> int:

@@ -18,7 +18,7 @@ class History:
     history variables of system, terms, stepper and step control.
 
     A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors`, `cells`,
-    which have values (n,) in this rank's own cells, and `get_state()`.  They are by name, not
+    which have values (n,) in this rank's own cells, and `get_history()`.  They are by name, not
     copies.
     """
 
@@ -54,24 +54,23 @@ class History:
         system = self._system
         for k, scalars in enumerate(system.scalar_unknowns):
             self._variables[f"scalar unknowns {k}"] = scalars
-        for compiled in system.compiled:
-            if isinstance(compiled, HistoryVariables):
-                self._variables[type(compiled).__name__] = compiled
-                self.cells |= compiled.cell_history()
+        for compiled in system.compiled_as(HistoryVariables):
+            self._variables[type(compiled).__name__] = compiled
+            self.cells |= compiled.cell_history()
         # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.terms):
             for what, field in vars(term).items():
                 if isinstance(field, HistoryVariables):
                     self._variables[f"part {k} {what}"] = field
 
-    def get_state(self) -> dict[str, Any]:
-        return {name: variables.get_state() for name, variables in self._variables.items()}
+    def get_history(self) -> dict[str, Any]:
+        return {name: variables.get_history() for name, variables in self._variables.items()}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():
-            variables.set_state(state[name])
+            variables.set_history(state[name])
 
     def commit(self) -> None:
         """Save the present state, which replaces the one saved before.  Collective."""
@@ -88,7 +87,7 @@ class History:
         self._supplied_energy = system.supplied_energy
         # A copy, as the system changes its dictionary in place.
         self._losses = dict(system.losses)
-        self._state = self.get_state()
+        self._state = self.get_history()
 
     def rollback(self) -> None:
         """Restore the state of the last `commit`, in place, as often as wanted; what the system
@@ -101,4 +100,4 @@ class History:
         system.time = self._time
         system.supplied_energy = self._supplied_energy
         system.losses = dict(self._losses)
-        self.set_state(self._state)
+        self.set_history(self._state)

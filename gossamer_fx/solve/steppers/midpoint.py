@@ -83,14 +83,14 @@ class MidpointSolver:
         self._steps_without_delay = 0  # steps for which delays are not tried, as they did not help
         self.vectors: dict[str, PETSc.Vec] = {}
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         return {
             "care": self._delay_level,
             "easy": self._successes,
             "useless": self._steps_without_delay,
         }
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self._delay_level = state["care"]
         self._successes = state["easy"]
         self._steps_without_delay = state["useless"]

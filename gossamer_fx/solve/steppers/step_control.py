@@ -198,13 +198,13 @@ class ControlledSteps:
         factor = min(by_iterations, self._factor_by_error(error))
         return max(factor, self._control.min_factor)
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         length_before = 0.0
         if self._local_error:
             length_before = self._local_error.length_before
         return {"wanted": self.wanted, "before": length_before}
 
-    def set_state(self, state: dict[str, Any]) -> None:
+    def set_history(self, state: dict[str, Any]) -> None:
         self.wanted = state["wanted"]
         if self._local_error:
             self._local_error.length_before = state["before"]

@@ -34,12 +34,12 @@ class Carrier(Protocol):
         """Vectors of the system, which are copied, not replaced, when a state is restored."""
         ...
 
-    def get_state(self) -> dict[str, Any]:
+    def get_history(self) -> dict[str, Any]:
         """All other history variables, as numbers, strings and lists; the same on every rank."""
         ...
 
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
+    def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned."""
         ...
 
 

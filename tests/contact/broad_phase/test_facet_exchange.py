@@ -9,24 +9,14 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import GROUP_COUNT, group_boxes
-from tests.contact.scenes import ARM, contact_set_of, film, simulate
+from tests.contact.scenes import ARM, contact_set_of, simulate, two_films
 
 CELLS = 24  # along a side of each film
 
 
 def falling(comm):
     """A wide film that falls on another one; the activation distance is a fortieth of a cell."""
-    lower = film(comm, CELLS, size=1.0, name="lower")
-    upper = film(
-        comm,
-        CELLS,
-        size=1.0,
-        height=1.5e-3,
-        velocity=(0.2, 0.1, -2.0),
-        turn=0.1,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(comm, height=1.5e-3, turn=0.1, n=CELLS, size=1.0)
     return simulate([gx.Contact(lower, upper, distance=1e-3)], until=4e-4)
 
 
@@ -85,12 +75,12 @@ def test_steps_do_not_depend_on_the_number_of_ranks(comm):
 @pytest.mark.mpi
 def test_a_checkpoint_holds_the_activation_distances_of_all_points(comm):
     history = contact_set_of(falling(comm)).history
-    saved = history.get_state()
-    expected = contact_set_of(falling(MPI.COMM_SELF)).history.get_state()
+    saved = history.get_history()
+    expected = contact_set_of(falling(MPI.COMM_SELF)).history.get_history()
     assert saved["activation distance"] == pytest.approx(expected["activation distance"], rel=1e-9)
     assert saved["identifier"] == expected["identifier"]
     before = history.activation_distance.copy()
-    history.set_state(expected)
+    history.set_history(expected)
     assert history.activation_distance == pytest.approx(before, rel=1e-9)
 
 

@@ -35,7 +35,7 @@ def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("n, order", [(4, 1), (6, 1), (3, 2)])
 def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
     """The mesh of the second is the same on the line, finer without a common multiple, or of order

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
-from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
-
-if TYPE_CHECKING:
-    from gossamer_fx.mechanics.bodies.frames import FrameJoint
-    from gossamer_fx.mechanics.connectors.spring import Damper
-    from gossamer_fx.mechanics.connectors.tether import Tether
-    from gossamer_fx.mechanics.contact.obstacles import Cylinder
+import gossamer_fx as gx
+from gossamer_fx.extend import Range, State, Term, check, check_arguments, positive
 
 # Stiffness [N/m] of the tether of the reel.
 REEL = 1e4
 # Largest number of rods: each is a rigid body with joints, a reel and a tether.
 MAX_RODS = 1000
 
+Joint = gx.constraints.RevoluteJoint | gx.constraints.CylindricalJoint
 Length = Annotated[float, positive("m")]
 
 # Against oscillations of the ring on the stiff tether.
@@ -67,14 +57,14 @@ class RotationGuides:
             not a function.
 
     Example:
-        >>> guides = gx.assemblies.RotationGuides(hub, 4, radius=0.8, mass=2.0)
+        >>> guides = RotationGuides(hub, 4, radius=0.8, mass=2.0)
         >>> len(guides.rods)
         4
     """
 
     def __init__(
         self,
-        hub: RigidBody,
+        hub: gx.RigidBody,
         count: Annotated[int, Range(1, MAX_RODS)],
         *,
         radius: Length,
@@ -99,7 +89,7 @@ class RotationGuides:
         # A thin ring: its whole mass is at the radius.  Half of the polar moment is that about a
         # diameter.
         polar = mass * radius**2
-        self.ring = RigidBody(
+        self.ring = gx.RigidBody(
             mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
         )
         angles = [first_angle + 2 * math.pi * k / count for k in range(count)]
@@ -107,39 +97,36 @@ class RotationGuides:
             (radius * math.cos(angle), radius * math.sin(angle)) for angle in angles
         ]
         axis = (0.0, 0.0, 1.0)
-        self.reel: tuple[Tether, Damper] | tuple[()] = ()
+        self.reel: tuple[gx.connectors.Tether, gx.connectors.Damper] | tuple[()] = ()
         if drawn is None:
-            self.joint: FrameJoint = RevoluteJoint(
+            self.joint: Joint = gx.constraints.RevoluteJoint(
                 hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
             )
         else:
-            from gossamer_fx.mechanics.connectors.spring import Damper
-            from gossamer_fx.mechanics.connectors.tether import Tether
-
             # Free along the axis, too, where the reel moves the ring.
-            self.joint = CylindricalJoint(
+            self.joint = gx.constraints.CylindricalJoint(
                 hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
             )
             # From a point of the hub below the ring, so that a shorter tether draws the ring
             # down.
             ends = hub.port((0.0, 0.0, -reel_depth)), self.ring.port()
-            reel = Tether(
+            reel = gx.connectors.Tether(
                 *ends, stiffness=REEL, length=lambda t: reel_depth - drawn(t), name=f"{name} reel"
             )
-            self.reel = reel, Damper(*ends, damping=mass / SLOWS, name=f"{name} slide")
-        self.brake = TorsionDamper(
+            self.reel = (
+                reel,
+                gx.connectors.Damper(*ends, damping=mass / SLOWS, name=f"{name} slide"),
+            )
+        self.brake = gx.connectors.TorsionDamper(
             hub.frame(), self.ring.frame(), axis=axis, damping=brake_damping, name=f"{name} brake"
         )
 
     @property
-    def rods(self) -> tuple[Cylinder, ...]:
+    def rods(self) -> tuple[gx.contact.Cylinder, ...]:
         """The rods as new cylinders that move with the ring, obstacles for a `Contact`."""
-        # Imported here: guides without contact do not load it.
-        from gossamer_fx.mechanics.contact.obstacles import Cylinder
-
         half = self._height / 2
         return tuple(
-            Cylinder(
+            gx.contact.Cylinder(
                 start=(x, y, -half),
                 end=(x, y, half),
                 radius=self._rod_radius,

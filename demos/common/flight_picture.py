@@ -68,7 +68,7 @@ class FlightPicture(DrawnRun):
 
     Example:
         >>> curves = {"altitude [m]": gx.probes.OrbitState(orbit, "altitude")}
-        >>> picture = gx.plot.FlightPicture(folder / "flight.png", orbit, probes=curves)
+        >>> picture = FlightPicture(folder / "flight.png", orbit, probes=curves)
         >>> picture.writes[0].name
         'flight.png'
     """

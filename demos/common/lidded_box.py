@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.mechanics.connectors.spring import Rope
-from gossamer_fx.mechanics.connectors.torsion import TorsionDamper, TorsionSpring
-from gossamer_fx.mechanics.constraints.joint import RevoluteJoint
-from gossamer_fx.mechanics.loads.force import Torque
+import gossamer_fx as gx
+from gossamer_fx.extend import (
+    Array,
+    Attached,
+    State,
+    Term,
+    check,
+    check_arguments,
+    not_negative,
+    positive,
+)
 
-if TYPE_CHECKING:
-    from gossamer_fx.mechanics.contact.obstacles import Box
+Vector = tuple[float, float, float]
 
 
 @check_arguments
@@ -67,7 +66,7 @@ class LiddedBox:
         InputError: a size, mass or stiffness is not positive, or an angle is not between 0 and π.
 
     Example:
-        >>> box = gx.assemblies.LiddedBox((0.2, 0.1, 0.1), mass=0.05, release_time=0.1)
+        >>> box = LiddedBox((0.2, 0.1, 0.1), mass=0.05, release_time=0.1)
         >>> box.lid.name
         'box lid'
     """
@@ -85,7 +84,7 @@ class LiddedBox:
         damping: Annotated[float, not_negative("N m s/rad")] = 0.0,
         max_angle: float | None = 2.0,
         stop_stiffness: float = 1e4,
-        body: RigidBody | None = None,
+        body: gx.RigidBody | None = None,
         turn: Vector = (0.0, 0.0, 0.0),
         name: str = "box",
     ) -> None:
@@ -117,20 +116,22 @@ class LiddedBox:
         self.lid = self._lid(mass, inertia, (0.0, 0.0, half_height))
         # The hinge is at the edge -x of the opening.
         edge = self._at((-float(self._half[0]), 0.0, half_height))
-        carrier = ground_frame(edge)
+        carrier = gx.ground_frame(edge)
         if body is not None:
             carrier = body.frame_at(edge)
-        sides: tuple[Frame, Frame] = (carrier, self.lid.frame_at(edge))
+        sides: tuple[gx.Frame, gx.Frame] = (carrier, self.lid.frame_at(edge))
         # About -y positive angles open the lid.
         opening_axis = self._axes @ np.array([0.0, -1.0, 0.0])
         axis: Vector = (float(opening_axis[0]), float(opening_axis[1]), float(opening_axis[2]))
-        self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
-        self.spring = TorsionSpring(
+        self.hinge = gx.constraints.RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
+        self.spring = gx.connectors.TorsionSpring(
             *sides, axis=axis, stiffness=stiffness, rest_angle=rest_angle, name=f"{name} spring"
         )
-        self.damper: TorsionDamper | None = None
+        self.damper: gx.connectors.TorsionDamper | None = None
         if damping:
-            self.damper = TorsionDamper(*sides, axis=axis, damping=damping, name=f"{name} damper")
+            self.damper = gx.connectors.TorsionDamper(
+                *sides, axis=axis, damping=damping, name=f"{name} damper"
+            )
         # Moment [N m] of the spring while the box is closed, which the latch balances.
         moment = stiffness * rest_angle
 
@@ -145,13 +146,15 @@ class LiddedBox:
             mx, my, mz = latched(t)
             return (-mx, -my, -mz)
 
-        self.latch = Torque(self.lid.frame(), latched, name=f"{name} latch")
+        self.latch = gx.loads.Torque(self.lid.frame(), latched, name=f"{name} latch")
         # Without it the latch would turn a free body as an external moment.
-        self.latch_reaction: Torque | None = None
+        self.latch_reaction: gx.loads.Torque | None = None
         if body is not None:
-            self.latch_reaction = Torque(body.frame(), reaction, name=f"{name} latch reaction")
+            self.latch_reaction = gx.loads.Torque(
+                body.frame(), reaction, name=f"{name} latch reaction"
+            )
         # A cord from rim to lid is as long as the chord of the largest angle.
-        self.stop: Rope | None = None
+        self.stop: gx.connectors.Rope | None = None
         if max_angle is not None:
             chord = 2 * x * math.sin(max_angle / 2)
             self.stop = self._cord(half_height, chord, stop_stiffness)
@@ -161,7 +164,7 @@ class LiddedBox:
         x, y, z = self._centre + self._axes @ np.asarray(local, dtype=float)
         return float(x), float(y), float(z)
 
-    def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
+    def _lid(self, mass: float, inertia: Array, local: Vector) -> gx.RigidBody:
         """Make the lid of a mass [kg], with principal moments of inertia (3,) [kg m²] about the
         axes of the box and its centre `local` (3,) [m] in these axes, as a rigid body that moves as
         the carrying body does at the start.  Collective with a carrying body."""
@@ -180,7 +183,7 @@ class LiddedBox:
             spin = np.cross(state[1:], rates[1:]).sum(axis=0) / 2
             given = {"velocity": tuple(velocity), "spin": tuple(spin), "comm": self._body.comm}
         ix, iy, iz = inertia
-        return RigidBody(
+        return gx.RigidBody(
             mass,
             (float(ix), float(iy), float(iz)),
             position=position,
@@ -189,15 +192,15 @@ class LiddedBox:
             **given,
         )
 
-    def _cord(self, half_height: float, length: float, stiffness: float) -> Rope:
+    def _cord(self, half_height: float, length: float, stiffness: float) -> gx.connectors.Rope:
         """Make the stop: a rope from the rim opposite of the hinge to the end of the lid, tight at
         a length [m], of a stiffness [N/m].  The lid's middle plane is `half_height` [m] above the
         centre of the box."""
         end = self._at((float(self._half[0]), 0.0, half_height))
-        rim: Attached = Ground(end)
+        rim: Attached = gx.Ground(end)
         if self._body is not None:
             rim = self._body.port_at(end)
-        return Rope(
+        return gx.connectors.Rope(
             self.lid.port_at(end),
             rim,
             length=length,
@@ -206,17 +209,14 @@ class LiddedBox:
         )
 
     @property
-    def obstacles(self) -> tuple[Box, ...]:
+    def obstacles(self) -> tuple[gx.contact.Box, ...]:
         """New obstacles for a `Contact`: four walls and the floor, which stand still or move with
         the body that carries the box, then the lid, which is a `Box` on its body."""
-        # Imported here: a box that nothing touches does not load contact.
-        from gossamer_fx.mechanics.contact.obstacles import Box
-
         t = self._wall
         half = self._half
         x_axis, y_axis, z_axis = (tuple(map(float, axis)) for axis in self._axes.T)
         axes = (x_axis, y_axis, z_axis)
-        slabs: list[Box] = []
+        slabs: list[gx.contact.Box] = []
         # Four walls and the floor, by axis and side; there is none at the top.
         for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1)):
             local = np.zeros(3)
@@ -225,7 +225,7 @@ class LiddedBox:
             sizes = 2 * half + 2 * t * (np.arange(3) != 2)
             sizes[axis] = t
             slabs.append(
-                Box(
+                gx.contact.Box(
                     centre=self._at(tuple(local)),
                     sizes=tuple(sizes),
                     axes=axes,
@@ -234,7 +234,7 @@ class LiddedBox:
                 )
             )
         # The cover is a part of the lid and moves with it.
-        cover = Box(
+        cover = gx.contact.Box(
             centre=self._at((0.0, 0.0, float(half[2]) + t / 2)),
             sizes=(2 * half[0], 2 * half[1], t),
             axes=axes,

@@ -35,9 +35,11 @@ from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import solve_bvp
+from scipy.optimize import least_squares
 
-from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
-from gossamer_fx.core.checks.errors import NoEquilibrium, check
+from gossamer_fx import NoEquilibrium
+from gossamer_fx.extend import check, check_arguments, not_negative, positive
 
 Array = npt.NDArray[np.float64]
 
@@ -74,7 +76,7 @@ class HangingStrip:
         InputError: a value is out of its range.
 
     Example:
-        >>> strip = gx.analysis.HangingStrip(0.1, 0.02, bending_stiffness=1e-4, area_density=0.01)
+        >>> strip = HangingStrip(0.1, 0.02, bending_stiffness=1e-4, area_density=0.01)
         >>> angle, distance = strip.equilibrium(rest_angle=1.2, stiffness=2e-3, weight=0.01)
         >>> round(angle, 3), round(distance, 4)
         (0.431, 0.1997)
@@ -93,9 +95,6 @@ class HangingStrip:
     ) -> tuple[float, float]:
         """Angle θ [rad] of the crease and distance of the ends [m] under a weight [N], zero for the
         strip alone, with a rest angle [rad] and a stiffness [N m/m/rad]."""
-        # Imported here, as most scenes do not need it.
-        from scipy.integrate import solve_bvp
-
         check(
             0 <= weight < math.inf,
             f"HangingStrip '{self.name}': a weight is {weight!r} N; give none or a positive one.",
@@ -185,7 +184,7 @@ class IdentifiedCrease:
             model and the uncertainties are right.
 
     Example:
-        >>> crease = gx.analysis.IdentifiedCrease(
+        >>> crease = IdentifiedCrease(
         ...     rest_angle=1.2,
         ...     stiffness=2e-3,
         ...     rest_angle_error=0.01,
@@ -235,17 +234,14 @@ def identify_crease(
         NoEquilibrium: no crease fits.
 
     Example:
-        >>> strip = gx.analysis.HangingStrip(0.1, 0.02, bending_stiffness=1e-4, area_density=0.01)
+        >>> strip = HangingStrip(0.1, 0.02, bending_stiffness=1e-4, area_density=0.01)
         >>> weights = [0.0, 1e-3, 1e-2]
-        >>> crease = gx.analysis.identify_crease(
+        >>> crease = identify_crease(
         ...     strip, weights, angles=[1.048, 0.751, 0.431], distances=[0.1812, 0.1969, 0.1997]
         ... )
         >>> round(crease.rest_angle, 2), round(1e3 * crease.stiffness, 2)
         (1.2, 2.0)
     """
-    # Imported here, as most scenes do not need it.
-    from scipy.optimize import least_squares
-
     # W: weights [N], θ: measured angles of the crease [rad], d: measured distances of the ends [m],
     # each (n,).
     W = np.asarray(weights, dtype=float)

@@ -1,4 +1,5 @@
-"""Centrifugal force: the load under which a steady spin is an equilibrium."""
+"""Forces on all mass: uniform gravity, and the centrifugal force under which a steady spin is an
+equilibrium."""
 
 from __future__ import annotations
 
@@ -11,15 +12,94 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, is_vector
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, Port, Vector
 from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term, terms_of
+from gossamer_fx.core.model.terms import Parameter, Term, terms_of
 from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
+from gossamer_fx.mechanics.loads.force import ConstantForce
 from gossamer_fx.mechanics.terms.loads import Load
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.mechanics.terms.point_loads import PointLoad
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Gravity:
+    """The weight of a body: its mass matrix times an acceleration, e.g. δW = ∫ρt g·w dA of a film.
+
+    What is bonded to the body, e.g. a `Tape` or an `AttachedMass`, is accelerated with it.
+
+    Args:
+        body: any body.
+        g: acceleration [m/s²].
+        name: name in messages and output.
+
+    Example:
+        >>> gx.Gravity(film, (0.0, 0.0, -1.62)).name
+        'gravity of film'
+    """
+
+    body: Body
+    g: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    _: KW_ONLY
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", f"gravity of {self.body.name}")
+        check(
+            is_vector(self.g),
+            f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        for part in terms_of(self.body, start):
+            if isinstance(part, KineticEnergy):
+                yield self._on_mesh(part)
+            elif isinstance(part, NodeKineticEnergy):
+                yield from self._on_points(part)
+        # Masses that other items attach are not among the terms of the body; the system knows them.
+        # Acceleration of gravity (3,) [m/s²]
+        g = np.asarray(self.g, dtype=float)
+        yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
+
+    def _on_mesh(self, part: KineticEnergy) -> Term:
+        """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²]."""
+        size = part.body.block.size
+        # Directors of a beam are directions: a uniform acceleration does not turn them.
+        on_directors = (0.0,) * (size - 3)
+        # g (3,) [m/s²] is the acceleration of gravity; w below are test functions.
+        g = tuple(float(c) for c in self.g)
+        # A constant, so that another g needs no new kernel.
+        acceleration = fem.Constant(part.body.space.mesh, g + on_directors)
+
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            return part.mass(acceleration, w)
+
+        # The acceleration of a beam has entries for its directors, too; those are not parameters.
+        parameters: tuple[Parameter, ...] = ()
+        if size == 3:
+            parameters = (Parameter("g", "m/s²", acceleration),)
+        return Load(self.name, part.body, work, parameters=parameters)
+
+    def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
+        """Yield the weight of the masses of nodes without a mesh.  Collective."""
+        # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
+        # `g` (3,) [m/s²] is the acceleration of gravity.
+        masses = np.concatenate(part.body.comm.allgather(part.mass))
+        for node, mass in enumerate(masses):
+            ports = tuple(
+                Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
+            )
+            # Only the position, vector 0, is accelerated: the first column couples it to the
+            # others.
+            force = np.outer(mass[:, 0], self.g)
+            yield PointLoad(self.name, ports, ConstantForce(force.ravel()))
 
 
 class _OnVectors:

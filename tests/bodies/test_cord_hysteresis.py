@@ -1,0 +1,229 @@
+"""Cords with a loading and an unloading curve: cycles, steps, statics, ledger, history."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.mechanics.bodies.cord_hysteresis import HystereticBars
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.records.fields.lines import line_forces
+from tests.small_scenes import at_rest
+
+COMM = MPI.COMM_WORLD
+LOADING = (np.array([-0.02, 0.0, 0.01, 0.03]), np.array([-4.0, 0.0, 10.0, 60.0]))
+UNLOADING = (np.array([0.0, 0.01, 0.015]), np.array([0.0, 20.0, 60.0]))
+CORD = gx.TabulatedCable(*LOADING, line_density=0.1, unloading=UNLOADING)
+
+
+def bars(law: gx.TabulatedCable, count: int, largest: Any = 0.0) -> HystereticBars:
+    """Bars of 1 m without a scene."""
+    return HystereticBars(
+        corners=law.corners,
+        lengths=np.ones(count),
+        law=law.hysteresis,
+        numbers=np.arange(count),
+        largest=np.broadcast_to(largest, count).astype(float),
+        comm=MPI.COMM_SELF,
+    )
+
+
+def measure(x: Any) -> np.ndarray:
+    """ε = ½(λ² - 1) as a column, of engineering strains x."""
+    return (((1 + np.atleast_1d(x)) ** 2 - 1) / 2)[:, None]
+
+
+def test_a_cycle_loses_the_area_between_the_curves() -> None:
+    """Up to 2.5 % (47.5 N) and back to zero in 2 × 97 steps: down the upper 47.5 N of the unloading
+    curve.  Areas by hand: loading 0.05 + 0.015 · (10 + 47.5)/2, unloading 40 N in 0.5 %, with
+    7.5 N left, and 7.5 N at 2 kN."""
+    cord = bars(CORD, 1)
+    work = 0.0
+    loss = 0.0
+    path = np.concatenate([np.linspace(0.0, 0.025, 98), np.linspace(0.025, 0.0, 98)])
+    for x0, x1 in pairwise(path):
+        e0 = measure(x0)
+        e1 = measure(x1)
+        S, _ = cord.average(e0, e1)
+        work += (S * (e1 - e0)).item()
+        of_step = cord.loss(e0, e1).item()
+        assert of_step >= 0
+        loss += of_step
+        cord.take(e1)
+    loaded = 0.01 * 10 / 2 + 0.015 * (10 + 47.5) / 2
+    returned = 0.005 * (47.5 + 7.5) / 2 + 7.5**2 / 2000 / 2
+    assert work == pytest.approx(loaded - returned, abs=1e-12)
+    assert loss == pytest.approx(loaded - returned, abs=1e-12)
+
+
+def test_reloading_follows_the_unloading_curve_to_the_turning_point() -> None:
+    cord = bars(CORD, 5, largest=0.025)
+    x = np.array([0.02, 0.0215, 0.024, 0.025, 0.028])
+    S, _ = cord.average(measure(x), measure(x))
+    # 47.5 N less 8 kN · 0.5 % at 2 %, slack at 1.625 %, the loading curve beyond 2.5 %.
+    force = S[:, 0] * (1 + x)
+    assert force == pytest.approx([7.5, 19.5, 39.5, 47.5, 55.0], abs=1e-11)
+    slack = measure(np.full(5, 0.016))
+    assert cord.average(slack, slack)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_work_is_stored_or_lost_on_any_path() -> None:
+    """S Δε = ΔW + loss for any two strains and histories, and dS/dε1 agrees with differences."""
+    random = np.random.default_rng(5)
+    count = 20000
+    largest = random.uniform(0.0, 0.05, count)
+    x0 = np.minimum(random.uniform(-0.03, 0.05, count), largest)
+    x1 = random.uniform(-0.03, 0.06, count)
+    cords = bars(CORD, count, largest)
+    e0 = measure(x0)
+    e1 = measure(x1)
+    S, D = cords.average(e0, e1)
+    loss = cords.loss(e0, e1)
+    change = cords.energy(e1) - cords.energy(e0) + loss
+    assert (S * (e1 - e0))[:, 0] == pytest.approx(change, abs=1e-13)
+    assert loss.min() > -1e-13
+    δ = 1e-7
+    difference = (cords.average(e0, e1 + δ)[0] - cords.average(e0, e1 - δ)[0])[:, 0] / (2 * δ)
+    far = np.abs(x1 - x0) > 1e-3
+    assert difference[far] == pytest.approx(D[far, 0, 0], abs=2e-2)
+
+
+def test_never_unloaded_or_with_equal_curves_it_is_the_tabulated_cable() -> None:
+    """A cord that is only pulled, and one whose two curves are the same straight line."""
+    straight = ([0.0, 0.02], [0.0, 50.0])
+    line = gx.TabulatedCable(*straight, line_density=0.1, unloading=straight)
+    x = np.linspace(-0.02, 0.04, 31)
+    pulled = bars(CORD, 30)
+    on_line = bars(line, 30, largest=0.03)
+    both_ways = np.where(np.arange(30) % 2, -x[1:], x[1:])
+    for law, cords, end in ((CORD, pulled, x[1:]), (line, on_line, both_ways)):
+        start = np.minimum(x[:-1], cords.largest)
+        force, _ = law.corners.average(start, end)
+        mean, _ = cords.mean_force(start, end)
+        assert mean == pytest.approx(force, abs=1e-12)
+    assert on_line.loss(measure(x[:-1]), measure(both_ways)) == pytest.approx(0.0, abs=1e-14)
+
+
+def ribbon(
+    law: gx.TabulatedCable, comm: MPI.Intracomm = COMM, rate: float = 0.0
+) -> tuple[gx.Membrane, Any]:
+    """A film of no stiffness to speak of, with a cord of 0.5 m along its lower edge; it starts to
+    stretch at a rate [1/s]."""
+    film = gx.Membrane(
+        sheet(comm, 4, 2, 0.5, 0.1),
+        gx.TensionField(E=1.0, nu=0.0, density=1.0, thickness=1e-6),
+        velocity=lambda X: np.vstack([rate * X[0], 0 * X[0], 0 * X[0]]),
+        name="film",
+    )
+    return film, gx.connectors.Tape.along_edges(film, law, edges="bottom", name="cord")
+
+
+@pytest.mark.mpi
+def test_equilibria_follow_both_curves() -> None:
+    """To 2.5 %, back to 2 %, to 2.2 %, and on to 2.8 %: forces of the curves, whatever the
+    pseudo-steps, and the loss of loading."""
+    strains = [0.0, 0.025, 0.02, 0.022, 0.028]
+    film, cord = ribbon(CORD)
+
+    def pull(X: np.ndarray, t: float) -> np.ndarray:
+        return np.vstack([np.interp(t, range(5), strains) * X[0], 0 * X[0], 0 * X[0]])
+
+    right = gx.Fixed(film, "right", motion=pull)
+    statics = gx.Equilibrium(gx.Scene(film, cord, gx.Fixed(film, "left"), right))
+    forces = []
+    for k in range(1, 5):
+        statics.find(at=float(k))
+        forces.append(statics.reaction(right)[0][0])
+        tensions = line_forces(statics.system, cord, "step").tensions
+        assert tensions == pytest.approx(forces[-1], rel=1e-6)
+    assert forces == pytest.approx([47.5, 7.5, 23.5, 55.0], rel=1e-6)
+    lost = 0.5 * CORD.hysteresis.dissipated(np.array(0.028))
+    assert statics.totals.losses["cord"] == pytest.approx(lost, rel=1e-6)
+
+
+def swinging_mass(comm: MPI.Intracomm = COMM) -> gx.Scene:
+    """1 kg on the end of the cord, thrown outwards at 0.5 m/s: it loads the cord to some 2.3 %."""
+    film, cord = ribbon(CORD, comm, rate=1.0)
+    mass = gx.PointMass(1.0, (0.5, 0.0, 0.0), velocity=(0.5, 0.0, 0.0), comm=comm)
+    joint = gx.constraints.BallJoint(mass.port(), film.port_at((0.5, 0.0, 0.0)))
+    return gx.Scene(film, cord, mass, joint, gx.Fixed(film, "left"))
+
+
+def swing(until: float, comm: MPI.Intracomm = COMM, **options: Any) -> gx.Simulation:
+    run = gx.Simulation(swinging_mass(comm), gx.Midpoint(dt=5e-4), **options)
+    run.run(until=until)
+    return run
+
+
+@pytest.mark.mpi
+def test_the_loss_closes_the_energy_balance() -> None:
+    run = swing(0.02)
+    assert run.totals.losses["cord"] > 1e-3
+    run.run(until=0.1)
+    assert abs(run.energy_error) < 1e-12
+    # The mass comes back with what the unloading curve returns.
+    first = 0.5 * 0.5**2
+    assert run.totals.losses["cord"] > 0.4 * first
+    assert run.totals.kinetic < 0.6 * first
+
+
+@pytest.mark.mpi
+def test_a_restart_in_the_middle_of_the_unloading_curve_goes_on(folder: Path) -> None:
+    """On all ranks, and on one."""
+    turned = 0.045
+    whole = swing(0.06)
+    swing(turned, checkpoints=gx.Checkpoints(folder))
+    COMM.barrier()
+    for comm in (COMM, MPI.COMM_SELF):
+        rest = swing(0.06, comm, restart=folder)
+        assert rest.totals.losses == pytest.approx(whole.totals.losses, rel=1e-9)
+        assert rest.totals.kinetic == pytest.approx(whole.totals.kinetic, rel=1e-9)
+        assert abs(rest.energy_error) < 1e-12
+
+
+def test_gradients_and_cables_refuse_it_by_name() -> None:
+    film, cord = ribbon(CORD)
+    statics = at_rest(film, cord, gx.Fixed(film, "left"), gx.Fixed(film, "right"))
+    kinds = [kind for kind in statics.system.compiled if hasattr(kind, "without_gradient")]
+    words = "".join(kind.without_gradient() for kind in kinds)
+    assert "'cord' unloads on another curve" in words
+    with pytest.raises(gx.InputError, match="only a Tape has"):
+        gx.Cable(line(COMM, [(0, 0, 0), (1, 0, 0)], 2), CORD)
+
+
+@pytest.mark.parametrize(
+    ("unloading", "words"),
+    [
+        (([0.0, 0.03], [0.0, 60.0]), "gains energy"),
+        (([-0.01, 0.0, 0.01], [-1.0, 0.0, 60.0]), "begins at the strain -0.01"),
+        (([0.0, 0.01], [0.0, -60.0]), "falls"),
+    ],
+)
+def test_curves_that_gain_energy_are_refused(unloading: Any, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        gx.TabulatedCable(*LOADING, line_density=0.1, unloading=unloading)
+
+
+def test_both_curves_are_read_from_one_file(tmp_path: Path) -> None:
+    path = tmp_path / "cord.csv"
+    rows = ["branch, strain [%], force [N]"]
+    for branch, (strain, force) in (("loading", LOADING), ("unloading", UNLOADING)):
+        for x, N in zip(strain, force, strict=True):
+            rows.append(f"{branch}, {100 * x}, {N}")
+    path.write_text("\n".join(rows))
+    read = gx.TabulatedCable.from_csv(path, line_density=0.1)
+    assert read.unloading is not None
+    for column, given in zip((read.strain, read.force), LOADING, strict=True):
+        assert column == pytest.approx(given)
+    for column, given in zip(read.unloading, UNLOADING, strict=True):
+        assert column == pytest.approx(given)
+    path.write_text("branch, strain [%], force [N]\nup, 0, 0\n")
+    with pytest.raises(gx.InputError, match="row 1"):
+        gx.TabulatedCable.from_csv(path, line_density=0.1)
