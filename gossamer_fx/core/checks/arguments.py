@@ -153,7 +153,7 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
             (vars(base)["__call__"] for base in thing.__mro__ if "__call__" in vars(base)), None
         )
         if call is not None and "run" in call.__annotations__:
-            thing.__call__ = _reading_a_run(call)  # type: ignore[attr-defined]
+            thing.__call__ = _reading_a_run(call)  # type: ignore[method-assign]
         return typing.cast(T, thing)
     return typing.cast(T, _checking(thing))
 

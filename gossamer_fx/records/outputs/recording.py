@@ -289,7 +289,8 @@ class Recording:
             for quantity in GAS:
                 gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
         flows = gas_flows(run.system)
-        for item in run.scene.items:
+        items: Sequence[Any] = run.scene.items
+        for item in items:
             if item.name in flows:
                 gas[f"{item.name} flow"] = GasFlow(item)
         points: dict[str, Probe] = {}
