@@ -37,10 +37,6 @@ if (
     _ours = tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True)
     os.environ["TMPDIR"] = _ours.name
 
-# A shell that starts the tests in the background lets them, and what they start, ignore Ctrl-C.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
 hypothesis.settings.register_profile(
     "same on every rank", derandomize=True, database=None, deadline=None
 )
@@ -58,6 +54,14 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
     """An empty folder, the same one on every rank."""
     path: Path = comm.bcast(tmp_path)
     return path
+
+
+@pytest.fixture(autouse=True)
+def _usual_ctrl_c() -> None:
+    """Let Ctrl-C end each test, and the programs that it starts: a shell that starts the tests in
+    the background lets them ignore it, and so does a test that leaves another action of the
+    signal, or a library that has set one."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

@@ -54,7 +54,6 @@ RESPONSES = [
 ]
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("gains", "degrees"), RESPONSES)
 def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, ...]) -> None:
     """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's

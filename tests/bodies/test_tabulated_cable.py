@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars
+from gossamer_fx.mechanics.bodies.piecewise_force import TabulatedBars
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import at_rest

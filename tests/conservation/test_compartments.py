@@ -80,7 +80,6 @@ def compartments(order: int = 1, cells: int = 6, law=FILM):
     return gx.Simulation(gx.Scene(film, inlet, passage), gx.Midpoint(dt=1e-4))
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_two_compartments_conserve_everything_in_free_flight(order):
     run = compartments(order, cells=6 if order == 1 else 4)

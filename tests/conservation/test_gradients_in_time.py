@@ -39,12 +39,7 @@ def stretched(X):
 
 
 def film(law, comm: MPI.Intracomm, **more) -> gx.Membrane:
-    return gx.Membrane(
-        sheet(comm, 4, 4),
-        law,
-        velocity=waves,
-        **more,
-    )
+    return gx.Membrane(sheet(comm, 4, 4), law, velocity=waves, **more)
 
 
 def taut(comm):
@@ -71,11 +66,7 @@ def on_floor(comm):
 
 def colliding(comm, steps=60, **contact):
     """Two films, the upper one inclined, meet at their points, edges and faces, and separate."""
-    lower = gx.Membrane(
-        sheet(comm, 4, 4, 0.2, 0.2),
-        gx.Linear(**SOFT),
-        name="lower",
-    )
+    lower = gx.Membrane(sheet(comm, 4, 4, 0.2, 0.2), gx.Linear(**SOFT), name="lower")
 
     def above(X):
         # Offsets that no symmetry of the two meshes repeats.
@@ -165,20 +156,8 @@ def hinged(comm):
     """Two rigid bodies on a hinge with a spring, and a cable that hangs on one of them."""
     axis = (0.0, 0.0, 1.0)
     V = (0.3, 0.5, 0.0)
-    a = gx.RigidBody(
-        1.0,
-        (0.6, 1.1, 1.5),
-        name="a",
-        velocity=V,
-        spin=(0.0, 0.0, 1.0),
-    )
-    b = gx.RigidBody(
-        1.0,
-        (0.5, 0.9, 1.2),
-        name="b",
-        velocity=V,
-        spin=(0.0, 0.0, -2.0),
-    )
+    a = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", velocity=V, spin=(0.0, 0.0, 1.0))
+    b = gx.RigidBody(1.0, (0.5, 0.9, 1.2), name="b", velocity=V, spin=(0.0, 0.0, -2.0))
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (1, 0, 0)], 6),
         gx.CableLaw(500.0, 0.05),
@@ -187,12 +166,7 @@ def hinged(comm):
     sides = (a.frame(), b.frame())
     scene = gx.Scene(
         gx.constraints.RevoluteJoint(*sides, axis=axis),
-        gx.connectors.TorsionSpring(
-            *sides,
-            axis=axis,
-            stiffness=3.0,
-            rest_angle=0.5,
-        ),
+        gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=3.0, rest_angle=0.5),
         gx.constraints.BallJoint(cable.port("start"), a.port((0.0, 0.0, 0.0))),
     )
     return scene, 1e-2, 30
@@ -202,12 +176,7 @@ def folded_strip(comm):
     """A strip of two panels, folded at their hinge and thrown."""
     return gx.Plate(
         creased_strip(comm, 4, 2, 0.05, 0.02),
-        gx.Linear(
-            E=2.5e9,
-            nu=0.3,
-            density=1400.0,
-            thickness=50e-6,
-        ),
+        gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6),
         hinges=["crease"],
         displacement=folded(math.radians(80)),
         velocity=lambda X: thrown(1.0, X),
@@ -379,11 +348,7 @@ def damped(comm):
     scene = gx.Scene(
         gx.Damping(body, mass_factor=30.0, stiffness_factor=1e-6),
         gx.Pressure(body, 40.0),
-        gx.Pressure(
-            body,
-            lambda t: 50 * math.cos(300 * t),
-            name="pulse",
-        ),
+        gx.Pressure(body, lambda t: 50 * math.cos(300 * t), name="pulse"),
         gx.loads.Force(film_corner(body), lambda t: (0.1, 0.2 * t, 0.3), name="pull"),
         gx.Gravity(body),
         gx.Fixed(body, "left"),
@@ -400,33 +365,12 @@ def damped_in_tension(comm):
 
 
 def roped(comm):
-    a = gx.PointMass(
-        0.5,
-        (1.0, 0.0, 0.0),
-        velocity=(0.3, 1.2, 0.1),
-        name="a",
-    )
-    b = gx.PointMass(
-        0.7,
-        (0.0, 1.0, 0.0),
-        velocity=(0.0, 0.4, 0.5),
-        name="b",
-    )
+    a = gx.PointMass(0.5, (1.0, 0.0, 0.0), velocity=(0.3, 1.2, 0.1), name="a")
+    b = gx.PointMass(0.7, (0.0, 1.0, 0.0), velocity=(0.0, 0.4, 0.5), name="b")
     centre = gx.Ground((0.0, 0.0, 0.0))
     scene = gx.Scene(
-        gx.connectors.Spring(
-            a.port(),
-            b.port(),
-            stiffness=400.0,
-            length=1.2,
-        ),
-        gx.connectors.Rope(
-            centre,
-            a.port(),
-            length=0.95,
-            stiffness=400.0,
-            damping=4.0,
-        ),
+        gx.connectors.Spring(a.port(), b.port(), stiffness=400.0, length=1.2),
+        gx.connectors.Rope(centre, a.port(), length=0.95, stiffness=400.0, damping=4.0),
         gx.connectors.Damper(b.port(), centre, damping=2.0),
         gx.loads.Force(b.port(), (0.2, 0.1, -1.0)),
     )
@@ -523,7 +467,6 @@ CASES_ON_RANKS = [
 CASES.sort(key=lambda case: case not in CASES_ON_RANKS)
 
 
-@pytest.mark.mpi
 def test_steps_of_controlled_length_are_frozen(comm):
     """The gradient is that of the steps that were made, whatever their lengths: E(T) is still
     E(0)."""
@@ -563,11 +506,7 @@ def result_of(run: gx.Simulation) -> Callable[[gx.Simulation], float]:
         coordinates = run.system.state[body].coordinates().reshape(weights.shape)
         return float(run.system.comm.allreduce(np.sum(weights * coordinates)))
 
-    return gx.analysis.Functional(
-        value,
-        lambda run: {body: weights},
-        unit="m",
-    )
+    return gx.analysis.Functional(value, lambda run: {body: weights}, unit="m")
 
 
 def change_of(variable: Variable, run: gx.Simulation) -> np.ndarray:

@@ -36,7 +36,6 @@ def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
     assert drift["angular_momentum_drift"] < 1e-12
 
 
-@pytest.mark.mpi
 def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
     seen = inflate_tube.main(cells=4, until=4e-3, dt=2e-4, output=folder)
     assert seen["energy_error"] < 1e-9

@@ -42,7 +42,6 @@ def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(
     assert [probe(run) for probe in in_body] == pytest.approx(expected, rel=1e-3, abs=1e-5)
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize("sense", [1, -1])
 def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, sense):
     """In axes that turn with a disc without bending stiffness two waves without nodal circle have

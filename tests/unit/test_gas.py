@@ -125,12 +125,7 @@ def test_flow_reverses_when_the_reservoir_is_the_lower_one():
 def test_order_of_the_ends_only_turns_the_sign():
     def final(first, second):
         a, b = (tank(0.01, p, 300.0, f"{p}") for p in (3e5, 1e5))
-        run, states = start(
-            a,
-            b,
-            gx.Orifice((a, b)[first], (a, b)[second], area=1e-5),
-            dt=0.05,
-        )
+        run, states = start(a, b, gx.Orifice((a, b)[first], (a, b)[second], area=1e-5), dt=0.05)
         run.run(until=1.0)
         return pressures(states)
 

@@ -35,13 +35,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
         return R @ X + centre[:, None] - X
 
     film = gx.Membrane(airbag(WORLD, 1.0, 4), FILM, displacement=shift)
-    bag = gx.Chamber(
-        film,
-        gas=AIR,
-        pressure=10.0,
-        temperature=300.0,
-        dead_volume=1e-3,
-    )
+    bag = gx.Chamber(film, gas=AIR, pressure=10.0, temperature=300.0, dead_volume=1e-3)
     run = run_until(2e-3, bag, dt=1e-3)
     n = film.block.index_map.size_local
     x = run.system.q0.array_r.reshape(-1, 3)

@@ -223,14 +223,8 @@ SUPPORTS_AND_LOADS: list[Case] = [
     (lambda: gx.Fixed(film(), "left", rotation=True), "a Plate"),
     (lambda: gx.Fixed(cable(), "start", direction=Z), "Beam"),
     (lambda: loaded(lambda sail: gx.loads.EdgeMoment(sail, "left", moment=1.0)), "EdgeMoment"),
-    (
-        lambda: gx.loads.EdgeLoad(branched(), "seam", force=(1.0, 0.0, 0.0)),
-        "several sheets meet",
-    ),
-    (
-        lambda: gx.loads.EdgeLoad(branched(), "seam", normal_force=1.0),
-        "several sheets meet",
-    ),
+    (lambda: gx.loads.EdgeLoad(branched(), "seam", force=(1.0, 0.0, 0.0)), "several sheets meet"),
+    (lambda: gx.loads.EdgeLoad(branched(), "seam", normal_force=1.0), "several sheets meet"),
     (lambda: control(axes=((1, 0), (0, 1), (0, 0))), "axes"),
     (lambda: control(axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "right-handed"),
 ]

@@ -59,17 +59,7 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
 
 
 def test_groups_are_those_that_are_seen(comm):
-    tube = gx.Membrane(
-        flat_tube(
-            comm,
-            0.3,
-            0.03,
-            4,
-            compartments=3,
-        ),
-        WRINKLING,
-        name="tube",
-    )
+    tube = gx.Membrane(flat_tube(comm, 0.3, 0.03, 4, compartments=3), WRINKLING, name="tube")
     names, [parts] = groups_of([tube])
     assert names == ["compartment 1", "compartment 2", "compartment 3"]  # they cover top and bottom
     counts = comm.allreduce(np.bincount(parts, minlength=3))

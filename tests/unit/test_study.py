@@ -126,11 +126,7 @@ def test_a_recorded_warning_is_printed_as_before():
 
 
 def test_a_failed_case_is_kept_with_its_reason(comm, folder):
-    unlucky = dataclasses.replace(
-        STUDY,
-        axes={"order": [2], "cells": [2, 13]},
-        quick={},
-    )
+    unlucky = dataclasses.replace(STUDY, axes={"order": [2], "cells": [2, 13]}, quick={})
     for _ in range(2):
         CALLS.clear()
         results = run(unlucky, folder, comm)

@@ -411,7 +411,8 @@ def _find(
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
     uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
-        compiled = next(one for one in system.compiled_as(term.compiler) if one.has(term))
+        of_kind: list[Any] = system.compiled_as(term.compiler)
+        compiled = next(one for one in of_kind if one.has(term))
         uses.append((compiled, term, parameter))
     return PointVariable(name, unit, uses)
 

@@ -41,7 +41,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.bodies.tabulated_cable import Corners, TabulatedBars
+from gossamer_fx.mechanics.bodies.piecewise_force import Corners, TabulatedBars
 from gossamer_fx.mechanics.terms.point_energies import PathDensity
 
 # A fall of D over the force that counts as round-off, as where both curves are one straight line.
@@ -182,7 +182,7 @@ class HystereticBars(TabulatedBars, PathDensity):
 
     def get_history(self) -> dict[str, Any]:
         """The largest strain of each bar, in the order of the line.  Collective."""
-        mine = list(zip(self.numbers.tolist(), self.largest.tolist(), strict=True))
+        mine = [(int(k), float(X)) for k, X in zip(self.numbers, self.largest, strict=True)]
         of_all_ranks = sorted(bar for of_rank in self.comm.allgather(mine) for bar in of_rank)
         return {"largest strains": [largest for _, largest in of_all_ranks]}
 

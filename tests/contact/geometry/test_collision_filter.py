@@ -40,12 +40,7 @@ def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
 def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
     """The mesh of the second is the same on the line, finer without a common multiple, or of order
     two."""
-    lower = leaf(
-        comm,
-        order=order,
-        name="lower",
-        n=4 if order == 1 else 2,
-    )
+    lower = leaf(comm, order=order, name="lower", n=4 if order == 1 else 2)
     upper = leaf(
         comm,
         # The films turn towards each other by 0.03 rad and meet near their free edges first.
@@ -82,19 +77,8 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
 
 @pytest.mark.mpi
 def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
-    lower = leaf(
-        comm,
-        spin=-20.0,
-        angle=-0.03,
-        name="lower",
-    )
-    upper = leaf(
-        comm,
-        6,
-        angle=0.03,
-        spin=20.0,
-        name="upper",
-    )
+    lower = leaf(comm, spin=-20.0, angle=-0.03, name="lower")
+    upper = leaf(comm, 6, angle=0.03, spin=20.0, name="upper")
     contact = gx.Contact(lower, upper, distance=2e-3)
     seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
     run = simulate(
@@ -113,13 +97,7 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
     """The third film is tied to the second, and this to the first; the cable is tied to the
     third."""
     films = [
-        leaf(
-            comm,
-            n,
-            angle=2 * math.pi * k / 3,
-            name=f"film {k}",
-        )
-        for k, n in enumerate((2, 3, 5))
+        leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))
     ]
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (0, 0.1, 0)], 4),
@@ -130,22 +108,12 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         gx.Tie(b, a, group_a="left", group_b="left")
         for a, b in ((films[0], films[1]), (films[1], films[2]))
     ]
-    contact = gx.Contact(
-        *films,
-        cable,
-        distance=1e-3,
-        radius={"cable": 1e-3},
-    )
+    contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
     run = simulate(
         [
             contact,
             *ties,
-            gx.Tie(
-                cable,
-                films[2],
-                group_a=None,
-                group_b="left",
-            ),
+            gx.Tie(cable, films[2], group_a=None, group_b="left"),
             gx.RigidMotion(spin=(1.0, 5.0, 2.0)),
         ],
         1e-3,
