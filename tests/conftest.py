@@ -15,6 +15,7 @@ import signal
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,10 +37,6 @@ if (
     _ours = tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True)
     os.environ["TMPDIR"] = _ours.name
 
-# A shell that starts the tests in the background lets them, and what they start, ignore Ctrl-C.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
 hypothesis.settings.register_profile(
     "same on every rank", derandomize=True, database=None, deadline=None
 )
@@ -57,6 +54,14 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
     """An empty folder, the same one on every rank."""
     path: Path = comm.bcast(tmp_path)
     return path
+
+
+@pytest.fixture(autouse=True)
+def _usual_ctrl_c() -> None:
+    """Let Ctrl-C end each test, and the programs that it starts: a shell that starts the tests in
+    the background lets them ignore it, and so does a test that leaves another action of the
+    signal, or a library that has set one."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
@@ -89,12 +94,25 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if "slow" in config.option.markexpr:
-        return
-    slow = [item for item in items if item.get_closest_marker("slow")]
-    if slow:
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in slow]
+    """Leave out long tests, unless they are asked for, and on several ranks the cases of a test
+    beyond the number that its mark `mpi` gives.
+
+    A law or a shape does not know how many ranks share it, so that one case of each kind shows
+    that ranks agree; tests/invariance has every kind of part.
+    """
+    cases: Counter[str] = Counter()
+    left_out = []
+    for item in items:
+        function = item.nodeid.partition("[")[0]
+        cases[function] += 1
+        on_ranks = item.get_closest_marker("mpi")
+        is_too_long = item.get_closest_marker("slow") and "slow" not in config.option.markexpr
+        is_like_others = on_ranks and on_ranks.args and cases[function] > on_ranks.args[0]
+        if is_too_long or (TALK.size > 1 and is_like_others):
+            left_out.append(item)
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.hookimpl(hookwrapper=True)

@@ -26,11 +26,7 @@ class Samples:
     """`expression(e, ...)` of strain functions e = (E11, E22, 2 E12), evaluated at up to 2048
     strains at once."""
 
-    def __init__(
-        self,
-        expression: Callable[..., Any],
-        arguments: int = 1,
-    ) -> None:
+    def __init__(self, expression: Callable[..., Any], arguments: int = 1) -> None:
         self._strains = [fem.Function(STRAINS) for _ in range(arguments)]
         self._compiled = compile_expression(expression(*self._strains), CENTRE)
 

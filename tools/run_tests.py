@@ -46,7 +46,8 @@ def main(words: Sequence[str]) -> int:
     workers: list[str] = []
     # The whole suite takes all cores; a few tests are done before a second process has started.
     if not words and find_spec("xdist") is not None:
-        workers = ["-n", "auto"]
+        # What the tests of one file share, such as a recorded run, is made by one worker.
+        workers = ["-n", "auto", "--dist", "loadfile"]
     code = run_child([python, "-m", "pytest", *workers, *words], environment)
     if code:
         return code

@@ -1,4 +1,4 @@
-"""The two films of `contact_gossamer.py` in Newton's cloth solver (vertex block descent, implicit
+"""The two films of `contact_scene.py` in Newton's cloth solver (vertex block descent, implicit
 Euler, 32 bits)."""
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ import logging
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -127,6 +128,21 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     for text in figures.pop("warnings", []):
         LOG.warning("%s", text)
     return figures
+
+
+class Clock:
+    """The time of computing, from here on."""
+
+    def __init__(self) -> None:
+        self._cpu = time.process_time()
+        self._wall = time.perf_counter()
+
+    def figures(self) -> dict[str, float]:
+        """CPU and wall time [s] until now."""
+        return {
+            "cpu": time.process_time() - self._cpu,
+            "wall": time.perf_counter() - self._wall,
+        }
 
 
 def words(defaults: dict[str, float | str]) -> dict[str, float | str]:

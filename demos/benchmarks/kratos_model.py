@@ -138,6 +138,22 @@ def linear_solver(name: str):
     return python_linear_solver_factory.ConstructSolver(K.Parameters(settings[name]))
 
 
+def newton_strategy(part, scheme, absolute: float, solver: str, iterations: int):
+    """Full Newton iterations of a time or load step, to 1e-6 of its first residual or to an
+    absolute one, with at most so many iterations and a solver of `linear_solver`."""
+    criterion = K.ResidualCriteria(1e-6, absolute)
+    criterion.SetEchoLevel(0)
+    builder = K.ResidualBasedBlockBuilderAndSolver(linear_solver(solver))
+    # Neither reactions nor a new set of unknowns in each step; the mesh moves.
+    strategy = K.ResidualBasedNewtonRaphsonStrategy(
+        part, scheme, criterion, builder, iterations, False, False, True
+    )
+    strategy.SetEchoLevel(0)
+    strategy.Initialize()
+    strategy.Check()
+    return strategy
+
+
 def nodal(part, variable) -> np.ndarray:
     """Values (n, 3) of a nodal vector."""
     return np.array(

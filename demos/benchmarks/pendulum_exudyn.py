@@ -4,14 +4,13 @@ generalised-alpha method."""
 from __future__ import annotations
 
 import json
-import time
 from itertools import pairwise
 from pathlib import Path
 
 import exudyn as exu
 import exudyn.shells
 import numpy as np
-from contestants import words
+from contestants import Clock, words
 from exudyn.itemInterface import (
     LoadMassProportional,
     MarkerBodyMass,
@@ -130,11 +129,9 @@ settings.solutionSettings.writeSolutionToFile = False
 settings.solutionSettings.sensorsWritePeriod = case["every"]
 settings.linearSolverType = exu.LinearSolverType.EigenSparse
 settings.parallel.numberOfThreads = 1
-cpu = time.process_time()
-wall = time.perf_counter()
+clock = Clock()
 mbs.SolveDynamic(settings)
-cpu = time.process_time() - cpu
-wall = time.perf_counter() - wall
+measured = clock.figures()
 
 q = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_corners])  # 4 corners, instants, 3
 x = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_film])
@@ -145,8 +142,7 @@ normal = np.cross(q[1] - q[0], q[3] - q[0])
 normal /= np.linalg.norm(normal, axis=1)[:, None]
 deflection = np.sqrt(np.mean(np.einsum("ptk,tk->pt", x - surface, normal) ** 2, axis=0))
 result = {
-    "cpu": cpu,
-    "wall": wall,
+    **measured,
     "dofs": len(mbs.systemData.GetODE2Coordinates()),
     "steps": round(case["until"] / case["dt"]),
     "tip [mm]": 1e3 * q[2, -1, 2],

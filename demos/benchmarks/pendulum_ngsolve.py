@@ -15,14 +15,13 @@ exact for this energy, which is of fourth degree in the positions, so that energ
 from __future__ import annotations
 
 import json
-import time
 from itertools import pairwise
 from pathlib import Path
 
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
-from contestants import words
+from contestants import Clock, words
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 from scipy.sparse.linalg import splu
 
@@ -270,22 +269,19 @@ stored = energy_density([ng.grad(component) for component in end.components])
 steps = round(case["until"] / case["dt"])
 heights = [0.0]
 iterations = 0
-cpu = time.process_time()
-wall = time.perf_counter()
+clock = Clock()
 for _ in range(steps):
     x, v, used = advance(x, v, case["dt"])
     iterations += used
     heights.append(float(x[dofs(A)[2]]))
-cpu = time.process_time() - cpu
-wall = time.perf_counter() - wall
+measured = clock.figures()
 
 end.vec.FV().NumPy()[:] = x
 kinetic = v @ (M @ v) / 2
 energy = kinetic + ng.Integrate(stored, mesh, order=2 * order - 2) + x @ (K_bending @ x) / 2
 energy += sum(bar(x, p, q)[0] for p, q in BARS) - weight @ x
 result = {
-    "cpu": cpu,
-    "wall": wall,
+    **measured,
     "dofs": total,
     "steps": steps,
     "Newton/step": iterations / steps,

@@ -4,14 +4,13 @@ steps."""
 from __future__ import annotations
 
 import json
-import time
 
 import exudyn as exu
 import exudyn.shells
 import numpy as np
-from contestants import words
+from contestants import Clock, words
 from exudyn.itemInterface import Force, MarkerNodePosition
-from plate_problems import CASES, grid
+from shared_problems import CASES, grid
 
 case = words({"shape": "strip", "n": 16, "increments": 10})
 if case["shape"] != "strip":
@@ -52,18 +51,15 @@ settings.staticSolver.verboseMode = 0
 settings.solutionSettings.writeSolutionToFile = False
 settings.linearSolverType = exu.LinearSolverType.EigenSparse
 settings.parallel.numberOfThreads = 1
-cpu = time.process_time()
-wall = time.perf_counter()
+clock = Clock()
 mbs.SolveStatic(settings)
-cpu = time.process_time() - cpu
-wall = time.perf_counter() - wall
+measured = clock.figures()
 W = max(
     mbs.GetNodeOutput(node, exu.OutputVariableType.Displacement)[2]
     for node in nodes[:, -1].tolist()
 )
 result = {
-    "cpu": cpu,
-    "wall": wall,
+    **measured,
     "dofs": len(mbs.systemData.GetODE2Coordinates()),
     "steps": case["increments"],
     "W": float(W),

@@ -4,14 +4,13 @@ increments."""
 from __future__ import annotations
 
 import json
-import time
 
 import kratos_model
 import KratosMultiphysics as K
 import KratosMultiphysics.StructuralMechanicsApplication as Structures
 import numpy as np
-from contestants import words
-from plate_problems import CASES, grid
+from contestants import Clock, words
+from shared_problems import CASES, grid
 
 # Words of the command line, and what they are without.
 case = words(
@@ -64,37 +63,18 @@ for number, k in enumerate(ids[-1].tolist(), start=1):
     part.CreateNewCondition("PointLoadCondition3D1N", number, [k + 1], plate)
 
 scheme = K.ResidualBasedIncrementalUpdateStaticScheme()
-# Relative and absolute tolerance of the residual.
-criterion = K.ResidualCriteria(1e-6, 1e-9)
-criterion.SetEchoLevel(0)
-builder = K.ResidualBasedBlockBuilderAndSolver(kratos_model.linear_solver("sparse_lu"))
-strategy = K.ResidualBasedNewtonRaphsonStrategy(
-    part,
-    scheme,
-    criterion,
-    builder,
-    40,
-    False,
-    False,
-    True,
+strategy = kratos_model.newton_strategy(
+    part, scheme, absolute=1e-9, solver="sparse_lu", iterations=40
 )
-strategy.SetEchoLevel(0)
-strategy.Initialize()
-strategy.Check()
-cpu = time.process_time()
-wall = time.perf_counter()
+clock = Clock()
 iterations = 0
 for increment in range(1, case["increments"] + 1):
     part.CloneTimeStep(float(increment))
     part.ProcessInfo[K.STEP] = increment
     # Load of the increment, by the share of each node.
     for k, share in zip(ids[-1].tolist(), shares, strict=True):
-        force = [
-            0.0,
-            0.0,
-            float(shape.load * share * (increment / case["increments"]) ** case["power"]),
-        ]
-        part.Nodes[k + 1].SetSolutionStepValue(Structures.POINT_LOAD, force)
+        load = shape.load * share * (increment / case["increments"]) ** case["power"]
+        part.Nodes[k + 1].SetSolutionStepValue(Structures.POINT_LOAD, [0.0, 0.0, float(load)])
     strategy.InitializeSolutionStep()
     strategy.Predict()
     if not strategy.SolveSolutionStep():
@@ -103,12 +83,10 @@ for increment in range(1, case["increments"] + 1):
         )
     strategy.FinalizeSolutionStep()
     iterations += part.ProcessInfo[K.NL_ITERATION_NUMBER]
-cpu = time.process_time() - cpu
-wall = time.perf_counter() - wall
+measured = clock.figures()
 heights = kratos_model.nodal(part, K.DISPLACEMENT)[ids[-1], 2]
 result = {
-    "cpu": cpu,
-    "wall": wall,
+    **measured,
     # Six unknowns a node.
     "dofs": 6 * len(X),
     "steps": iterations,

@@ -30,6 +30,41 @@ UNITS = {
 }
 
 
+def deployment_case(
+    items: Sequence[object],
+    title: str,
+    probes: Mapping[str, Probe],
+    until: float,
+    control: gx.StepControl,
+    dt: float,
+    max_iterations: int = 40,
+    frames: int = 80,
+    events: Sequence[gx.When] = (),
+) -> gx.Case:
+    """The deployment of a folded film.
+
+    Args:
+        items: of the scene.
+        title, probes, until, frames, events: of the case.
+        control: of the steps.
+        dt: first step [s].
+        max_iterations: Newton iterations after which a step is rejected.
+    """
+    # The first guess of a step may press layers together: its residual is not a measure of the
+    # forces.
+    tolerances = gx.Tolerances(relative=1e-13, max_iterations=max_iterations)
+    return gx.Case(
+        gx.Scene(*items),  # type: ignore[arg-type]
+        gx.Midpoint(dt=dt, tolerances=tolerances),
+        until=until,
+        title=title,
+        probes=probes,
+        control=control,
+        frames=frames,
+        events=events,
+    )
+
+
 def run_case(
     case: gx.Case,
     output: str | Path | None = None,

@@ -101,17 +101,25 @@ def attitude_probes(hub: gx.RigidBody, tips: list[gx.Port]) -> dict[str, Probe]:
     return probes
 
 
+def spins(hub: gx.RigidBody, film: gx.Membrane | None) -> dict[str, Probe]:
+    """Spins of hub and film about z [rad/s]."""
+    found: dict[str, Probe] = {"hub": gx.probes.AngularVelocity(hub.frame(), "z")}
+    if film is not None:
+        found["sail"] = gx.probes.MeanSpin(film, "z")
+    return found
+
+
 def spin_probes(
     hub: gx.RigidBody, film: gx.Membrane | None, tips: Sequence[gx.Port], unit: str = "rad/s"
 ) -> dict[str, Probe]:
     """Spins of hub and film in a unit of `SPIN_UNITS`, and the tips' distances from the axis
     through the origin."""
-    spins: dict[str, Probe] = {"hub": gx.probes.AngularVelocity(hub.frame(), "z")}
-    if film is not None:
-        spins["sail"] = gx.probes.MeanSpin(film, "z")
     axis = hub.frame_at((0.0, 0.0, 0.0))
     return {
-        **{f"spin of the {name} [{unit}]": in_unit(spin, unit) for name, spin in spins.items()},
+        **{
+            f"spin of the {name} [{unit}]": in_unit(spin, unit)
+            for name, spin in spins(hub, film).items()
+        },
         **{
             f"radius {k} [m]": gx.probes.PolarPosition(port, axis, quantity="radius")
             for k, port in enumerate(tips)

@@ -47,7 +47,7 @@ from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
-from gossamer_fx.analysis.design.sensitivities import Gradient
+from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System

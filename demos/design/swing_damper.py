@@ -33,6 +33,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
+from demos.common.spinning import spins
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
 
@@ -99,12 +100,8 @@ def swing(
 ) -> Run:
     """Let the hub swing, and take the gradient of the energy that is left."""
     scene, film, hub, names = build(steady, comm, pitch, damping)
-    probes = {
-        "hub": gx.probes.AngularVelocity(hub.frame(), "z"),
-        "sail": gx.probes.MeanSpin(film, "z"),
-    }
-    spins = gx.Series(probes)
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[spins])
+    series = gx.Series(spins(hub, film))
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[series])
     tape = gx.analysis.RunTape(run)
     # The inertia of the sail as meshed and strained, from its share of the angular momentum.
     Ω = SPIN * ikaros.RPM
@@ -121,8 +118,8 @@ def swing(
     # All dampers are alike, and dJ/d(ln c) = c dJ/dc.
     slope = damping * sum(float(found[name].values[0]) for name in by)
     left = found.value - floor
-    times = np.asarray(spins.time)
-    return Run(damping, left, slope, left / at_start, times, spins["hub"] - spins["sail"])
+    times = np.asarray(series.time)
+    return Run(damping, left, slope, left / at_start, times, series["hub"] - series["sail"])
 
 
 def main(

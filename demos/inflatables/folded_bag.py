@@ -47,13 +47,13 @@ FILM = KAPTON_HN.law(25e-6, residual_stiffness=1e-4)
 def accordion(opening: float = 1e-4) -> gx.fold.Zigzag:
     """Four panels that rise and fall by 70°, whose two sheets are apart by up to twice the opening
     [m]."""
+    # The opening is half of the distance between the two sheets in the middle of a panel.
     return gx.fold.Zigzag(
         LENGTH,
         PANELS,
         angle=math.radians(70.0),
         width=math.pi * DIAMETER / 2,
         opening=opening,
-        # Half of the distance between the two sheets in the middle of a panel.
     )
 
 

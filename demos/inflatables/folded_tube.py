@@ -44,6 +44,7 @@ import gossamer_fx as gx
 from demos.common.deployment import (
     UNITS,
     crease_figures,
+    deployment_case,
     dissipation,
     first_time,
     fold_angles,
@@ -215,18 +216,7 @@ def build(
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
-    # The first guess of a step may press layers together: its residual is not a measure of the
-    # forces.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    return gx.Case(
-        gx.Scene(*items),
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        frames=80,
-    )
+    return deployment_case(items, TITLE, probes, until, control, dt)
 
 
 def thickness_of(specimen: Specimen, thickness: float) -> dict[str, dict[str, float]] | None:

@@ -61,6 +61,7 @@ from scipy.spatial.transform import Rotation
 import gossamer_fx as gx
 from demos.common.deployment import (
     UNITS,
+    deployment_case,
     dissipation,
     print_figures,
     run_case,
@@ -312,11 +313,8 @@ def build(
     column = b * math.sin(folds.gamma)
     figure = Figure(length, diameter, (column / 2, BELOW), inset)
     lines = folds.segments((-length, 0.0), (column + length, 2 * length))
-    origin = (
-        -column / 2,
-        CUBE / 2 + STAND - BELOW,
-        0.0,
-    )  # of the first parallelogram, which stays as it is
+    # Of the first parallelogram, which stays as it is.
+    origin = (-column / 2, CUBE / 2 + STAND - BELOW, 0.0)
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
     turn = (float(x), float(y), float(z))
     law = KAPTON_HN.law(thickness, residual_stiffness=1e-4)
@@ -356,22 +354,7 @@ def build(
         valve = tube.inlet(source, partial(valve_area, bore=bore, opening=opening, delay=delay))
         items += [tube, valve]
         tubes[side] = tube
-    if inset:
-        legs = figure.legs(tethers)
-        ends = [
-            (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
-            for side, inner, outer in legs
-        ]
-        lengths = [inset / math.cos(HALF)] * len(ends)
-        items += [
-            gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
-            gx.RigidRegion(film, "side 1", rigid_body=cube),
-        ]
-    else:
-        items += [
-            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
-            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
-        ]
+    items += film_edges(film, tubes, cube, figure, tethers)
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [
@@ -403,38 +386,61 @@ def build(
             gx.loads.AirDrag(body, density, name=f"air drag on {body.name}") for body in films
         ]
 
-    probes: dict[str, Probe] = {}
-    for name, side in SIDES.items():
-        tube = tubes[side]
-        probes |= {f"{bag.name} [Pa]": gx.probes.GasState(bag, "pressure") for bag in tube.chambers}
-        probes |= {
-            f"{name} ring {i + 1} [mm2]": square_millimetres(gx.probes.RingArea(r))
-            for i, r in enumerate(tube.rings)
-        }
-        tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
-        probes |= {f"{name} tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    probes = tube_probes(tubes, figure)
     probes |= {
         f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
     settling = Settling(window)
     probes["kinetic energy over the largest"] = settling
-    events = [gx.When(settling, settled, falling=True, stop=True, name="settled")]
+    events: list[gx.When] = []
+    if settled:
+        end = gx.When(settling, settled, falling=True, stop=True, name="settled")
+        events.append(end)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # The first guess of a step may press layers together: its residual is not a measure of the
-    # forces.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(
-        scene,
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        events=events if settled else [],
-        frames=80,
-    )
+    return deployment_case(items, TITLE, probes, until, control, dt, events=events)
+
+
+def film_edges(
+    film: gx.Membrane,
+    tubes: Mapping[int, gx.assemblies.InflatableTube],
+    cube: gx.RigidBody,
+    figure: Figure,
+    tethers: int,
+) -> list[object]:
+    """What holds the edges of the film: ties to the tubes, or for a film that is inset as many
+    tethers on each side."""
+    if not figure.inset:
+        return [
+            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
+            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
+        ]
+    ends = [
+        (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
+        for side, inner, outer in figure.legs(tethers)
+    ]
+    lengths = [figure.inset / math.cos(HALF)] * len(ends)
+    return [
+        gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
+        gx.RigidRegion(film, "side 1", rigid_body=cube),
+    ]
+
+
+def tube_probes(
+    tubes: Mapping[int, gx.assemblies.InflatableTube], figure: Figure
+) -> dict[str, Probe]:
+    """Pressures of the compartments, areas of the rings between them, and positions of the tips."""
+    probes: dict[str, Probe] = {}
+    for name, side in SIDES.items():
+        tube = tubes[side]
+        probes |= {f"{bag.name} [Pa]": gx.probes.GasState(bag, "pressure") for bag in tube.chambers}
+        probes |= {
+            f"{name} ring {i} [mm2]": square_millimetres(gx.probes.RingArea(ring))
+            for i, ring in enumerate(tube.rings, start=1)
+        }
+        tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
+        probes |= {f"{name} tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    return probes
 
 
 def inertia(mass: float) -> float:

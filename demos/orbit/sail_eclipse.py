@@ -111,8 +111,14 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a
-    picture.
+    """Fly through the eclipse.
+
+    Args:
+        cells: of the film along an edge.
+        dt: step [s].
+        until: end of the flight [s]; None: one orbit.
+        output: folder for a picture; None: no picture.
+        comm: communicator of the mesh.
 
     Returns:
         temperature, tension and flatness before the eclipse, a minute into it and at its end;

@@ -42,7 +42,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import UNITS as deployment_units
-from demos.common.deployment import first_time, print_figures, run_case
+from demos.common.deployment import deployment_case, first_time, print_figures, run_case
 from demos.common.figures import finish, new_figure, save
 from demos.common.spinning import (
     RPM,
@@ -56,7 +56,6 @@ from demos.common.spinning import (
 )
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import trapezoids
-from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))
@@ -70,6 +69,8 @@ HUB_RADIUS = 0.79  # m
 HUB_HEIGHT = 0.95  # m
 FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
 TETHER = 1e4  # stiffness of a tether [N/m]
+# Most steps of film that do not converge in as many iterations never do.
+MAX_ITERATIONS = 25
 # The sail counts as open when the middles of its edges are at this radius.
 OUT = 6.0  # m
 ARM_END = 7.4  # spin at the end of stage 1 [rpm]
@@ -182,36 +183,8 @@ def build(
         probes["penetrations"] = gx.probes.Penetrations(touching, every=10)
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
-    return deployment(items, TITLE, probes, until, dt, largest, growth, iterations, frames=80)
-
-
-def deployment(
-    items: list[object],
-    title: str,
-    probes: dict[str, Probe],
-    until: float,
-    dt: float,
-    largest: float,
-    growth: float = 1.1,
-    iterations: int = 10,
-    max_iterations: int = 25,
-    frames: int = 60,
-) -> gx.Case:
-    """A case with the steps of all stages: dt, largest: first and largest step [s]; growth: of a
-    step, at most.
-
-    Most steps of film that do not converge in 25 iterations never do: they are rejected sooner.
-    """
-    tolerances = gx.Tolerances(relative=1e-13, max_iterations=max_iterations)
-    return gx.Case(
-        gx.Scene(*items),  # type: ignore[arg-type]
-        gx.Midpoint(dt=dt, tolerances=tolerances),
-        until=until,
-        title=title,
-        probes=probes,
-        control=gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth),
-        frames=frames,
-    )
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
+    return deployment_case(items, TITLE, probes, until, control, dt, max_iterations=MAX_ITERATIONS)
 
 
 def hub_body(

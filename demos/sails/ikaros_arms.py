@@ -36,7 +36,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures
+from demos.common.deployment import deployment_case, print_figures
 from demos.common.figures import BLUE, RED, finish, new_figure, save
 from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import (
@@ -48,7 +48,7 @@ from demos.common.spinning import (
     spin_probes,
     turned,
 )
-from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, PETALS, TIP, UNITS, deployment, hub_body
+from demos.sails.ikaros import HUB_HEIGHT, HUB_INERTIA, PETALS, TIP, UNITS, hub_body
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.outputs.output import Output, Probe
@@ -172,9 +172,8 @@ def build(
         "swing [rad]": gx.probes.PolarPosition(tips[0], guides.ring.frame(), quantity="angle"),
         "penetrations": gx.probes.Penetrations(contact),
     }
-    return deployment(
-        items, TITLE, probes, until, dt, largest, iterations=iterations, max_iterations=40
-    )
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=1.1)
+    return deployment_case(items, TITLE, probes, until, control, dt, frames=60)
 
 
 def ring_probes(hub: gx.RigidBody, guides: RotationGuides) -> dict[str, Probe]:

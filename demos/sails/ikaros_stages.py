@@ -38,7 +38,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_figures, run_case, smooth
+from demos.common.deployment import deployment_case, print_figures, run_case, smooth
 from demos.common.figures import finish, new_figure, save
 from demos.common.rotation_guides import RotationGuides
 from demos.common.spinning import (
@@ -53,10 +53,10 @@ from demos.sails.ikaros import (
     FLIGHT,
     HUB_HEIGHT,
     HUB_INERTIA,
+    MAX_ITERATIONS,
     TETHER,
     UNITS,
     arm_inertia,
-    deployment,
     hub_body,
     plot_radii,
     rows,
@@ -146,7 +146,10 @@ def build(
         "middle [m]": gx.probes.PolarPosition(middle, hub.frame(), quantity="radius"),
         "penetrations": gx.probes.Penetrations(touching),
     }
-    return deployment(items, TITLE, probes, until, dt, largest, growth, iterations, frames=120)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
+    return deployment_case(
+        items, TITLE, probes, until, control, dt, max_iterations=MAX_ITERATIONS, frames=120
+    )
 
 
 def _tethers(

@@ -30,6 +30,7 @@ from scipy.optimize import curve_fit
 import gossamer_fx as gx
 from demos.common.deployment import dissipation, print_figures, run_case
 from demos.common.figures import BLUE, GREY, RED, finish, new_figure, save
+from demos.common.spinning import spins
 from demos.sails import ikaros
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
@@ -59,11 +60,8 @@ def main(
     # joins.
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     items, film, hub = ikaros.swinging(comm, search, pitch, rpm, extra, damping, tether_damping)
-    probes = {
-        "hub": gx.probes.AngularVelocity(hub.frame(), "z"),
-        "sail": gx.probes.MeanSpin(film, "z"),
-    }
     scene = gx.Scene(*items)  # type: ignore[arg-type]
+    probes = spins(hub, film)
     run, series = run_case(gx.Case(scene, gx.Midpoint(dt=dt), until=until, probes=probes))
     # Spin of the hub against the sail; that of both together does not change.
     swing = series["hub"] - series["sail"]

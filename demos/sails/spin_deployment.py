@@ -35,6 +35,7 @@ import gossamer_fx as gx
 from demos.common.deployment import (
     UNITS,
     crease_figures,
+    deployment_case,
     first_time,
     fold_angles,
     print_figures,
@@ -120,7 +121,7 @@ def build(
         inertia: of the hub about its axis [kg m²].
         slenderness: inertia of the hub across its axis over that about it; above 1 the hub is a
             rod.
-        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; a tip sticks.
+        tilt, offset, stuck: see `demos.common.spinning.Disturbance`; a tip sticks.
         contact: activation distance [m].
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
         gap: between the layers [m].
@@ -204,19 +205,7 @@ def build(
         **fold_angles(creases),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # The first guess of a step may press layers together: its residual is not a measure of the
-    # forces.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(
-        scene,
-        stepper,
-        until=until,
-        title=TITLE,
-        probes=probes,
-        control=control,
-        frames=80,
-    )
+    return deployment_case(items, TITLE, probes, until, control, dt)
 
 
 def main(

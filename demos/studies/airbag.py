@@ -56,18 +56,11 @@ def airbag(
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 
-# `point` is a group of one node, which one rank owns.
-def displacement(
-    film: gx.Membrane,
-    search: gx.Equilibrium,
-    point: str,
-) -> np.ndarray:
+def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.ndarray:
     """Of a named point [m]."""
-    x = search.system.q0.array_r.reshape(-1, 3)
-    mine = [node for node in film.nodes(point) if node < len(x)]
-    moved = (x[mine] - film.space.tabulate_dof_coordinates()[mine]).sum(axis=0)
-    total: np.ndarray = film.comm.allreduce(moved)
-    return total
+    port = film.port(point)
+    moved: np.ndarray = search.system.state.vector(port) - port.initial()
+    return moved
 
 
 def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
@@ -77,9 +70,8 @@ def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     [σ1] = fields.functions
     cells = film.space.dofmap.list[: film.mesh.domain.topology.index_map(2).size_local]
     here, _ = np.nonzero(np.isin(cells, film.nodes(point)))
-    values = σ1.x.array[
-        σ1.function_space.dofmap.list[here, -3:]
-    ]  # middles of edges if there are any: their mean
+    # The middles of the edges if there are any: their mean.
+    values = σ1.x.array[σ1.function_space.dofmap.list[here, -3:]]
     total, n = film.comm.allreduce(np.array([values.sum(), values.size]))
     return float(total / n)
 

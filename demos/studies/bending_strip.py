@@ -16,6 +16,7 @@ moment of a strain of 1e-4.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from mpi4py import MPI
@@ -52,6 +53,37 @@ def exact(K: float) -> tuple[float, float]:
     return 1 - 2 / 3 / K**0.5, 1 - K**-0.5
 
 
+def supported(
+    film: gx.Membrane,
+    motion: Callable[[np.ndarray, float], np.ndarray],
+    tension: float,
+    is_plane: bool = True,
+) -> tuple[gx.Fixed, gx.Scene]:
+    """What moves the right end of a strip, and the strip with its supports and loads.
+
+    Args:
+        film: with the groups of `sheet`.
+        motion: displacement (3, n) [m] of both ends, which stay straight.
+        tension: σ0 [Pa] on the long edges.
+        is_plane: whether the strip is held in its plane, everywhere; else at its ends only.
+    """
+    # A film that is held in its plane has its heights from there.
+    held = (0,) if is_plane else (0, 2)
+    moved = gx.Fixed(film, "right", motion=motion, components=held)
+    pull = tension * film.law.thickness
+    items: list[object] = [
+        film,
+        moved,
+        gx.Fixed(film, "left", motion=motion, components=held),
+        gx.Fixed(film, "bottom left", components=(1,)),
+        gx.loads.EdgeLoad(film, "top", force=(0.0, pull, 0.0)),
+        gx.loads.EdgeLoad(film, "bottom", force=(0.0, -pull, 0.0)),
+    ]
+    if is_plane:
+        items.append(gx.Fixed(film, "film", components=(2,)))
+    return moved, gx.Scene(*items)  # type: ignore[arg-type]
+
+
 def bent_strip(
     comm: MPI.Comm, law: FilmLaw, order: int, K: float, cells: int
 ) -> tuple[gx.Fixed, gx.Equilibrium]:
@@ -59,16 +91,6 @@ def bent_strip(
     κ = 2 * P * K / (E * THICKNESS * H**2)
     _, wrinkled_share = exact(K)
     b = wrinkled_share * H
-    # Square cells.
-    mesh = sheet(
-        comm,
-        round(L / H * cells),
-        cells,
-        L,
-        H,
-        crossed=True,
-    )
-    film = gx.Membrane(mesh, law, order=order)
 
     def turn(X: np.ndarray, t: float) -> np.ndarray:
         """Displacement (3, n) of an end; the ends are moved to both sides of the middle."""
@@ -79,28 +101,10 @@ def bent_strip(
         ε = uniaxial - NU * TENSION / E
         return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
 
-    moved = gx.Fixed(
-        film,
-        "right",
-        motion=turn,
-        components=(0,),
-    )
-    held = [
-        gx.Fixed(
-            film,
-            "left",
-            motion=turn,
-            components=(0,),
-        ),
-        gx.Fixed(film, "bottom left", components=(1,)),
-        gx.Fixed(film, "film", components=(2,)),
-    ]
-    pull = TENSION * THICKNESS
-    loads = [
-        gx.loads.EdgeLoad(film, "top", force=(0.0, pull, 0.0)),
-        gx.loads.EdgeLoad(film, "bottom", force=(0.0, -pull, 0.0)),
-    ]
-    return moved, gx.Equilibrium(gx.Scene(film, moved, *held, *loads))
+    # Square cells.
+    mesh = sheet(comm, round(L / H * cells), cells, L, H, crossed=True)
+    moved, scene = supported(gx.Membrane(mesh, law, order=order), turn, TENSION)
+    return moved, gx.Equilibrium(scene)
 
 
 def problem(comm: MPI.Comm, law: str, element: str, K: float, nodes: int) -> dict[str, float]:

@@ -17,6 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.crease_identification import HangingStrip
 from demos.studies.engine.study import ROUND_OFF, Measure, Study
+from demos.studies.plate import positions
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.records.probes.crease_angle import FoldAngle
 
@@ -29,17 +30,8 @@ E = 2.5e9
 STIFFNESS = 2e-3
 REST = math.radians(120.0)
 # ν = 0: the panels bend as strips.
-LAW = gx.Linear(
-    E=E,
-    nu=0.0,
-    density=1400.0,
-    thickness=THICKNESS,
-)
-STRIP = HangingStrip(
-    LENGTH,
-    WIDTH,
-    bending_stiffness=E * THICKNESS**3 / 12,
-)
+LAW = gx.Linear(E=E, nu=0.0, density=1400.0, thickness=THICKNESS)
+STRIP = HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)
 FORCES = [0.003, 0.01, 0.03, 0.05, 0.1, 0.3]  # N/m
 
 
@@ -53,31 +45,16 @@ def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
 def problem(comm: MPI.Comm, force: float, cells: int) -> dict[str, float]:
     """`cells` along each panel."""
     mesh = creased_strip(comm, cells, 1, LENGTH, WIDTH)
-    plate = gx.Plate(
-        mesh,
-        LAW,
-        hinges=["crease"],
-        displacement=folded(REST),
-    )
-    crease = gx.connectors.Crease(
-        plate,
-        "crease",
-        stiffness=STIFFNESS,
-        rest_angle=REST,
-    )
+    plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(REST))
+    crease = gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS, rest_angle=REST)
     pulls = [
-        gx.loads.EdgeLoad(
-            plate,
-            side,
-            force=(sign * force, 0.0, 0.0),
-            name=f"pull {side}",
-        )
+        gx.loads.EdgeLoad(plate, side, force=(sign * force, 0.0, 0.0), name=f"pull {side}")
         for side, sign in (("left", -1), ("right", 1))
     ]
     search = gx.Equilibrium(gx.Scene(plate, crease, gx.Fixed(plate, "crease"), *pulls))
     found = search.find()
     angle = FoldAngle(crease).of(search.system)
-    distance = _distance(plate, search)
+    distance = float(positions(search, plate, "right")[0] - positions(search, plate, "left")[0])
     exact_angle, exact_distance = STRIP.equilibrium(REST, STIFFNESS, force * WIDTH)
     return {
         "angle [deg]": math.degrees(angle),
@@ -88,20 +65,6 @@ def problem(comm: MPI.Comm, force: float, cells: int) -> dict[str, float]:
         "seconds": found.seconds,
         "compile_seconds": search.compile_seconds,
     }
-
-
-def _distance(plate: gx.Plate, search: gx.Equilibrium) -> float:
-    """Of the two ends [m]."""
-    x = search.system.q0.array_r[search.system.numbering.owned(0)].reshape(-1, 3)
-    sums = np.zeros((2, 2))
-    for side, name in zip(sums, ("left", "right"), strict=True):
-        nodes = plate.nodes(name)
-        nodes = nodes[nodes < len(x)]
-        # Each rank adds its own nodes.
-        side += x[nodes, 0].sum(), len(nodes)
-    sums = plate.comm.allreduce(sums)
-    left, right = sums[:, 0] / sums[:, 1]
-    return float(right - left)
 
 
 STUDY = Study(

@@ -32,32 +32,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies import wrinkled_plate
 from demos.studies.engine.study import Study, search_figures
-from demos.studies.wrinkled_plate import SEARCH, wrinkles
+from demos.studies.wrinkled_plate import FILM, HEIGHT, LEAN, LENGTH
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
 
-LENGTH = 0.38  # m
-HEIGHT = 0.128  # m
 SHEAR = 0.3e-3  # displacement of the upper edge [m]
 GAMMA = SHEAR / HEIGHT
-FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0}
 # Cells of the plate to a half wave, along the sheet, by model; fewer than four make wrinkles
 # longer, see `wrinkled_plate`.
 CELLS_PER_HALF_WAVE = {"plate": 4, "plate, finer": 6}
 # Cells of the plate across the sheet, along the wrinkles, for each cell of a half wave.
 ROWS_PER_CELL = 4
-# Length at both ends in which the cells of the plate turn upright, see `leaning_sheet`.
-LEAN = 0.11  # m
 # Cells of the films along the sheet and across it, of order 2.  With 48 × 16 forces are 0.4 %
 # smaller, and the search takes ten times as long: the corners at the free ends are slack.
 FILM_CELLS = (24, 8)
@@ -73,8 +69,7 @@ MODELS = ("plate", "plate, finer", "tension field", "Elastica", WITH_TENSION, FR
 
 def half_wavelength(thickness: float) -> float:
     """λ [m] of the theory."""
-    of_sizes = math.sqrt(math.pi * HEIGHT * thickness)
-    return of_sizes * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
+    return wrinkled_plate.half_wavelength(thickness, GAMMA)
 
 
 def left_out(thickness: float) -> float:
@@ -82,9 +77,7 @@ def left_out(thickness: float) -> float:
     return math.pi * thickness / (6 * HEIGHT) * math.sqrt(3 * (1 - FILM["nu"] ** 2) / GAMMA)
 
 
-def moved(X: np.ndarray, t: float) -> np.ndarray:
-    """Displacement (3, n) [m] of the upper edge."""
-    return np.stack([SHEAR + 0 * X[0], 0 * X[0], 0 * X[0]])
+moved = partial(wrinkled_plate.moved, shear=SHEAR)
 
 
 def sheared(X: np.ndarray) -> np.ndarray:
@@ -99,15 +92,11 @@ def waved(X: np.ndarray) -> np.ndarray:
     return sheared(X) + np.stack([0 * height, 0 * height, height])
 
 
-def plate(
-    comm: MPI.Comm,
-    thickness: float,
-    cells: int,
-) -> tuple[gx.Fixed, gx.Equilibrium]:
+def plate(comm: MPI.Comm, thickness: float, cells: int) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The plate with `cells` to a half wave, which starts with small wrinkles of the theory's
     length at 45°."""
     λ = half_wavelength(thickness)
-    amplitude = λ / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
+    amplitude = wrinkled_plate.amplitude_of(λ, GAMMA)
 
     def wrinkled(X: np.ndarray) -> np.ndarray:
         across = (X[0] - X[1]) / math.sqrt(2)
@@ -117,29 +106,10 @@ def plate(
 
     columns = round(cells * LENGTH / (math.sqrt(2) * λ))
     mesh = leaning_sheet(comm, columns, ROWS_PER_CELL * cells, LENGTH, HEIGHT, LEAN)
-    body = gx.Plate(
-        mesh,
-        gx.Linear(**FILM, thickness=thickness),
-        displacement=wrinkled,
-    )
-    up = (0.0, 1.0, 0.0)
-    below = gx.Fixed(body, "bottom", rotation=True, direction=up, name="below")
-    above = gx.Fixed(
-        body,
-        "top",
-        rotation=True,
-        direction=up,
-        motion=moved,
-        name="above",
-    )
-    return above, gx.Equilibrium(gx.Scene(body, below, above), SEARCH)
+    return wrinkled_plate.clamped_plate(mesh, thickness, wrinkled, SHEAR)
 
 
-def membrane(
-    comm: MPI.Comm,
-    law: FilmLaw,
-    model: str,
-) -> tuple[gx.Fixed, gx.Equilibrium]:
+def membrane(comm: MPI.Comm, law: FilmLaw, model: str) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with a law for its mean stress, held in its plane unless the model is free."""
     is_free = model in (FREE, FREE_COARSE)
     along, across = FILM_CELLS
@@ -155,9 +125,7 @@ def membrane(
     if not is_free:
         items.append(gx.Fixed(body, "film", components=(2,), name="plane"))
     # A search that ends in NoEquilibrium is not longer than needed to tell.
-    iterations = 500
-    if is_free:
-        iterations = 150
+    iterations = 150 if is_free else 500
     search = gx.analysis.Continuation(tolerance=1e-4, total_iterations=iterations)
     return above, gx.Equilibrium(gx.Scene(*items), search)  # type: ignore[arg-type]
 
@@ -167,7 +135,7 @@ def reference(thickness: float, model: str = "plate") -> Mapping[str, float]:
     """Force and energy of the plate, and the half wavelength that it has [mm]."""
     above, search = plate(MPI.COMM_WORLD, thickness, CELLS_PER_HALF_WAVE[model])
     found = solved(above, search)
-    measured = wrinkles(above.body, search)
+    measured = wrinkled_plate.wrinkles(above.body, search)
     return found | {"plate's λ [mm]": measured["λ [mm]"]}
 
 

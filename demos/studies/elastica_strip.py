@@ -46,6 +46,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
+from demos.studies.bending_strip import supported
 from demos.studies.engine.study import Study, search_figures
 from gossamer_fx.analysis.cases.results import Result
 from gossamer_fx.core.model.body import Array
@@ -140,25 +141,6 @@ def ends(X: Array, t: float) -> Array:
     return np.stack([strain * (X[0] - LENGTH / 2), 0 * strain, 0 * strain])
 
 
-def scene(body: gx.Membrane, is_plane: bool) -> tuple[gx.Fixed, gx.Scene]:
-    """What moves the right end, and the strip with its supports and loads."""
-    # A film that is held in its plane has its heights from there.
-    held = (0,) if is_plane else (0, 2)
-    moved = gx.Fixed(body, "right", motion=ends, components=held)
-    pull = TENSION * body.law.thickness
-    items: list[object] = [
-        body,
-        moved,
-        gx.Fixed(body, "left", motion=ends, components=held),
-        gx.Fixed(body, "bottom left", components=(1,)),
-        gx.loads.EdgeLoad(body, "top", force=(0.0, pull, 0.0)),
-        gx.loads.EdgeLoad(body, "bottom", force=(0.0, -pull, 0.0)),
-    ]
-    if is_plane:
-        items.append(gx.Fixed(body, "film", components=(2,)))
-    return moved, gx.Scene(*items)  # type: ignore[arg-type]
-
-
 def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
     """Find the equilibrium; m and K of its force, its potential energy [J], and the search."""
     found = search.find()
@@ -239,8 +221,8 @@ def reference(thickness: float, model: str = "plate") -> Mapping[str, float]:
             gx.Linear(**FILM, thickness=thickness),
             displacement=lambda X, n=n: wrinkled(X, n),
         )
-        moved, whole = scene(body, is_plane=False)
-        search = gx.Equilibrium(whole, PLATE_SEARCH)
+        moved, scene = supported(body, ends, TENSION, is_plane=False)
+        search = gx.Equilibrium(scene, PLATE_SEARCH)
         found = solved(moved, search)
         # Between two rows of cells lies one of nodes.
         found["plate's λ [mm]"] = 1e3 * measured_wavelength(body, search, 2 * rows)
@@ -280,8 +262,8 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
         cells = (round(FILM_CELLS * LENGTH / HEIGHT), FILM_CELLS)
         mesh = sheet(comm, *cells, LENGTH, HEIGHT, crossed=True)
         body = gx.Membrane(mesh, law, order=2, displacement=lambda X: ends(X, 0.0))
-        moved, whole = scene(body, is_plane=True)
-        found = solved(moved, gx.Equilibrium(whole, FILM_SEARCH))
+        moved, scene = supported(body, ends, TENSION)
+        found = solved(moved, gx.Equilibrium(scene, FILM_SEARCH))
     # Bending and tension along the wrinkles bear equal parts.
     stress = 2 * strip_stress(thickness, half)
     by_hand = moment(found["K"], stress) - tension_field(found["K"])

@@ -21,7 +21,8 @@
 
 The references are derived again in `tests/unit/test_plate_references.py`.  "error/accepted" is the
 worst error of a scene over what is accepted: 0.5 % of the largest displacement; roll-up 0.1 %; curl
-0.2 % of the length; buckled and modes 1 %.
+0.2 % of the length; buckled and modes 1 %.  With 32 cells two scenes miss it, as cells that bend by
+more than 0.15 rad are too stiff: the roll-up on an irregular mesh, 0.45 %, and curl 4, 0.56 %.
 """
 
 from __future__ import annotations
@@ -419,6 +420,11 @@ STUDY = Study(
         ),
     ),
     quick={"scene": ["elastica t/L 1e-03", "curl 2", "pressed 2"], "cells": [4, 8]},
-    expected_warnings=ROUND_OFF | WITHOUT_UNITS,
+    expected_warnings={
+        **ROUND_OFF,
+        **WITHOUT_UNITS,
+        "nothing resists translation": "the six rigid motions of free plates are left out",
+        "modes are cut from a group": "the references end between two modes of one frequency",
+    },
     columns="value, error, iterations, seconds",
 )

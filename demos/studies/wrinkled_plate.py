@@ -23,6 +23,8 @@ itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -35,15 +37,25 @@ from gossamer_fx.meshes.sheet import sheet
 # Sizes of the sheet, and displacement δ of its upper edge [m].
 LENGTH = 0.38
 HEIGHT = 0.128
+THICKNESS = 25e-6
 SHEAR = 3e-3
-FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}
+FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0}
 GAMMA = SHEAR / HEIGHT
-# Half wavelength λ, amplitude a and force of the module's formulas.
-LAMBDA = (
-    math.sqrt(math.pi * HEIGHT * FILM["thickness"]) * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
-)
-AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
-FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
+
+
+def half_wavelength(thickness: float, gamma: float) -> float:
+    """λ [m] of the theory, for a shear γ."""
+    return math.sqrt(math.pi * HEIGHT * thickness) * (3 * (1 - FILM["nu"] ** 2) * gamma) ** -0.25
+
+
+def amplitude_of(half: float, gamma: float) -> float:
+    """a [m] of the theory, for a half wavelength λ [m] and a shear γ."""
+    return half / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * gamma)
+
+
+LAMBDA = half_wavelength(THICKNESS, GAMMA)
+AMPLITUDE = amplitude_of(LAMBDA, GAMMA)
+FORCE = FILM["E"] * THICKNESS * LENGTH * GAMMA / 4
 # Part of the length in which wrinkles are measured: away from the fans at the free ends.
 CENTRE = (0.3, 0.7)
 # Pseudo-steps of wrinkles need not be solved well; the remaining forces are in the slack corners.
@@ -58,11 +70,13 @@ SEARCH = gx.analysis.Continuation(
 )
 # Length of the first wrinkles over that of the theory; none for waves in all directions.
 STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
+# Length at both ends in which the cells of the plate turn upright, see `leaning_sheet` [m].
+LEAN = 0.11
 
 
-def moved(X: np.ndarray, t: float) -> np.ndarray:
+def moved(X: np.ndarray, t: float, shear: float = SHEAR) -> np.ndarray:
     """Displacement (3, n) [m] of the upper edge."""
-    return np.stack([SHEAR + 0 * X[0], 0 * X[0], 0 * X[0]])
+    return np.stack([shear + 0 * X[0], 0 * X[0], 0 * X[0]])
 
 
 def sheared(X: np.ndarray) -> np.ndarray:
@@ -87,51 +101,41 @@ def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
     across = (X[0] - X[1]) / math.sqrt(2)
     # No height at the clamped edges.
     height = a * np.sqrt(np.maximum(np.sin(math.pi * np.clip(X[1] / HEIGHT, 0, 1)), 0))
-    shift = (
-        -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)
-    )  # so that wrinkles do not strain
+    # So that wrinkles do not strain.
+    shift = -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)
     return sheared(X) + np.stack([shift, -shift, height * np.sin(k * across)])
+
+
+def clamped_plate(
+    mesh: gx.Mesh,
+    thickness: float,
+    start: Callable[[np.ndarray], np.ndarray],
+    shear: float = SHEAR,
+) -> tuple[gx.Fixed, gx.Equilibrium]:
+    """The plate with clamped long edges, from a displacement at the start, and the moved clamp."""
+    plate = gx.Plate(mesh, gx.Linear(**FILM, thickness=thickness), displacement=start)
+    clamp = partial(gx.Fixed, plate, rotation=True, direction=(0.0, 1.0, 0.0))
+    above = clamp("top", motion=partial(moved, shear=shear), name="top")
+    below = clamp("bottom", name="bottom")
+    return above, gx.Equilibrium(gx.Scene(plate, below, above), SEARCH)
 
 
 def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles;
     and a film."""
     scale = STARTS[start]
-    shape = noisy if scale is None else lambda X: wrinkled(X, scale)
+    shape = noisy if scale is None else partial(wrinkled, scale=scale)
     # The cells lean with the wrinkles, and are long along them.
-    mesh = leaning_sheet(
-        comm,
-        38 * cells,
-        16,
-        LENGTH,
-        HEIGHT,
-        0.11,
-    )
-    plate = gx.Plate(mesh, gx.Linear(**FILM), displacement=shape)
-    clamps = [
-        gx.Fixed(
-            plate,
-            edge,
-            rotation=True,
-            direction=(0.0, 1.0, 0.0),
-            motion=motion,
-            name=edge,
-        )
-        for edge, motion in (("bottom", None), ("top", moved))
-    ]
-    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), SEARCH)
+    mesh = leaning_sheet(comm, 38 * cells, 16, LENGTH, HEIGHT, LEAN)
+    clamp, equilibrium = clamped_plate(mesh, THICKNESS, shape)
     found = equilibrium.find()
-    measured = wrinkles(plate, equilibrium)
-    force = equilibrium.reaction(clamps[1])[0][0]
+    measured = wrinkles(clamp.body, equilibrium)
+    force = equilibrium.reaction(clamp)[0][0]
 
     # The film for comparison: fewer cells, order 2.
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
-    film = gx.Membrane(
-        mesh,
-        gx.TensionField(**FILM),
-        order=2,
-        displacement=sheared,
-    )
+    law = gx.TensionField(**FILM, thickness=THICKNESS)
+    film = gx.Membrane(mesh, law, order=2, displacement=sheared)
     top = gx.Fixed(film, "top", motion=moved)
     other = gx.Equilibrium(
         gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(tolerance=1e-4)

@@ -46,40 +46,19 @@ def film(motion: Motion, name: str) -> gx.Membrane:
         thickness=1e-3,
         residual_stiffness=1e-3,
     )
-    return gx.Membrane(
-        sheet(COMM, 2, 2),
-        law,
-        velocity=motion,
-        name=name,
-    )
+    return gx.Membrane(sheet(COMM, 2, 2), law, velocity=motion, name=name)
 
 
 def cable(motion: Motion, name: str) -> gx.Cable:
     """From the origin along -x."""
     law = gx.TensionOnly(EA=1e3, line_density=1.0)
-    return gx.Cable(
-        line(COMM, [(0, 0, 0), (-1, 0, 0.3)], 3),
-        law,
-        velocity=motion,
-        name=name,
-    )
+    return gx.Cable(line(COMM, [(0, 0, 0), (-1, 0, 0.3)], 3), law, velocity=motion, name=name)
 
 
 def beam(motion: Motion, name: str) -> gx.Beam:
     """From the origin along -y."""
-    section = gx.sections.rectangle(
-        0.03,
-        0.05,
-        E=1e7,
-        nu=0.3,
-        density=1000.0,
-    )
-    return gx.Beam(
-        line(COMM, [(0, 0, 0), (0, -1, 0.2)], 2),
-        section,
-        velocity=motion,
-        name=name,
-    )
+    section = gx.sections.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
+    return gx.Beam(line(COMM, [(0, 0, 0), (0, -1, 0.2)], 2), section, velocity=motion, name=name)
 
 
 def body(motion: Motion, name: str) -> gx.RigidBody:
@@ -96,12 +75,7 @@ def body(motion: Motion, name: str) -> gx.RigidBody:
 
 
 def mass(motion: Motion, name: str) -> gx.PointMass:
-    return gx.PointMass(
-        0.7,
-        (0.0, 0.0, 0.0),
-        velocity=tuple(motion.velocity),
-        name=name,
-    )
+    return gx.PointMass(0.7, (0.0, 0.0, 0.0), velocity=tuple(motion.velocity), name=name)
 
 
 BODIES: dict[str, Callable[[Motion, str], Any]] = {
@@ -204,12 +178,7 @@ def tape(item: Any, loose: gx.PointMass) -> list:
         return []
     law = gx.TensionOnly(EA=200.0, line_density=0.1)
     return [
-        gx.connectors.Tape.through(
-            item,
-            law,
-            points=[(0, 0.3, 0), (1, 0.8, 0)],
-            bars_per_segment=3,
-        )
+        gx.connectors.Tape.through(item, law, points=[(0, 0.3, 0), (1, 0.8, 0)], bars_per_segment=3)
     ]
 
 
@@ -227,13 +196,7 @@ def control(item: Any, loose: gx.PointMass) -> list:
     else:
         axes = frame(item)
     return [
-        gx.control.AttitudeControl(
-            axes,
-            (0.1, 0.0, 0.2),
-            stiffness=0.02,
-            damping=1e-4,
-            period=0.02,
-        )
+        gx.control.AttitudeControl(axes, (0.1, 0.0, 0.2), stiffness=0.02, damping=1e-4, period=0.02)
     ]
 
 
@@ -252,19 +215,8 @@ EXTERNAL = {"control": control, "weight": weight, "push": push}
 def hinge_parts(a: Any, b: Any) -> list:
     """What turns or brakes a hinge of two rigid bodies."""
     return [
-        gx.connectors.TorsionSpring(
-            frame(a),
-            frame(b),
-            axis=AXIS,
-            stiffness=2.0,
-            rest_angle=0.4,
-        ),
-        gx.connectors.TorsionDamper(
-            frame(a),
-            frame(b),
-            axis=AXIS,
-            damping=0.2,
-        ),
+        gx.connectors.TorsionSpring(frame(a), frame(b), axis=AXIS, stiffness=2.0, rest_angle=0.4),
+        gx.connectors.TorsionDamper(frame(a), frame(b), axis=AXIS, damping=0.2),
     ]
 
 

@@ -50,9 +50,4 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
 def roots(K: np.ndarray, M: np.ndarray) -> np.ndarray:
     """√ of the eigenvalues of the pencil; negative ones (round-off of rigid motions) count as
     zero."""
-    return np.sqrt(
-        np.maximum(
-            eigh((K + K.T) / 2, (M + M.T) / 2, eigvals_only=True),
-            0.0,
-        )
-    )
+    return np.sqrt(np.maximum(eigh((K + K.T) / 2, (M + M.T) / 2, eigvals_only=True), 0.0))

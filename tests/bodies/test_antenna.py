@@ -89,7 +89,6 @@ def test_attitude_follows_the_designed_response() -> None:
     assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
 
 
-@pytest.mark.mpi
 def test_joints_of_the_antenna_across_ranks() -> None:
     """All ranks together find what each finds alone: tip and film of the swing, controlled angles
     and torques."""

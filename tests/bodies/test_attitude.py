@@ -54,17 +54,11 @@ RESPONSES = [
 ]
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(("gains", "degrees"), RESPONSES)
 def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, ...]) -> None:
     """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's
     work as supplied."""
-    run = controlled(
-        *gains,
-        target=np.radians(8.0),
-        period=0.0,
-        dt=0.05,
-    )
+    run = controlled(*gains, target=np.radians(8.0), period=0.0, dt=0.05)
     run.run(until=0.5)
     for t, exact in zip(TIMES, degrees, strict=True):
         run.run(until=t)
@@ -76,14 +70,7 @@ def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, 
 
 def test_torque_held_between_samples() -> None:
     """I = 1, K_p = 0.25, K_d = 0.5, θ_c = 1 rad, sampled every 0.1 s."""
-    run = controlled(
-        1.0,
-        0.25,
-        0.5,
-        target=1.0,
-        period=0.1,
-        dt=0.02,
-    )
+    run = controlled(1.0, 0.25, 0.5, target=1.0, period=0.1, dt=0.02)
     # Angle and rate [rad, rad/s] at these times [s], with a torque that is constant between
     # samples.
     for t, exact in (
@@ -171,9 +158,4 @@ def test_the_error_of_an_angle_is_the_short_way_round() -> None:
 def test_a_point_has_no_attitude() -> None:
     mass = gx.PointMass(1.0, comm=MPI.COMM_WORLD)
     with pytest.raises(gx.InputError, match="frame is of the kind Port; give a Frame"):
-        gx.control.AttitudeControl(
-            mass.port(),
-            (0, 0, 0.1),
-            stiffness=1.0,
-            damping=1.0,
-        )
+        gx.control.AttitudeControl(mass.port(), (0, 0, 0.1), stiffness=1.0, damping=1.0)

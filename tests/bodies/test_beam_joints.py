@@ -16,13 +16,7 @@ from gossamer_fx.records.outputs.description import describe, lines
 from tests.small_scenes import at_rest
 
 COMM = MPI.COMM_WORLD
-SECTION = gx.sections.rectangle(
-    0.03,
-    0.05,
-    E=1e7,
-    nu=0.3,
-    density=1000.0,
-)
+SECTION = gx.sections.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
 MOTION = Motion((0.3, -0.2, 0.5, 1.0, 2.0, -0.7))
 DIRECTIONS = {
     "onwards": (1.0, 0.0, 0.0),
@@ -51,7 +45,7 @@ def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
     return np.array([np.cross(d2, d3), d2, d3])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_two_arms_in_free_flight_conserve(direction: str) -> None:
     """Energy, momenta and constraints, while the arms bend under the spin; their sections stay as
@@ -90,19 +84,11 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
     all."""
     ends = np.linspace(0, 1, parts + 1)
     beams = [
-        gx.Beam(
-            line(COMM, [(a, 0, 0), (b, 0, 0)], 8 // parts),
-            SECTION,
-            name=f"beam {k}",
-        )
+        gx.Beam(line(COMM, [(a, 0, 0), (b, 0, 0)], 8 // parts), SECTION, name=f"beam {k}")
         for k, (a, b) in enumerate(pairwise(ends))
     ]
     joints = [
-        gx.constraints.FixedJoint(
-            one.frame("end"),
-            two.frame("start"),
-            name=f"joint {k}",
-        )
+        gx.constraints.FixedJoint(one.frame("end"), two.frame("start"), name=f"joint {k}")
         for k, (one, two) in enumerate(pairwise(beams))
     ]
     port = beams[-1].port("end")
@@ -126,12 +112,7 @@ def test_a_cantilever_in_pieces_bends_as_one_in_one_piece() -> None:
 def pulled(one: gx.Beam) -> gx.connectors.Spring:
     """What makes the motion other than rigid."""
     mass = gx.PointMass(0.3, (0.0, 1.0, 1.0), name="loose")
-    return gx.connectors.Spring(
-        one.port("end"),
-        mass.port(),
-        stiffness=5.0,
-        length=1.0,
-    )
+    return gx.connectors.Spring(one.port("end"), mass.port(), stiffness=5.0, length=1.0)
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.4, 0.5, -0.3)])
@@ -152,12 +133,7 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
             spin=MOTION.spin,
         ).frame_at((0, 0, 0))
     sides = one.frame("start"), frame
-    spiral = gx.connectors.TorsionSpring(
-        *sides,
-        axis=axis,
-        stiffness=0.1,
-        rest_angle=0.5,
-    )
+    spiral = gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=0.1, rest_angle=0.5)
     scene = gx.Scene(gx.constraints.RevoluteJoint(*sides, axis=axis), spiral, pulled(one))
     first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), side) for side in sides]
     run = conserves(scene)
@@ -192,29 +168,15 @@ def test_all_that_meets_at_a_section_shares_its_normal() -> None:
     two = arm("two", (0.2, 1.0, 0.1))
     axis = (0.4, 0.5, -0.3)
     scene = gx.Scene(
-        gx.constraints.RevoluteJoint(
-            one.frame("start"),
-            two.frame("start"),
-            axis=axis,
-        ),
+        gx.constraints.RevoluteJoint(one.frame("start"), two.frame("start"), axis=axis),
         gx.connectors.TorsionSpring(
             one.frame("start"),
             two.frame("start"),
             axis=axis,
             stiffness=0.1,
         ),
-        gx.connectors.TorsionDamper(
-            one.frame("start"),
-            two.frame("start"),
-            axis=axis,
-            damping=0.1,
-        ),
+        gx.connectors.TorsionDamper(one.frame("start"), two.frame("start"), axis=axis, damping=0.1),
     )
     measured = sorted(body.name for body in scene.bodies)
-    expected = [
-        "frame of one/start",
-        "frame of two/start",
-        "one",
-        "two",
-    ]
+    expected = ["frame of one/start", "frame of two/start", "one", "two"]
     assert measured == expected

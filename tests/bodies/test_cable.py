@@ -31,7 +31,7 @@ from tests.small_scenes import run_until
 COMM = MPI.COMM_WORLD
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     # λ of the formula in the docstring, by which the polygon stands still; it tends to the
     # circle's.
@@ -209,7 +209,6 @@ def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
     assert tensions.mean() == pytest.approx(10 * (m + μ / 2), rel=1e-8)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("law", [gx.CableLaw, gx.TensionOnly])
 def test_a_thrown_cable_linear_in_the_stretch_conserves(law: type[gx.CableLaw]) -> None:
     """400 steps with strains between -30 and 30 %, from a prestressed straight line."""
@@ -266,7 +265,6 @@ def test_tapes_are_linear_in_the_stretch_as_cables_are() -> None:
         assert energies[0] == pytest.approx(energies[1], rel=1e-14)
 
 
-@pytest.mark.mpi
 def test_prestress_that_a_cable_cannot_have(comm):
     mesh = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     with pytest.raises(gx.InputError, match="initial_tension is -5 N"):

@@ -54,7 +54,6 @@ def test_discrete_derivative_is_exact_and_objective(turn: float) -> None:
     assert values(beam_strain_change(q0, q1, turned)) == pytest.approx(0 * change, abs=1e-13)
 
 
-@pytest.mark.mpi
 def test_a_thick_damped_beam_keeps_its_balance() -> None:
     """Kelvin-Voigt damping in a thrown thick arc: what it loses is what the balance misses, and
     both momenta stay, over 100 steps."""

@@ -41,12 +41,7 @@ def collision(offset: float, dt: float) -> gx.Simulation:
         spin=(0, 0, 3),
         name="second",
     )
-    stop = gx.connectors.Stop(
-        first.port(),
-        second.port(),
-        length=2 * RADIUS,
-        stiffness=STIFFNESS,
-    )
+    stop = gx.connectors.Stop(first.port(), second.port(), length=2 * RADIUS, stiffness=STIFFNESS)
     return gx.Simulation(gx.Scene(stop), gx.Midpoint(dt=dt, tolerances=TIGHT))
 
 
@@ -106,11 +101,7 @@ ELEMENT = E * A * N / L
 
 def bar(start: float, speed: float, name: str = "bar") -> gx.Cable:
     """From x = `start` [m] in the direction of x, moving along it with `speed` [m/s]."""
-    mesh = line(
-        MPI.COMM_SELF,
-        [(start, 0, 0), (start + L, 0, 0)],
-        N,
-    )
+    mesh = line(MPI.COMM_SELF, [(start, 0, 0), (start + L, 0, 0)], N)
     law = gx.CableLaw(E * A, ρ * A)
     return gx.Cable(
         mesh,
@@ -161,12 +152,7 @@ def test_two_bars_exchange_their_velocities() -> None:
     rod = 0.1
     one = bar(-L - rod / 2, 2.0, "one")
     two = bar(rod / 2 + GAP, 0.0, "two")
-    stop = gx.connectors.Stop(
-        one.port("end"),
-        two.port("start"),
-        length=rod,
-        stiffness=ELEMENT,
-    )
+    stop = gx.connectors.Stop(one.port("end"), two.port("start"), length=rod, stiffness=ELEMENT)
     run = gx.Simulation(gx.Scene(stop), gx.Midpoint(dt=L / C / N / 2, tolerances=TIGHT))
     ends = one.port("end"), two.port("start")
 

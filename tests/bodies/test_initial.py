@@ -19,19 +19,9 @@ def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
     """A soft beam between a rigid body and a point mass."""
     beam = gx.Beam(
         line(COMM, [(-1, 0, 0), (1, 0, 0)], 4),
-        gx.sections.solid_circle(
-            0.01,
-            E=1e7,
-            nu=0.3,
-            density=1000.0,
-        ),
+        gx.sections.solid_circle(0.01, E=1e7, nu=0.3, density=1000.0),
     )
-    hub = gx.RigidBody(
-        0.5,
-        (0.01, 0.01, 0.01),
-        position=(-1, 0, 0),
-        name="hub",
-    )
+    hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), position=(-1, 0, 0), name="hub")
     tip = gx.PointMass(0.5, (1, 0, 0), name="tip")
     joints = [
         gx.constraints.FixedJoint(hub.frame(), beam.frame("start")),
@@ -44,11 +34,7 @@ def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
 def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
     """P = m (v + Ω × (c - c0)), L = P-moment + I Ω of beam, body and mass."""
     beam, hub, tip, joints = dumbbell()
-    motion = gx.RigidMotion(
-        spin=SPIN,
-        velocity=(1.0, 2.0, 3.0),
-        centre=(0.0, 1.0, 0.0),
-    )
+    motion = gx.RigidMotion(spin=SPIN, velocity=(1.0, 2.0, 3.0), centre=(0.0, 1.0, 0.0))
     run = gx.Simulation(gx.Scene(beam, hub, tip, *joints, motion), gx.Midpoint(dt=1e-3))
     mass = 1.0 + beam.section.line_density * 2
     # v + Ω × (c - c0): the centre of mass is at the origin, 1 m below `centre` in y.
@@ -108,11 +94,7 @@ def test_a_function_of_the_start_is_asked_once() -> None:
     places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
     gx.Scene(
         *(
-            gx.constraints.Link(
-                film.port_at(x),
-                gx.Ground((0.0, 0.0, 1.0)),
-                name=f"link {x}",
-            )
+            gx.constraints.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), name=f"link {x}")
             for x in places
         )
     ).compile()

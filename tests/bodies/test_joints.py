@@ -15,30 +15,14 @@ from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
-LAW = gx.Linear(
-    E=1e6,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-3,
-)
-SECTION = gx.sections.solid_circle(
-    0.02,
-    E=1e8,
-    nu=0.3,
-    density=1000.0,
-)
+LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+SECTION = gx.sections.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
 
 
 def body(
     name: str = "body", position: tuple[float, float, float] = (0.0, 0.0, 0.0), **more
 ) -> gx.RigidBody:
-    return gx.RigidBody(
-        1.0,
-        (1.0, 1.0, 1.0),
-        position=position,
-        name=name,
-        **more,
-    )
+    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=position, name=name, **more)
 
 
 def film() -> gx.Membrane:
@@ -46,16 +30,8 @@ def film() -> gx.Membrane:
 
 
 def beams() -> tuple[gx.Beam, gx.Beam]:
-    one = gx.Beam(
-        line(COMM, [(0, 0, 0), (1, 0, 0)], 2),
-        SECTION,
-        name="one",
-    )
-    two = gx.Beam(
-        line(COMM, [(0, 0, 0), (0, 1, 0)], 2),
-        SECTION,
-        name="two",
-    )
+    one = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], 2), SECTION, name="one")
+    two = gx.Beam(line(COMM, [(0, 0, 0), (0, 1, 0)], 2), SECTION, name="two")
     return one, two
 
 
@@ -89,10 +65,7 @@ REFUSED = [
     (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
     # Principal moments obey the triangle inequality: 3 > 1 + 1 is impossible.
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
-    (
-        lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)),
-        "not a rotation matrix",
-    ),
+    (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "not a rotation matrix"),
     (
         lambda: gx.constraints.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))),
         "joins the ground to itself",
@@ -107,11 +80,7 @@ REFUSED = [
     ),
     (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
     (
-        lambda: gx.constraints.RevoluteJoint(
-            body().frame(),
-            gx.ground_frame(),
-            axis=(0, 0, 0),
-        ),
+        lambda: gx.constraints.RevoluteJoint(body().frame(), gx.ground_frame(), axis=(0, 0, 0)),
         "axis has no length",
     ),
     (
@@ -141,12 +110,7 @@ REFUSED = [
         "stiffness is -1.0",
     ),
     (
-        lambda: gx.connectors.Stop(
-            body().port(),
-            gx.Ground((0, 0, 0)),
-            length=0.0,
-            stiffness=1.0,
-        ),
+        lambda: gx.connectors.Stop(body().port(), gx.Ground((0, 0, 0)), length=0.0, stiffness=1.0),
         "length is 0.0",
     ),
 ]
@@ -182,13 +146,7 @@ def four_bars(balls: bool) -> gx.Scene:
         e = (b - a) / np.linalg.norm(b - a)
         attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
         bars.append(
-            body(
-                f"bar {k}",
-                tuple((a + b) / 2),
-                attitude=attitude,
-                velocity=velocity,
-                spin=spin,
-            )
+            body(f"bar {k}", tuple((a + b) / 2), attitude=attitude, velocity=velocity, spin=spin)
         )
     sides = [
         (bars[0].frame_at(corners[0]), gx.ground_frame(corners[0])),
@@ -199,22 +157,9 @@ def four_bars(balls: bool) -> gx.Scene:
     joints: list = []
     for k, (one, other) in enumerate(sides):
         if balls and k in (1, 2):
-            joints.append(
-                gx.constraints.BallJoint(
-                    one.origin,
-                    other.origin,
-                    name=f"ball {k}",
-                )
-            )
+            joints.append(gx.constraints.BallJoint(one.origin, other.origin, name=f"ball {k}"))
         else:
-            joints.append(
-                gx.constraints.RevoluteJoint(
-                    one,
-                    other,
-                    axis=(0, 0, 1),
-                    name=f"pin {k}",
-                )
-            )
+            joints.append(gx.constraints.RevoluteJoint(one, other, axis=(0, 0, 1), name=f"pin {k}"))
     return gx.Scene(*joints)
 
 
@@ -245,61 +190,24 @@ def joined(comm: MPI.Comm) -> list[float]:
     after 20 steps."""
     film = gx.Membrane(
         sheet(comm, 3, 3),
-        gx.Miyazaki(
-            1e6,
-            0.3,
-            density=1000.0,
-            thickness=1e-3,
-            residual_stiffness=1e-3,
-        ),
+        gx.Miyazaki(1e6, 0.3, density=1000.0, thickness=1e-3, residual_stiffness=1e-3),
     )
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), SECTION)
-    hub = gx.RigidBody(
-        1.0,
-        (0.1, 0.1, 0.1),
-        position=(1.2, 0, 0),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), position=(1.2, 0, 0), comm=comm, name="hub")
     cable = gx.Cable(line(comm, [(1.2, 0, 0), (1.2, 0, -1)], 4), gx.CableLaw(1e3, 0.5))
     mass = gx.PointMass(0.5, (1.2, 0, -1.3), comm=comm)
-    branch = gx.Beam(
-        line(comm, [(1, 0, 0), (1.5, 0.5, 0)], 2),
-        SECTION,
-        name="branch",
-    )
+    branch = gx.Beam(line(comm, [(1, 0, 0), (1.5, 0.5, 0)], 2), SECTION, name="branch")
     scene = gx.Scene(
         gx.constraints.BallJoint(
             film.port_at((0.4, 0.0, 0.0)),
             beam.port_at((0.4, 0.0, 0.0)),
             name="tie",
         ),
-        gx.constraints.BallJoint(
-            film.port("bottom left"),
-            beam.port("start"),
-            name="corner",
-        ),
-        gx.constraints.FixedJoint(
-            hub.frame_at((1, 0, 0)),
-            beam.frame("end"),
-            name="clamp",
-        ),
-        gx.constraints.FixedJoint(
-            beam.frame("end"),
-            branch.frame("start"),
-            name="fork",
-        ),
-        gx.constraints.BallJoint(
-            cable.port("start"),
-            hub.port(),
-            name="hook",
-        ),
-        gx.connectors.Rope(
-            cable.port("end"),
-            mass.port(),
-            length=0.2,
-            stiffness=500.0,
-        ),
+        gx.constraints.BallJoint(film.port("bottom left"), beam.port("start"), name="corner"),
+        gx.constraints.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), name="clamp"),
+        gx.constraints.FixedJoint(beam.frame("end"), branch.frame("start"), name="fork"),
+        gx.constraints.BallJoint(cable.port("start"), hub.port(), name="hook"),
+        gx.connectors.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
         gx.Gravity(mass),
         gx.Gravity(hub),
         gx.loads.Torque(hub.frame(), lambda t: (0.0, 0.1 * np.sin(10 * t), 0.2)),
@@ -323,12 +231,7 @@ def test_a_screw_on_its_axis() -> None:
     t²/2I."""
     # A unit vector: (1, 2, 2) has the length 3.
     axis = np.array([1.0, 2.0, 2.0]) / 3
-    bolt = gx.RigidBody(
-        2.0,
-        (0.3, 0.3, 0.3),
-        position=(0.5, 1.0, 1.0),
-        name="bolt",
-    )
+    bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), position=(0.5, 1.0, 1.0), name="bolt")
     push = gx.loads.Force(
         bolt.port(),
         # The second part is perpendicular to the axis, where the joint bears it.
@@ -340,11 +243,7 @@ def test_a_screw_on_its_axis() -> None:
         tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])),
         name="turn",
     )
-    joint = gx.constraints.CylindricalJoint(
-        gx.ground_frame(),
-        bolt.frame(),
-        axis=tuple(axis),
-    )
+    joint = gx.constraints.CylindricalJoint(gx.ground_frame(), bolt.frame(), axis=tuple(axis))
     run = run_until(0.5, joint, push, turn, dt=1e-3)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
     # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's

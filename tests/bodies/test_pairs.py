@@ -57,18 +57,8 @@ DISTANCES = {
         # The mass starts √0.29 m = 0.54 m from the origin: spring and rope act at once or soon.
         length=0.3,
     ),
-    "rope": lambda p, q: gx.connectors.Rope(
-        p,
-        q,
-        length=0.6,
-        stiffness=500.0,
-    ),
-    "stop": lambda p, q: gx.connectors.Stop(
-        p,
-        q,
-        length=0.5,
-        stiffness=500.0,
-    ),
+    "rope": lambda p, q: gx.connectors.Rope(p, q, length=0.6, stiffness=500.0),
+    "stop": lambda p, q: gx.connectors.Stop(p, q, length=0.5, stiffness=500.0),
 }
 
 
@@ -80,12 +70,7 @@ def test_pair_at_a_distance(name: str, kind: str, numbers: tuple[float, ...]) ->
     motion = Motion(numbers)
     item = BODIES[name](motion, name)
     place = np.array([0.3, 0.4, 0.2])
-    other = gx.PointMass(
-        0.5,
-        tuple(place),
-        velocity=motion.at(place),
-        name="other",
-    )
+    other = gx.PointMass(0.5, tuple(place), velocity=motion.at(place), name="other")
     conserves(
         gx.Scene(item, DISTANCES[kind](port(item), other.port()), *spring(item, loose_mass()))
     )
@@ -159,12 +144,7 @@ def test_dampers_lose_what_is_booked() -> None:
         a,
         b,
         gx.constraints.RevoluteJoint(frame(a), frame(b), axis=AXIS),
-        gx.connectors.TorsionDamper(
-            frame(a),
-            frame(b),
-            axis=AXIS,
-            damping=0.5,
-        ),
+        gx.connectors.TorsionDamper(frame(a), frame(b), axis=AXIS, damping=0.5),
         gx.connectors.Damper(port(b), loose.port(), damping=0.5),
         *spring(a, loose),
     )

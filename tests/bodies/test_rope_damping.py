@@ -19,11 +19,7 @@ L = 1.0
 
 
 def scene(x, v, *more, damping=C):
-    mass = gx.PointMass(
-        MASS,
-        (x, 0.0, 0.0),
-        velocity=(v, 0.0, 0.0),
-    )
+    mass = gx.PointMass(MASS, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0))
     rope = gx.connectors.Rope(
         gx.Ground((0.0, 0.0, 0.0)),
         mass.port(),
@@ -34,7 +30,6 @@ def scene(x, v, *more, damping=C):
     return gx.Scene(mass, rope, *[make(mass) for make in more]), mass
 
 
-@pytest.mark.mpi
 def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     """A mass that flies below the rope's length has a constant speed; with a damper in addition it
     slows down."""
@@ -49,11 +44,7 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     damped, mass = scene(
         0.2,
         0.5,
-        lambda m: gx.connectors.Damper(
-            gx.Ground((0.0, 0.0, 0.0)),
-            m.port(),
-            damping=C,
-        ),
+        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), damping=C),
         damping=0.0,
     )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))
@@ -62,17 +53,12 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     assert gx.probes.Velocity(mass.port(), "x")(run) < 0.3
 
 
-@pytest.mark.mpi
 def test_a_taut_rope_decays_as_a_damped_oscillator():
     """Under a steady pull that keeps it taut: ẍ = -ω² x - 2ζω ẋ about the stretched length."""
     pull = 40.0
     x0 = 0.05
     start = L + pull / K + x0
-    made, mass = scene(
-        start,
-        0.0,
-        lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)),
-    )
+    made, mass = scene(start, 0.0, lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)))
     run = gx.Simulation(made, gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
     ω = math.sqrt(K / MASS)
@@ -85,7 +71,7 @@ def test_a_taut_rope_decays_as_a_damped_oscillator():
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("damping", [0.1, 5.0, 100.0])
 def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
     """However strong the viscosity: the loss never falls, the ledger closes, the mass is never

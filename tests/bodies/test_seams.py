@@ -14,18 +14,8 @@ from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until
 
 COMM = MPI.COMM_WORLD
-FILM = gx.Linear(
-    E=1e6,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-3,
-)
-SOFT = gx.Miyazaki(
-    E=1e6,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-3,
-)
+FILM = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+SOFT = gx.Miyazaki(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 
 
 def panel(
@@ -51,19 +41,13 @@ def distance_of_edges(run: gx.Simulation | gx.Equilibrium, seam: Seam) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize(("cells", "order"), [((4, 4), 1), ((4, 4), 2), ((4, 6), 1), ((6, 4), 2)])
 def test_two_panels_are_drawn_together(cells: tuple[int, int], order: int) -> None:
     """Momentum is kept while they are sewn, and the energy is that which the sewing supplied."""
     left = panel("left", 0.0, cells[0], order)
     right = panel("right", 0.23, cells[1], order)
-    seam = gx.Seam(
-        left,
-        "right",
-        right,
-        "left",
-        closing=(0.0, 0.05),
-    )
+    seam = gx.Seam(left, "right", right, "left", closing=(0.0, 0.05))
     run = run_until(0.025, left, right, seam, dt=1e-3)
     # The gap of 0.03 m closes linearly over 0.05 s: half of it is left at half the time.
     assert distance_of_edges(run, seam) == pytest.approx(0.015, abs=1e-9)
@@ -101,15 +85,7 @@ def test_a_sewn_sheet_is_the_whole_one() -> None:
         return np.vstack([0.2 + gap + 0.004 * max(t - 1.0, 0.0) + 0 * X[0], 0 * X[0], 0 * X[0]])
 
     pull = gx.Fixed(right, "right", motion=beside)
-    statics = gx.Equilibrium(
-        gx.Scene(
-            left,
-            right,
-            seam,
-            hold,
-            pull,
-        )
-    )
+    statics = gx.Equilibrium(gx.Scene(left, right, seam, hold, pull))
     for t in (0.25, 0.5, 0.75, 1.0, 2.0):
         statics.find(at=t)
     assert distance_of_edges(statics, seam) < 1e-9
@@ -139,13 +115,7 @@ def test_four_panels_meet_in_a_point() -> None:
         for name, at in places.items()
     }
     seams = [
-        gx.Seam(
-            panels[first],
-            edge,
-            panels[second],
-            other,
-            closing=(0.0, 0.02),
-        )
+        gx.Seam(panels[first], edge, panels[second], other, closing=(0.0, 0.02))
         for first, edge, second, other in (
             ("a", "right", "b", "left"),
             ("d", "right", "c", "left"),
@@ -173,12 +143,7 @@ def test_closed_edges_are_turned_to_each_other() -> None:
         return np.vstack([c * X[0] - s * X[1], s * X[0] + c * X[1], 0.02 + 0 * X[2]]) - X
 
     bottom = gx.Membrane(ring(COMM, 0.5, 1.0, 3, 48), FILM, name="bottom")
-    top = gx.Membrane(
-        ring(COMM, 0.5, 1.0, 3, 32),
-        FILM,
-        name="top",
-        displacement=above,
-    )
+    top = gx.Membrane(ring(COMM, 0.5, 1.0, 3, 32), FILM, name="top", displacement=above)
     seam = gx.Seam(bottom, "rim", top, "rim")
     equilibrium = gx.Equilibrium(gx.Scene(bottom, top, seam, gx.Fixed(bottom, "hub")))
     line_a, line_b = seam.lines(equilibrium.system.initial)
@@ -193,20 +158,14 @@ def test_closed_edges_are_turned_to_each_other() -> None:
 def test_ease_is_reported_and_limited() -> None:
     left = panel("left", 0.0)
     right = panel("right", 0.23, height=0.103)
-    seam = gx.Seam(
-        left,
-        "right",
-        right,
-        "left",
-        max_ease=0.04,
-    )
+    seam = gx.Seam(left, "right", right, "left", max_ease=0.04)
     # Ease: the relative difference of the two lengths.
     assert seam.ease == pytest.approx(0.1 / 0.103 - 1)
     with pytest.raises(gx.InputError, match=r"0\.1 m and 0\.103 m long, 3\.0% apart"):
         gx.Seam(left, "right", right, "left")
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("edges", "options", "words"),
     [
@@ -215,20 +174,13 @@ def test_ease_is_reported_and_limited() -> None:
         (("right", "right"), {"same": True}, "sewn to itself"),
         (("right", "left"), {"closing": (1.0, 0.5)}, "two times that rise"),
         (("right", "left"), {"closing": (-1.0, 0.5)}, "two times that rise"),
-        (("right", "left"), {"max_ease": -1.0}, "max_ease is -1.0"),
     ],
 )
 def test_bad_seams_are_refused(edges: tuple[str, str], options: dict, words: str) -> None:
     left = panel("left", 0.0)
     right = left if options.pop("same", False) else panel("right", 0.23)
     with pytest.raises(gx.InputError, match=words):
-        gx.Seam(
-            left,
-            edges[0],
-            right,
-            edges[1],
-            **options,
-        )
+        gx.Seam(left, edges[0], right, edges[1], **options)
 
 
 def test_lines_are_one_line() -> None:
@@ -238,25 +190,13 @@ def test_lines_are_one_line() -> None:
     assert line.length == pytest.approx(16 * 2 * np.sin(np.pi / 16))
     square = panel("left", 0.0)
     with pytest.raises(gx.InputError, match="one of its edges is closed"):
-        gx.Seam(
-            film,
-            "rim",
-            square,
-            "left",
-            max_ease=100.0,
-        )
+        gx.Seam(film, "rim", square, "left", max_ease=100.0)
 
 
 def test_a_seam_whose_sides_are_both_fixed_is_refused() -> None:
     left = panel("left", 0.0)
     right = panel("right", 0.23)
     seam = gx.Seam(left, "right", right, "left")
-    scene = gx.Scene(
-        left,
-        right,
-        seam,
-        gx.Fixed(left, "right"),
-        gx.Fixed(right, "left"),
-    )
+    scene = gx.Scene(left, right, seam, gx.Fixed(left, "right"), gx.Fixed(right, "left"))
     with pytest.raises(gx.InputError, match="nodes on both of its sides are fixed"):
         gx.Equilibrium(scene)

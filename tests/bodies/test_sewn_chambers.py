@@ -44,20 +44,11 @@ def two_squares(cells: tuple[int, int], order: int = 1, gap: float = 0.0, **more
             )
         )
     closing = (0.0, 0.01) if gap else None
-    seams = [
-        gx.Seam(
-            films[0],
-            edge,
-            films[1],
-            edge,
-            closing=closing,
-        )
-        for edge in EDGES
-    ]
+    seams = [gx.Seam(films[0], edge, films[1], edge, closing=closing) for edge in EDGES]
     return films, seams
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("cells", "order"), [((4, 4), 1), ((3, 4), 1), ((2, 2), 2)])
 def test_volume_and_conservation_of_a_pillow_of_two_films(
     cells: tuple[int, int], order: int
@@ -65,13 +56,7 @@ def test_volume_and_conservation_of_a_pillow_of_two_films(
     """Energy and both momenta are kept to round-off, also where the meshes differ."""
     turn = {"velocity": lambda X: np.vstack([-3 * X[1], 3 * X[0], 2 * X[0]])}
     films, seams = two_squares(cells, order, **turn)
-    bag = gx.Chamber(
-        films,
-        gas=AIR,
-        pressure=500.0,
-        temperature=300.0,
-        seams=seams,
-    )
+    bag = gx.Chamber(films, gas=AIR, pressure=500.0, temperature=300.0, seams=seams)
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
     # Two sheets with the volume h ∫∫ sin sin = h a² 4/π² each; the coarse mesh misses up to 10 %.
     exact = 2 * 0.03 * SIDE**2 * 4 / np.pi**2
@@ -88,31 +73,16 @@ def test_volume_and_conservation_of_a_pillow_of_two_films(
     )
 
 
-@pytest.mark.mpi
 def test_sewn_under_pressure() -> None:
     """While the seams close the strips bear the pressure too: energy and momentum are kept."""
     films, seams = two_squares((2, 3), gap=0.002)
-    bag = gx.Chamber(
-        films,
-        gas=AIR,
-        pressure=200.0,
-        temperature=300.0,
-        seams=seams,
-    )
+    bag = gx.Chamber(films, gas=AIR, pressure=200.0, temperature=300.0, seams=seams)
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-3))
     volume = run.chamber("chamber").volume
     # The gap is that of a box: side x side x gap more than the closed pillow.
     closed, none = two_squares((2, 3))
     of_closed = gx.Simulation(
-        gx.Scene(
-            gx.Chamber(
-                closed,
-                gas=AIR,
-                pressure=200.0,
-                temperature=300.0,
-                seams=none,
-            )
-        ),
+        gx.Scene(gx.Chamber(closed, gas=AIR, pressure=200.0, temperature=300.0, seams=none)),
         gx.Midpoint(dt=1e-3),
     )
     assert volume == pytest.approx(of_closed.chamber("chamber").volume + SIDE**2 * 0.002, rel=1e-12)
@@ -126,13 +96,7 @@ def test_sewn_under_pressure() -> None:
 def test_tangent_of_an_open_seam_with_gas() -> None:
     """A δq + G δy against central differences of the residual, strips and gas included."""
     films, seams = two_squares((3, 4), gap=0.01)
-    bag = gx.Chamber(
-        films,
-        gas=AIR,
-        pressure=2e4,
-        temperature=300.0,
-        seams=seams,
-    )
+    bag = gx.Chamber(films, gas=AIR, pressure=2e4, temperature=300.0, seams=seams)
     system = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-3)).system
     y0 = system.begin_step(1e-3)
     system.set_inertia(0.0)
@@ -169,13 +133,7 @@ def test_tangent_of_an_open_seam_with_gas() -> None:
 @pytest.mark.mpi
 def test_pressure_is_shown_on_all_films() -> None:
     films, seams = two_squares((4, 4))
-    bag = gx.Chamber(
-        films,
-        gas=AIR,
-        pressure=500.0,
-        temperature=300.0,
-        seams=seams,
-    )
+    bag = gx.Chamber(films, gas=AIR, pressure=500.0, temperature=300.0, seams=seams)
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
     for film in films:
         _, values = gx.fields.field_values(run, film, field="pressure")
@@ -188,13 +146,7 @@ def test_open_and_foreign_edges_are_refused() -> None:
     films, seams = two_squares((2, 2))
 
     def scene(enclosure, seams) -> None:
-        bag = gx.Chamber(
-            enclosure,
-            gas=AIR,
-            pressure=500.0,
-            temperature=300.0,
-            seams=seams,
-        )
+        bag = gx.Chamber(enclosure, gas=AIR, pressure=500.0, temperature=300.0, seams=seams)
         gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
 
     with pytest.raises(gx.InputError, match="4 edges of 'top', 'bottom' are open"):

@@ -19,11 +19,7 @@ TIP = (0.0, 1.0, 0.0)
 
 def turned() -> tuple[gx.Cable, gx.StartFrom]:
     """A cable from (0, 0, 0) to (1, 0, 0), and a start in which it goes to (0, 1, 0) instead."""
-    mesh = line(
-        COMM,
-        [(0, 0, 0), (1, 0, 0)],
-        4,
-    )
+    mesh = line(COMM, [(0, 0, 0), (1, 0, 0)], 4)
     law = gx.CableLaw(1e3, 1.0)
 
     def quarter(X: Array) -> Array:

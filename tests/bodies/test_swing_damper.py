@@ -16,7 +16,6 @@ UNTIL = 3.0
 DT = 0.25
 
 
-@pytest.mark.mpi
 def test_the_slope_of_the_energy_left_is_that_of_differences(comm):
     steady, _, _ = ikaros.steady(comm, PITCH, swing_damper.SPIN, held=False)
 

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars
+from gossamer_fx.mechanics.bodies.piecewise_force import TabulatedBars
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import at_rest
@@ -64,17 +64,12 @@ def test_average_does_the_change_of_the_potential() -> None:
 
 def test_two_points_are_a_rope_and_three_a_bar() -> None:
     rope = gx.TabulatedCable([0.0, 1.0], [0.0, 50.0], line_density=1.0)
-    bar = gx.TabulatedCable(
-        [-0.5, 0.0, 1.0],
-        [-25.0, 0.0, 50.0],
-        line_density=1.0,
-    )
+    bar = gx.TabulatedCable([-0.5, 0.0, 1.0], [-25.0, 0.0, 50.0], line_density=1.0)
     x = np.linspace(-0.4, 2.0, 13)
     assert rope.force_at(x) == pytest.approx(50.0 * np.maximum(x, 0))
     assert bar.force_at(x) == pytest.approx(50.0 * x)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
     """1000 steps, in which its elements pass all corners of the table."""
@@ -98,11 +93,7 @@ def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
     assert max(map(np.max, seen)) > 0.02
 
 
-def string_strains(
-    run: gx.Simulation,
-    string: gx.Cable,
-    order: int,
-) -> np.ndarray:
+def string_strains(run: gx.Simulation, string: gx.Cable, order: int) -> np.ndarray:
     """Engineering strains of the chords between the nodes."""
     x = run.system.state[string].gathered()
     X = np.concatenate(COMM.allgather(own_points(string)))
@@ -133,17 +124,11 @@ def test_a_pendulum_hangs_at_the_measured_strain() -> None:
     assert height == pytest.approx(-1 - 0.02 - 10 / 1500, abs=1e-9)
 
 
-@pytest.mark.mpi
 def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
     """A slack film of no stiffness to speak of, with a tape along its edge, pulled by 2 %."""
     film = gx.Membrane(
         sheet(COMM, 4, 2, 0.5, 0.1),
-        gx.TensionField(
-            E=1.0,
-            nu=0.0,
-            density=1.0,
-            thickness=1e-6,
-        ),
+        gx.TensionField(E=1.0, nu=0.0, density=1.0, thickness=1e-6),
         displacement=lambda X: np.vstack([0.03 * X[0], 0 * X[0], 0 * X[0]]),
     )
     tape = gx.connectors.Tape.along_edges(film, MEASURED, edges="bottom")
@@ -175,11 +160,7 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
         ([0.0, 0.1, 0.2], [0.0, 0.0, 2.0], "force is zero up to the strain 0.1"),
     ],
 )
-def test_bad_tables_are_refused(
-    strain: list[float],
-    force: list[float],
-    words: str,
-) -> None:
+def test_bad_tables_are_refused(strain: list[float], force: list[float], words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
         gx.TabulatedCable(strain, force, line_density=0.1)
 

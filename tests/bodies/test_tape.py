@@ -20,22 +20,12 @@ COMM = MPI.COMM_WORLD
 WIDTH = 0.1
 LENGTH = 0.5
 STRETCH = 1.01
-FILM = gx.Linear(
-    E=2.3e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=2e-5,
-)
+FILM = gx.Linear(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5)
 TAPE = gx.CableLaw(EA=6000.0, line_density=0.01)
 
 
 def strip(order: int, **more) -> gx.Membrane:
-    return gx.Membrane(
-        sheet(COMM, 5, 2, LENGTH, WIDTH),
-        FILM,
-        order=order,
-        **more,
-    )
+    return gx.Membrane(sheet(COMM, 5, 2, LENGTH, WIDTH), FILM, order=order, **more)
 
 
 def on_edge(film: gx.Membrane) -> gx.connectors.Tape:
@@ -75,7 +65,7 @@ def test_strip_and_tape_share_the_force(tape, order: int) -> None:
     assert abs(right) == pytest.approx(107.5953, rel=2e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tape", [on_edge, across])
 def test_taped_film_conserves(tape) -> None:
     film = strip(1, velocity=lambda x: np.vstack([3 * x[1], -3 * x[0], np.sin(8 * x[0])]))
@@ -91,7 +81,6 @@ def test_taped_film_conserves(tape) -> None:
     assert run.totals.stored["tape"] > 0
 
 
-@pytest.mark.mpi
 def test_a_group_that_cannot_hold_a_tape_is_named_with_the_place(comm) -> None:
     """An edge whose nodes coincide, as at the pole of a revolved mesh, and a group without
     edges."""
@@ -99,10 +88,7 @@ def test_a_group_that_cannot_hold_a_tape_is_named_with_the_place(comm) -> None:
         [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     )
     triangles = np.array([[0, 1, 2], [1, 2, 3], [1, 3, 4]])
-    groups = {
-        "meridian": np.array([[0, 1], [0, 2]]),
-        "empty": np.zeros((0, 2), dtype=np.int64),
-    }
+    groups = {"meridian": np.array([[0, 1], [0, 2]]), "empty": np.zeros((0, 2), dtype=np.int64)}
     film = gx.Membrane(mesh_of_arrays(comm, lambda: (points, triangles, groups)), FILM)
     with pytest.raises(
         gx.InputError, match=r"'meridian' has an edge without length at \(0, 0, 0\) m"

@@ -21,17 +21,8 @@ BRAKE = 2.0
 
 def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
     """A mass at the end of a tether that is just straight."""
-    mass = gx.PointMass(
-        MASS,
-        (L, 0.0, 0.0),
-        velocity=(speed, 0.0, 0.0),
-    )
-    tether = gx.connectors.Tether(
-        gx.Ground((0.0, 0.0, 0.0)),
-        mass.port(),
-        stiffness=K,
-        **given,
-    )
+    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
+    tether = gx.connectors.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), stiffness=K, **given)
     return gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=5e-3)), mass
 
 
@@ -39,7 +30,6 @@ def length_of(run: gx.Simulation) -> float:
     return float(next(c for c in run.system.compiled if isinstance(c, PaidOutRopes)).lengths()[0])
 
 
-@pytest.mark.mpi
 def test_a_brake_stops_a_mass_as_friction_does() -> None:
     """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the
     way."""
@@ -57,14 +47,8 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
     assert measured == pytest.approx(-math.sqrt(2 * elastic / MASS), rel=0.01)
 
 
-@pytest.mark.mpi
 def test_an_empty_reel_holds() -> None:
-    run, mass = flying(
-        3.0,
-        length=L,
-        brake_force=BRAKE,
-        total_length=1.2,
-    )
+    run, mass = flying(3.0, length=L, brake_force=BRAKE, total_length=1.2)
     run.run(until=0.25)
     assert length_of(run) == pytest.approx(1.2, abs=1e-12)
     assert (
@@ -76,17 +60,12 @@ def test_an_empty_reel_holds() -> None:
     assert measured == pytest.approx(-math.sqrt(2 * left / MASS), rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     """Slowly: m l² ω is constant, and the reel takes what the kinetic energy loses."""
     ω = 2.0
     tension = MASS * ω**2 * L
     start = L - tension / K
-    mass = gx.PointMass(
-        MASS,
-        (L, 0.0, 0.0),
-        velocity=(0.0, ω * L, 0.0),
-    )
+    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
     tether = gx.connectors.Tether(
         gx.Ground((0, 0, 0)),
         mass.port(),
@@ -102,12 +81,7 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
 
 
 def test_the_tangent_of_a_tether_is_the_derivative() -> None:
-    run, _ = flying(
-        3.0,
-        length=L,
-        brake_force=BRAKE,
-        total_length=1.5,
-    )
+    run, _ = flying(3.0, length=L, brake_force=BRAKE, total_length=1.5)
     ropes = next(c for c in run.system.compiled if isinstance(c, PaidOutRopes))
     δ = 1e-7
     for l0 in (0.9, 1.003, 1.005):
@@ -119,22 +93,12 @@ def test_the_tangent_of_a_tether_is_the_derivative() -> None:
                 assert slope == pytest.approx((above - below) / 2 / δ, rel=1e-4, abs=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> None:
     """A mass on a rope comes up to the hub's rate or swings about it; what it gains is supplied."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
     mass = gx.PointMass(MASS, (1.0, 0.0, 0.0))
-    rope = gx.connectors.Rope(
-        hub.port((0.2, 0.0, 0.0)),
-        mass.port(),
-        length=0.8,
-        stiffness=K,
-    )
-    motor = gx.constraints.Driven(
-        hub,
-        (0, 0, 1),
-        angle=lambda t: 3.0 * t,
-    )
+    rope = gx.connectors.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), length=0.8, stiffness=K)
+    motor = gx.constraints.Driven(hub, (0, 0, 1), angle=lambda t: 3.0 * t)
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
     run = run_until(0.2, hub, mass, rope, motor, spin, dt=5e-3)
     assert gx.probes.AngularVelocity(hub.frame(), "z")(run) == pytest.approx(3.0, rel=1e-4)
@@ -161,11 +125,7 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
     assert gx.probes.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
     x, y = (gx.probes.Position(corner, axis)(run) for axis in "xy")
-    measured = gx.probes.PolarPosition(
-        corner,
-        hub.frame(),
-        quantity="radius",
-    )(run)
+    measured = gx.probes.PolarPosition(corner, hub.frame(), quantity="radius")(run)
     assert measured == pytest.approx(math.hypot(x, y), rel=1e-12)
     measured = gx.probes.PolarPosition(corner, hub.frame(), quantity="angle")(run)
     assert measured == pytest.approx(math.atan2(y, x), rel=1e-12)
@@ -174,7 +134,7 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     assert run.totals.momentum[2] == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool) -> None:
     """A film that is pressed together flies apart: its slack strain rate is damped by the one, not
@@ -194,7 +154,6 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
 def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
     lost = []
     for tension_only in (False, True):
@@ -227,12 +186,7 @@ def test_a_bundle_is_its_ropes(comm) -> None:
         ]
         if bundled:
             ropes = [
-                gx.connectors.RopeBundle(
-                    ends,
-                    lengths=[0.1, 0.1],
-                    stiffness=50.0,
-                    damping=0.01,
-                )
+                gx.connectors.RopeBundle(ends, lengths=[0.1, 0.1], stiffness=50.0, damping=0.01)
             ]
         else:
             ropes = [

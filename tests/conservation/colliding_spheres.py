@@ -51,11 +51,7 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
             self._system.bodies,
             [PointMeasure(places, like.H, like.L, like.c)],
         )
-        density = LengthSpring(
-            self.spheres.stiffness,
-            2 * self.spheres.radius,
-            side=-1,
-        )
+        density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
         self.pairs = pairs
         self._stencil = Stencil(at, density, False, self._system.rule)
         self._gather = Gather(self._system.numbering, [at.indices])
@@ -94,11 +90,7 @@ class Collisions(ActiveSet, HistoryVariables, CompiledTerms["CollidingSpheres"])
     def add_forces(self, r: PETSc.Vec) -> None:
         [q] = self._gather(self._system.q1)
         rows = self._stencil.at.indices.ravel()
-        r.setValues(
-            rows,
-            self._stencil.force(q).ravel(),
-            addv=PETSc.InsertMode.ADD_VALUES,
-        )
+        r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:

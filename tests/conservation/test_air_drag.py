@@ -27,11 +27,7 @@ C = 1.3
 g = 9.80665
 
 
-def body(
-    kind: str,
-    comm: MPI.Comm,
-    velocity: tuple[float, float, float],
-) -> gx.Membrane:
+def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.Membrane:
     """A flat film whose normal is (0, -3, 4)/5, or a plate."""
     given = {
         # The sheet is inclined, so that no component of its normal is zero by chance.
@@ -40,12 +36,7 @@ def body(
     }
     mesh = sheet(comm, 2, 2)
     return (
-        gx.Plate(
-            mesh,
-            PLATE,
-            name="film",
-            **given,
-        )
+        gx.Plate(mesh, PLATE, name="film", **given)
         if kind == "plate"
         else gx.Membrane(mesh, FILM, **given)
     )
@@ -60,17 +51,12 @@ NORMAL = np.array([0.0, -0.6, 0.8])
 EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
 
 
-@pytest.mark.mpi
 @EVERY
 def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> None:
     film = body(kind, comm, (0.0, 0.0, 0.0))
     fall = tuple(-g * NORMAL)
     run = gx.Simulation(
-        gx.Scene(
-            film,
-            gx.loads.AirDrag(film, ρ, drag_coefficient=C),
-            gx.Gravity(film, fall),
-        ),
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, drag_coefficient=C), gx.Gravity(film, fall)),
         midpoint(4e-3),
     )
     # Terminal speed: the weight σ g balances ½ ρ C v².
@@ -86,7 +72,6 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     assert list(run.totals.losses) == ["air drag"] and abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 @EVERY
 def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: str) -> None:
     """Along the film it glides: air takes nothing from that part of its velocity."""
@@ -111,17 +96,12 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
     assert run.totals.supplied == 0 and abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (1.0, -2.0, 3.0)])
 def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""
     film = gx.Membrane(sheet(comm, 4, 4), FILM, velocity=flutter)
-    air = gx.loads.AirDrag(
-        film,
-        ρ,
-        drag_coefficient=C,
-        wind=wind,
-    )
+    air = gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind)
     run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass_factor=0.5)), midpoint(1e-3))
     lost = [0.0]
     for k in range(1, 6):
@@ -137,7 +117,6 @@ def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the
     strain of its spin, 1e-5, that lets it bulge."""
@@ -161,19 +140,13 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
     """In statics: what holds two edges of a flat film bears its weight and ½ ρ C u² on its area."""
     for wind, lift in (((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.5), ρ * C * 0.5**2 / 2)):
         film = gx.Membrane(sheet(comm, 4, 4), STIFF)
         held = [gx.Fixed(film, edge) for edge in ("left", "right")]
         weight = gx.Gravity(film, (0.0, 0.0, 1.0))
-        air = gx.loads.AirDrag(
-            film,
-            ρ,
-            drag_coefficient=C,
-            wind=wind,
-        )
+        air = gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind)
         equilibrium = at_rest(film, *held, weight, air)
         total = sum(equilibrium.reaction(support)[0] for support in held)
         assert (
@@ -191,21 +164,10 @@ def test_newton_has_the_tangent_of_the_drag() -> None:
     assert run.totals.losses["air drag"] > 0.5 * run.first.energy
 
 
-def test_bad_air_is_refused() -> None:
+def test_wind_that_is_no_number_is_refused() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
-    for given, words in (
-        ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
-        (
-            {"density": 1.0, "drag_coefficient": 0.0},
-            "drag_coefficient is 0.0; give a positive number",
-        ),
-        (
-            {"density": 1.0, "wind": (1.0, math.nan, 0.0)},
-            "wind is .*; give three numbers",
-        ),
-    ):
-        with pytest.raises(gx.InputError, match=words):
-            gx.loads.AirDrag(film, **given)
+    with pytest.raises(gx.InputError, match=r"wind is .*; give three"):
+        gx.loads.AirDrag(film, 1.0, wind=(1.0, math.nan, 0.0))
 
 
 def test_thin_air_is_usual_and_water_is_not() -> None:

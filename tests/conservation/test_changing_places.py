@@ -26,17 +26,8 @@ def cloud(foresight: float = 1.0, dt: float = 2e-3, **options) -> gx.Simulation:
         )
         for k, (x, δ) in enumerate(zip(places, noise, strict=True))
     ]
-    spheres = CollidingSpheres(
-        tuple(m.port() for m in masses),
-        0.2,
-        5e4,
-        foresight,
-    )
-    return gx.Simulation(
-        gx.Scene(*masses, spheres),
-        gx.Midpoint(dt=dt),
-        **options,
-    )
+    spheres = CollidingSpheres(tuple(m.port() for m in masses), 0.2, 5e4, foresight)
+    return gx.Simulation(gx.Scene(*masses, spheres), gx.Midpoint(dt=dt), **options)
 
 
 def collisions(run: gx.Simulation) -> Collisions:
@@ -81,12 +72,7 @@ def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
         velocity=(50.0, 0.0, 0.0),
         name="a",
     )
-    b = gx.PointMass(
-        1.0,
-        (0.46, 0.0, 0.0),
-        velocity=(-50.0, 0.0, 0.0),
-        name="b",
-    )
+    b = gx.PointMass(1.0, (0.46, 0.0, 0.0), velocity=(-50.0, 0.0, 0.0), name="b")
     spheres = CollidingSpheres((a.port(), b.port()), 0.1, 1e8)
     run = run_until(3e-2, a, b, spheres, dt=1e-2)
     x = run.system.state.vectors(spheres.ports)

@@ -32,7 +32,7 @@ def recorded(
     return run, tape, used
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("make", "name", "room"),
     [
@@ -48,29 +48,17 @@ def recorded(
 def test_little_memory_gives_the_same_gradient(comm, make, name, room):
     run, tape, _ = recorded(make, comm)
     energy = gx.analysis.Energy()
-    exact = gx.analysis.gradient(
-        tape,
-        of=energy,
-        by=[name],
-    )[name].values
+    exact = gx.analysis.gradient(tape, of=energy, by=[name])[name].values
     size = comm.allreduce(state_bytes(tape), op=MPI.MAX)
     memory = room * size
 
-    run, tape, used = recorded(
-        make,
-        comm,
-        memory=memory,
-    )
+    run, tape, used = recorded(make, comm, memory=memory)
     assert max(used) <= memory
     assert tape.stride > 1
     assert tape.steps == run.step
     state = run.system.q0.array_r.copy()
     totals = run.totals
-    found = gx.analysis.gradient(
-        tape,
-        of=energy,
-        by=[name],
-    )[name].values
+    found = gx.analysis.gradient(tape, of=energy, by=[name])[name].values
     scale = comm.allreduce(np.abs(exact).max(initial=0.0), op=MPI.MAX)
     assert np.abs(found - exact).max(initial=0.0) < AGREEMENT * scale
     assert tape.bytes <= memory
@@ -84,39 +72,15 @@ def test_times_of_crossings_need_no_states_in_between(comm):
     """Gas: pressures are part of the states, and the time of a crossing asks for all states."""
 
     def recorded_bag(memory: float) -> gx.analysis.Gradient:
-        tank = gx.Tank(
-            1e-4,
-            gas=NITROGEN,
-            pressure=1e6,
-            temperature=293.0,
-        )
-        bag = gx.Chamber(
-            volume=1e-3,
-            gas=NITROGEN,
-            pressure=1e3,
-            temperature=293.0,
-            name="bag",
-        )
-        mass = gx.PointMass(
-            1.0,
-            (0.0, 0.0, 0.0),
-            velocity=(1.0, 0.0, 0.0),
-        )
-        inlet = gx.Orifice(
-            tank,
-            bag,
-            area=1e-5,
-            name="inlet",
-        )
+        tank = gx.Tank(1e-4, gas=NITROGEN, pressure=1e6, temperature=293.0)
+        bag = gx.Chamber(volume=1e-3, gas=NITROGEN, pressure=1e3, temperature=293.0, name="bag")
+        mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
+        inlet = gx.Orifice(tank, bag, area=1e-5, name="inlet")
         run = gx.Simulation(gx.Scene(inlet, mass), gx.Midpoint(dt=1e-3, tolerances=SOLVED))
         tape = gx.analysis.RunTape(run, memory=memory)
         run.run(until=4e-2)
         filled = gx.analysis.CrossingTime(gx.analysis.ChamberPressure(bag), 2e4)
-        return gx.analysis.gradient(
-            tape,
-            of=filled,
-            by=["inlet.area", "tank.pressure"],
-        )
+        return gx.analysis.gradient(tape, of=filled, by=["inlet.area", "tank.pressure"])
 
     exact = recorded_bag(1e9)
     # A state has the coordinates of one mass: 48 bytes.
@@ -129,22 +93,14 @@ def test_times_of_crossings_need_no_states_in_between(comm):
 @pytest.mark.parametrize("memory", [1e9, 4 * 48], ids=["all states", "four states"])
 def test_steps_that_an_event_undid_leave_the_tape(comm, memory):
     """A mass passes x = 0.25 m between two steps: the run goes back and meets the crossing."""
-    mass = gx.PointMass(
-        1.0,
-        (0.0, 0.0, 0.0),
-        velocity=(1.0, 0.0, 0.0),
-    )
+    mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     crossing = gx.When(
         lambda run: run.system.state[mass].positions()[0, 0],
         # The mass moves at 1 m/s, so the crossing is at t = 0.25 s.
         0.25,
         tolerance=1e-9,
     )
-    run = gx.Simulation(
-        gx.Scene(mass),
-        gx.Midpoint(dt=0.1),
-        events=[crossing],
-    )
+    run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1), events=[crossing])
     tape = gx.analysis.RunTape(run, memory=memory)
     run.run(until=1.0)
     if memory == 1e9:
@@ -154,11 +110,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm, memory):
     assert times[-1] == pytest.approx(1.0)
     assert pytest.approx(min(times, key=lambda t: abs(t - 0.25)), abs=1e-8) == 0.25
     position = gx.probes.Position(mass.port(), "x")
-    found = gx.analysis.gradient(
-        tape,
-        of=position,
-        by=["mass.initial_velocity"],
-    )
+    found = gx.analysis.gradient(tape, of=position, by=["mass.initial_velocity"])
     # x(T) = x0 + v T, so dx/dv = T = 1 s.
     assert found["mass.initial_velocity"].values == pytest.approx([1.0, 0.0, 0.0])
 

@@ -26,11 +26,7 @@ def errors(scene: gx.Scene, h: float, steps: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize("h", STEPS)
 def test_free_rigid_body(comm, h):
-    body = gx.RigidBody(
-        1.0,
-        (0.6, 1.1, 1.5),
-        spin=(1.5, 0.0, 0.5),
-    )
+    body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
     # Two seconds, or 300 steps.
     # A few hundred steps at 1e-16 each.
     assert max(errors(gx.Scene(body), h, min(round(2 / h), 300))) < 1e-13
@@ -40,11 +36,7 @@ def test_what_one_iteration_leaves_goes_with_the_tolerance(comm):
     """At this step one iteration meets the usual tolerance, just so: 1e-14 of the energy a step."""
     lost = []
     for relative in (1e-10, 1e-13):
-        body = gx.RigidBody(
-            1.0,
-            (0.6, 1.1, 1.5),
-            spin=(1.5, 0.0, 0.5),
-        )
+        body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
         run = run_until(0.1, body, dt=5e-4, tolerances=gx.Tolerances(relative=relative))
         lost.append(abs(run.energy_error))
     # 200 steps of 1e-14 with the usual tolerance, and round-off with the tight one.
@@ -70,28 +62,17 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
             if spring == "between masses"
             else gx.Ground(centre)
         )
-        spring = gx.connectors.Spring(
-            mass.port(),
-            other,
-            stiffness=40.0,
-            length=1.0,
-        )
+        spring = gx.connectors.Spring(mass.port(), other, stiffness=40.0, length=1.0)
     run = run_until(200 * h, mass, spring, dt=h)
     # The docstring's 4e-9 a step, and a few steps that add up.
     assert abs(run.energy_error) < 2e-8
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("h", STEPS[2:])
 def test_film_that_wrinkles(comm, h):
     film = gx.Membrane(
         sheet(comm, 6, 6),
-        gx.Miyazaki(
-            1e9,
-            0.3,
-            density=1400.0,
-            thickness=1e-4,
-        ),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4),
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
     assert max(errors(gx.Scene(film), h, 40)) < 1e-13
@@ -104,12 +85,7 @@ def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, le
     otherwise, does work."""
     film = gx.Membrane(
         sheet(comm, 6, 6),
-        gx.Miyazaki(
-            1e9,
-            0.3,
-            density=1400.0,
-            thickness=1e-4,
-        ),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4),
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
     run = run_until(2.0, film, dt=0.1, tolerances=gx.Tolerances(energy=energy))

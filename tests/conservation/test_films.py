@@ -15,12 +15,7 @@ from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.small_scenes import run_until
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 MASS = 1400.0 * 1e-4  # kg/m²
 
 
@@ -31,12 +26,7 @@ def thrown(X: np.ndarray) -> np.ndarray:
 
 
 def free_sheet(comm, order=1, n=5) -> gx.Membrane:
-    return gx.Membrane(
-        sheet(comm, n, n),
-        LAW,
-        order=order,
-        velocity=thrown,
-    )
+    return gx.Membrane(sheet(comm, n, n), LAW, order=order, velocity=thrown)
 
 
 def run_of(*items, dt=1e-3, steps=20) -> gx.Simulation:
@@ -52,7 +42,6 @@ def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     """P grows by m g t; about the centre of mass the film moves as if it floated, so its internal
@@ -69,17 +58,11 @@ def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     assert abs(falling.energy_error) <= 1e-12
 
 
-@pytest.mark.mpi
 def test_pressure_in_a_closed_film_gives_no_momentum(comm):
     """The pressure in an airbag inflates it from flat, and pushes and turns the whole of it by
     nothing."""
     film = gx.Membrane(airbag(comm, 1.0, 6), LAW)
-    run = run_of(
-        film,
-        gx.Pressure(film, lambda t: 200.0 * math.sin(100 * t)),
-        dt=5e-4,
-        steps=30,
-    )
+    run = run_of(film, gx.Pressure(film, lambda t: 200.0 * math.sin(100 * t)), dt=5e-4, steps=30)
     assert run.totals.supplied > 0.1 and abs(run.energy_error) <= 1e-11
     # √(2 m T): the momentum that the kinetic energy could carry in one direction; two sheets of 1
     # m².
@@ -88,7 +71,6 @@ def test_pressure_in_a_closed_film_gives_no_momentum(comm):
         assert abs(change).max() <= 1e-12 * scale
 
 
-@pytest.mark.mpi
 def test_supports_take_momentum_but_do_no_work(comm):
     film = free_sheet(comm)
     run = run_of(film, gx.Fixed(film, "left"), dt=2e-3)
@@ -114,7 +96,6 @@ def test_a_guide_leaves_the_momentum_along_it():
     assert abs(run.energy_error) <= 1e-12
 
 
-@pytest.mark.mpi
 def test_mass_damping_slows_every_motion_alike(comm):
     """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; the whole loss counts as
     dissipated."""
@@ -137,7 +118,6 @@ def test_mass_damping_slows_every_motion_alike(comm):
     assert 0.3 < run.totals.dissipated / run.first.energy < 0.8
 
 
-@pytest.mark.mpi
 def test_stiffness_damping_leaves_rigid_motions_alone(comm):
     film = free_sheet(comm)
     run = run_of(film, gx.Damping(film, stiffness_factor=1e-4))
@@ -174,7 +154,6 @@ def test_steps_that_are_halved_conserve_as_well(comm):
         assert abs(change).max() <= 1e-13
 
 
-@pytest.mark.mpi
 # Mean numbers of iterations a step; the limits are the measured ones, rounded up.
 @pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
 def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):
@@ -198,12 +177,7 @@ def test_curved_film_with_gas_spins_freely(comm):
     """A sphere of curved triangles, quadratic film, gas inside and a vent into space: the gas
     carries no momentum."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
-    law = gx.Miyazaki(
-        E=2e6,
-        nu=0.45,
-        density=1100.0,
-        thickness=2e-4,
-    )
+    law = gx.Miyazaki(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     spin = np.array([20.0, -10.0, 30.0])
     drift = np.array([[1.0], [-2.0], [0.5]])
     film = gx.Membrane(
@@ -212,18 +186,8 @@ def test_curved_film_with_gas_spins_freely(comm):
         order=2,
         velocity=lambda X: np.cross(spin, X, axisb=0).T + drift,
     )
-    bag = gx.Chamber(
-        film,
-        gas=gas,
-        pressure=300.0,
-        temperature=300.0,
-    )
-    run = run_of(
-        film,
-        bag,
-        gx.Orifice(bag, gx.gas.Ambient(), area=1e-3),
-        steps=15,
-    )
+    bag = gx.Chamber(film, gas=gas, pressure=300.0, temperature=300.0)
+    run = run_of(film, bag, gx.Orifice(bag, gx.gas.Ambient(), area=1e-3), steps=15)
     # More than 1 % of the gas has left.
     assert run.totals.mass < 0.99 * run.first.mass
     assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
@@ -239,21 +203,10 @@ def test_gas_and_outer_pressure_are_booked(comm):
     """A bag that swells against an atmosphere: its work on the outside is taken from what was
     supplied."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
-    law = gx.Linear(
-        E=2e6,
-        nu=0.45,
-        density=1100.0,
-        thickness=2e-4,
-    )
+    law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     film = gx.Membrane(sphere(comm, 0.2, 8), law)
     outside = gx.gas.Ambient(1e5, 300.0)
-    bag = gx.Chamber(
-        film,
-        gas=gas,
-        pressure=1.005e5,
-        temperature=300.0,
-        outside=outside,
-    )
+    bag = gx.Chamber(film, gas=gas, pressure=1.005e5, temperature=300.0, outside=outside)
     run = run_of(film, bag, dt=2e-4, steps=20)
     # ΔV from the volume at the start, V = U (γ - 1)/p.
     grown = run.chamber("chamber").volume - run.first.stored["chamber"] * 0.4 / 1.005e5

@@ -4,6 +4,7 @@ crossings."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,29 +28,11 @@ def waves(X):
     return np.vstack([np.sin(15 * X[0]), np.sin(9 * X[1]), np.sin(11 * X[0])])
 
 
-def airbag_from_a_tank(
-    comm,
-    law=None,
-    area=5e-5,
-    coefficient=0.8,
-    tank=3e4,
-    volume=4e-4,
-    p=1e3,
-):
+def airbag_from_a_tank(comm, law=None, area=5e-5, coefficient=0.8, tank=3e4, volume=4e-4, p=1e3):
     """A quarter of an airbag that a tank blows up through an orifice, choked at first; free in
     space."""
-    film = gx.Membrane(
-        airbag(comm, edge=0.2, cells=4),
-        law or gx.Linear(**ELASTIC),
-        velocity=waves,
-    )
-    bag = gx.Chamber(
-        film,
-        pressure=p,
-        dead_volume=1e-3,
-        name="bag",
-        **CONTENTS,
-    )
+    film = gx.Membrane(airbag(comm, edge=0.2, cells=4), law or gx.Linear(**ELASTIC), velocity=waves)
+    bag = gx.Chamber(film, pressure=p, dead_volume=1e-3, name="bag", **CONTENTS)
     bottle = gx.Tank(volume, pressure=tank, **CONTENTS)
     inlet = gx.Orifice(bottle, bag, area=area, discharge_coefficient=coefficient, name="inlet")
     return gx.Scene(film, bag, inlet), 2e-4, 30
@@ -143,7 +126,7 @@ def wrinkling(comm):
 CONSERVING = {airbag_from_a_tank: 1e-10, tube_with_a_ring: 1e-9, wrinkling: 1e-6}
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", CONSERVING, ids=lambda make: make.__name__)
 def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     """Film and gas conserve their energy from every start, so E(T) and E(0) are one function of it.
@@ -155,11 +138,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     film = system.bodies[0]
     names = [f"{film.name}.initial_velocity", f"{film.name}.initial_position", "tank.pressure"]
     names += ["tank.volume", "inlet.area", "tank.temperature"]
-    found = gx.analysis.gradient(
-        tape,
-        of=gx.analysis.Energy(),
-        by=names,
-    )
+    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=names)
     tape.restore(tape.states[0])
     owned = system.block(film).owned
     momenta = system.numbering.vector()
@@ -191,12 +170,12 @@ def pressure_of(run, name: str) -> gx.analysis.ChamberPressure:
 # Result, parameter, and the argument of the scene that it is.
 PARAMETERS = [
     (airbag_from_a_tank, "bag", "inlet.area", "area", 5e-5),
+    (tube_with_a_ring, "compartment 2", "passage.discharge_coefficient", "coefficient", 0.8),
     (airbag_from_a_tank, "bag", "inlet.discharge_coefficient", "coefficient", 0.8),
     (airbag_from_a_tank, "bag", "tank.pressure", "tank", 3e4),
     (airbag_from_a_tank, "bag", "tank.volume", "volume", 4e-4),
     (airbag_from_a_tank, "bag", "bag.pressure", "p", 1e3),
     (airbag_with_a_valve, "bag", "inlet.area_factor", "factor", 1.0),
-    (tube_with_a_ring, "compartment 2", "passage.discharge_coefficient", "coefficient", 0.8),
     (tube_with_a_ring, "compartment 2", "film.thickness", "thickness", 1e-4),
     (tube_with_a_ring, "compartment 2", "inlet.area", "area", 1e-5),
     (cylinder_with_a_piston, "cylinder", "wall.conductance", "conductance", 0.05),
@@ -207,22 +186,25 @@ PARAMETERS = [
     (cylinder_with_a_piston, "cylinder", "cylinder.pressure", "pressure", 1e5),
     (cylinder_with_a_piston, "cylinder", "cylinder.dead_volume", "dead_volume", 2e-3),
 ]
-ON_RANKS = {"inlet.area", "passage.discharge_coefficient", "wall.conductance"}
-CASES = [
-    pytest.param(*case, marks=pytest.mark.mpi if case[2] in ON_RANKS else (), id=case[2])
-    for case in PARAMETERS
-]
 
 
-@pytest.mark.parametrize(("make", "chamber", "name", "argument", "value"), CASES)
+@cache
+def linearised(make, chamber: str) -> gx.analysis.Gradient:
+    """The pressure in a chamber at the end, with its derivatives by all parameters of the scene."""
+    run, tape = recorded(make, MPI.COMM_WORLD)
+    names = [case[2] for case in PARAMETERS if case[0] is make]
+    return gx.analysis.gradient(tape, of=pressure_of(run, chamber), by=names)
+
+
+@pytest.mark.mpi(1)
+@pytest.mark.parametrize(
+    ("make", "chamber", "name", "argument", "value"),
+    PARAMETERS,
+    ids=[case[2] for case in PARAMETERS],
+)
 def test_remainders_are_of_second_order(comm, make, chamber, name, argument, value):
     """p(x + δ) - p(x) - δ dp/dx falls with δ², of the pressure at the end."""
-    run, tape = recorded(make, comm)
-    found = gx.analysis.gradient(
-        tape,
-        of=pressure_of(run, chamber),
-        by=[name],
-    )
+    found = linearised(make, chamber)
     (slope,) = found[name].values if found[name].function is None else [None]
 
     def remainder(δ: float) -> float:
@@ -230,13 +212,12 @@ def test_remainders_are_of_second_order(comm, make, chamber, name, argument, val
         return changed.chamber(chamber).pressure - found.value - δ * slope
 
     # Small changes, so that the same steps see the same regime of flow.
-    sizes = [value * part for part in (1e-3, 5e-4, 2.5e-4)]
+    sizes = [value * part for part in (1e-3, 2.5e-4)]
     remainders = [remainder(δ) for δ in sizes]
     # The function is smooth: the order is 2 to within the third-order term.
     assert 1.9 < observed_order(sizes, remainders) < 2.1, (slope, remainders)
 
 
-@pytest.mark.mpi
 def test_the_time_at_which_a_pressure_is_reached_has_a_derivative(comm):
     """By the area of the inlet, against differences; the same steps, so that the time is a smooth
     function."""
@@ -270,14 +251,9 @@ def test_what_the_gas_has_not_is_named_with_what_it_has(comm):
     with pytest.raises(
         gx.InputError, match=r"'inlet' has no parameter 'diameter'.*area, discharge"
     ):
-        gx.analysis.gradient(
-            tape,
-            of=gx.analysis.Energy(),
-            by=["inlet.diameter"],
-        )
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["inlet.diameter"])
 
 
-@pytest.mark.mpi
 def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
     # Values that the search must recover; opening_time starts from others.
     """Newton's method with the derivatives of runs, from 25 % and 15 % off."""

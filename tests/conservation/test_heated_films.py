@@ -34,13 +34,7 @@ def waves(X: np.ndarray, t: float) -> np.ndarray:
     return 293.15 + 100.0 * np.sin(40.0 * t) * (1 + X[0])
 
 
-def sheet_in_flight(
-    comm,
-    law: str,
-    order: int,
-    steps: int,
-    n: int = 4,
-) -> gx.Simulation:
+def sheet_in_flight(comm, law: str, order: int, steps: int, n: int = 4) -> gx.Simulation:
     # Fabric expands differently along warp and weft.
     alpha = (2e-5, 5e-6) if law == "fabric" else 2e-5
     film = gx.Membrane(
@@ -59,7 +53,7 @@ def momentum_error(run: gx.Simulation) -> float:
     return max(momentum_changes(run))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("law", LAWS)
 def test_a_free_sheet_closes_its_balance_by_heat(comm, law: str, order: int) -> None:
@@ -79,7 +73,6 @@ def test_it_does_so_for_a_thousand_steps(law: str) -> None:
     assert momentum_error(run) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
     """Mean temperature, temperature across the thickness, and a rest curvature, all at once."""
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
@@ -100,7 +93,6 @@ def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
     assert momentum_error(run) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     expansion = ThermalExpansion(1e-4, gradient=lambda X, t: 20 * np.sin(60 * t) * (1 + X[0]))
@@ -113,27 +105,17 @@ def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["cable", "slack cable", "table", "beam"])
 def test_lines_close_their_balance(comm, kind: str) -> None:
-    curve = line(
-        comm,
-        [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)],
-        6,
-    )
+    curve = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 6)
     expansion = ThermalExpansion(2e-5, waves)
 
     def swinging(X: np.ndarray) -> np.ndarray:
         return np.vstack([0 * X[0], 3 * np.sin(3 * X[0]), X[0]])
 
     if kind == "beam":
-        section = gx.sections.tube(
-            0.02,
-            5e-4,
-            E=100e9,
-            nu=0.3,
-            density=1560.0,
-        )
+        section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
         body = gx.Beam(curve, section, thermal=expansion, velocity=swinging)
     else:
         law = {
@@ -147,7 +129,6 @@ def test_lines_close_their_balance(comm, kind: str) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
     film = gx.Membrane(

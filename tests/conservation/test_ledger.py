@@ -21,39 +21,23 @@ from gossamer_fx.records.outputs.output import Output
 from gossamer_fx.records.outputs.run_file import read_run_file
 from tests.small_scenes import run_until
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 SHEET = sheet(MPI.COMM_WORLD, 5, 5)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)]
 )
 def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
-    drift = spinning_sheet.main(
-        n=n,
-        dt=dt,
-        steps=steps,
-        order=order,
-    )
+    drift = spinning_sheet.main(n=n, dt=dt, steps=steps, order=order)
     assert drift["energy_drift"] < 1e-10
     assert drift["linear_momentum_drift"] < 1e-12
     assert drift["angular_momentum_drift"] < 1e-12
 
 
-@pytest.mark.mpi
 def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
-    seen = inflate_tube.main(
-        cells=4,
-        until=4e-3,
-        dt=2e-4,
-        output=folder,
-    )
+    seen = inflate_tube.main(cells=4, until=4e-3, dt=2e-4, output=folder)
     assert seen["energy_error"] < 1e-9
     assert seen["mass_error"] < 1e-12
     assert seen["volume"] > 1e-3
@@ -62,7 +46,6 @@ def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
         assert (folder / name).exists()
 
 
-@pytest.mark.mpi
 def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     """A closed film in tumbling flight, filled from a tank: the gas pushes on itself only."""
     gas = gx.IdealGas(gamma=1.4, R=296.8)
@@ -72,20 +55,8 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
         LAW,
         velocity=lambda x: np.cross(spin, x.T).T + np.array([[1.0], [2.0], [3.0]]),
     )
-    bag = gx.Chamber(
-        film,
-        gas=gas,
-        pressure=10.0,
-        temperature=293.0,
-        dead_volume=1e-6,
-        name="bag",
-    )
-    tank = gx.Tank(
-        1e-5,
-        gas=gas,
-        pressure=1e5,
-        temperature=293.0,
-    )
+    bag = gx.Chamber(film, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6, name="bag")
+    tank = gx.Tank(1e-5, gas=gas, pressure=1e5, temperature=293.0)
     run = run_until(1e-2, film, bag, gx.Orifice(tank, bag, area=1e-7), dt=2e-4)
     first = run.first
     last = run.totals
@@ -97,7 +68,6 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     assert error < 1e-11 * np.abs(first.angular_momentum).max()
 
 
-@pytest.mark.mpi
 def test_loads_supports_and_damping_are_booked(comm) -> None:
     film = gx.Membrane(sheet(comm, 6, 6), LAW)
     scene = gx.Scene(
@@ -159,11 +129,7 @@ def test_any_sequence_of_steps(steps: list[float]) -> None:
 def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) -> None:
     """One Newton iteration is not enough once the film flutters; the rows up to there are on
     file."""
-    film = gx.Membrane(
-        sheet(comm, 6, 6),
-        LAW,
-        velocity=spinning_sheet.throw,
-    )
+    film = gx.Membrane(sheet(comm, 6, 6), LAW, velocity=spinning_sheet.throw)
     stepper = gx.Midpoint(dt=2e-3, tolerances=gx.Tolerances(max_iterations=3))
     run = gx.Simulation(
         gx.Scene(film),
@@ -190,7 +156,6 @@ def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
     assert np.allclose(times, np.arange(6) * 0.1)
 
 
-@pytest.mark.mpi
 def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
     film = gx.Membrane(sheet(comm, 6, 6), LAW)
     words = StringIO()
@@ -213,14 +178,9 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
         assert "steps, at rest" in (folder / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.mpi
 def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
     """A strain of 1e-10 is far below all that is computed, and far above round-off."""
-    film = gx.Membrane(
-        sheet(comm, 6, 6),
-        LAW,
-        displacement=lambda X: 1e-10 * X,
-    )
+    film = gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: 1e-10 * X)
     run = run_until(0.03, film, dt=1e-3)
     assert not run.at_rest
     # 1e-10 of strain leaves 6 digits of the energy above round-off.

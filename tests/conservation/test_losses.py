@@ -12,12 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
-LAW = gx.Linear(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+LAW = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 # Units of these constants: s, 1/s, N, N/m, kg, m/s.
 DT = 5e-3
 DRAG = 3.0
@@ -31,11 +26,7 @@ CAUSES = ["air", "strain", "rope damping", "reel"]
 def scene(comm: MPI.Comm = COMM) -> gx.Scene:
     """A film that drifts as a whole, a mass that a brake stops, and one that swings on a damped
     rope."""
-    film = gx.Membrane(
-        sheet(comm, 2, 2),
-        LAW,
-        velocity=lambda x: 0 * x + [[1.0], [0.0], [2.0]],
-    )
+    film = gx.Membrane(sheet(comm, 2, 2), LAW, velocity=lambda x: 0 * x + [[1.0], [0.0], [2.0]])
     at_reel = gx.PointMass(
         MASS,
         (1.0, 0.0, 0.0),
@@ -85,11 +76,7 @@ def run_to(step: int, made: gx.Scene, **given: object) -> gx.Simulation:
 @pytest.mark.mpi
 def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     steps = 90
-    run = run_to(
-        steps,
-        scene(),
-        outputs=[gx.Ledger(folder / "ledger.csv")],
-    )
+    run = run_to(steps, scene(), outputs=[gx.Ledger(folder / "ledger.csv")])
     lost = run.totals.losses
     assert sorted(lost) == sorted(CAUSES)
     # the midpoint rule slows a film in drift by the same factor in each step
@@ -114,20 +101,11 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert float(row["dissipated"]) == run.totals.dissipated
 
 
-@pytest.mark.mpi
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
     mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=COMM)
-    damper = gx.connectors.Damper(
-        mass.port(),
-        gx.Ground((-1.0, 0.0, 0.0)),
-        damping=0.5,
-    )
+    damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), damping=0.5)
     for items, lost in ((mass,), []), ((mass, damper), ["damper"]):
-        run = run_to(
-            2,
-            gx.Scene(*items),
-            outputs=[gx.Ledger(folder / "ledger.csv")],
-        )
+        run = run_to(2, gx.Scene(*items), outputs=[gx.Ledger(folder / "ledger.csv")])
         COMM.barrier()
         assert list(run.totals.losses) == lost
         assert (
@@ -155,16 +133,8 @@ def test_a_step_that_is_made_anew_loses_once() -> None:
 def test_restarts_go_on_with_each_cause(folder: Path) -> None:
     """On as many ranks, and on others: 2 → 1 and 1 → 2 under mpirun -n 2."""
     whole = run_to(20, scene()).totals.losses
-    run_to(
-        10,
-        scene(),
-        checkpoints=gx.Checkpoints(folder / "all"),
-    )
-    run_to(
-        10,
-        scene(MPI.COMM_SELF),
-        checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"),
-    )
+    run_to(10, scene(), checkpoints=gx.Checkpoints(folder / "all"))
+    run_to(10, scene(MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"))
     COMM.barrier()
     for comm, written in ((COMM, "all"), (MPI.COMM_SELF, "all"), (COMM, "own 0")):
         again = run_to(20, scene(comm), restart=folder / written).totals.losses
@@ -173,15 +143,9 @@ def test_restarts_go_on_with_each_cause(folder: Path) -> None:
         assert list(again.values()) == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
 
 
-@pytest.mark.mpi
 def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> None:
     def swing(damping: float) -> gx.Scene:
-        mass = gx.PointMass(
-            MASS,
-            (0.0, 1.0, 0.0),
-            velocity=(0.0, 0.1, 0.0),
-            comm=COMM,
-        )
+        mass = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=COMM)
         return gx.Scene(
             mass,
             gx.connectors.Rope(
@@ -195,11 +159,6 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
 
     lost = run_to(10, swing(4.0), checkpoints=gx.Checkpoints(folder)).totals.losses
     assert lost["rope damping"] > 0
-    after = run_to(
-        20,
-        swing(0.0),
-        restart=folder,
-        changes=["rope"],
-    )
+    after = run_to(20, swing(0.0), restart=folder, changes=["rope"])
     # The sum of a part that no longer loses anything is constant.
     assert after.totals.losses == lost and abs(after.energy_error) < 1e-12

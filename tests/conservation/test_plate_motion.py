@@ -13,12 +13,7 @@ from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until
 
-LAW = gx.Linear(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-3,
-)
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
 
 
 def thrown(X):
@@ -26,7 +21,7 @@ def thrown(X):
     return np.stack([2 * (X[1] - 0.07), -2 * (X[0] - 0.3), 0.5 * np.sin(8 * X[0]) * (1 + 5 * X[1])])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("hinges", [(), ("middle",)])
 @pytest.mark.parametrize("rest", [None, np.diag([3.0, 0.0, 0.0])])
 def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
@@ -54,44 +49,28 @@ def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
     assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
 
 
-@pytest.mark.mpi
 def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
     def direction(X, t):
         angle = math.sin(40 * t)
         return np.stack([math.cos(angle) + 0 * X[0], 0 * X[0], math.sin(angle) + 0 * X[0]])
 
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
-    clamp = gx.Fixed(
-        plate,
-        "left",
-        rotation=True,
-        direction=direction,
-    )
+    clamp = gx.Fixed(plate, "left", rotation=True, direction=direction)
     run = run_until(0.03, plate, clamp, dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
     # The clamp's work must matter.
     assert run.totals.supplied > 1e-4 and run.totals.kinetic > 1e-4
     assert abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
-    moment = gx.loads.EdgeMoment(
-        plate,
-        "right",
-        moment=lambda t: 0.02 * math.sin(60 * t),
-    )
-    scene = gx.Scene(
-        plate,
-        gx.Fixed(plate, "left", rotation=True),
-        moment,
-    )
+    moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 0.02 * math.sin(60 * t))
+    scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), moment)
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
     run.run(until=0.03)
     assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
     """A steel strip curved across; bent backwards fast, its middle flattens at once and folds."""
     radius = 13.3e-3
@@ -108,28 +87,10 @@ def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
         s = 2 * X[0] / length - 1
         return np.stack([20 * X[2], 0 * s, 25 * (s**2 - 1 / 3) - 20 * (X[0] - length / 2)])
 
-    steel = gx.Linear(
-        E=210e9,
-        nu=0.3,
-        density=7850.0,
-        thickness=1e-4,
-    )
+    steel = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)
     rest = np.diag((0.0, 1 / radius, 0.0))
-    mesh = sheet(
-        comm,
-        12,
-        4,
-        length,
-        width,
-        crossed=True,
-    )
-    tape = gx.Plate(
-        mesh,
-        steel,
-        rest_curvature=rest,
-        displacement=curved,
-        velocity=bent,
-    )
+    mesh = sheet(comm, 12, 4, length, width, crossed=True)
+    tape = gx.Plate(mesh, steel, rest_curvature=rest, displacement=curved, velocity=bent)
     run = gx.Simulation(
         gx.Scene(tape), gx.Midpoint(dt=1e-5, tolerances=gx.Tolerances(relative=1e-12))
     )

@@ -16,12 +16,7 @@ from gossamer_fx.meshes.tube import flat_tube
 
 
 def spinning(comm: MPI.Intracomm) -> gx.Scene:
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-    )
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     return gx.Scene(gx.Membrane(sheet(comm, 10, 10), law, velocity=throw))
 
 
@@ -35,17 +30,8 @@ def filling(comm: MPI.Intracomm) -> gx.Scene:
         dead_volume=1e-6,
         name="tube",
     )
-    tank = gx.Tank(
-        20e-6,
-        gas=NITROGEN,
-        pressure=1.5e6,
-        temperature=293.0,
-    )
-    return gx.Scene(
-        film,
-        tube,
-        gx.Orifice(tank, tube, area=math.pi * 1e-4**2),
-    )
+    tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    return gx.Scene(film, tube, gx.Orifice(tank, tube, area=math.pi * 1e-4**2))
 
 
 def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
@@ -64,11 +50,7 @@ def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
 
 @pytest.mark.mpi
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "scene, dt",
-    [(spinning, 1e-3), (filling, 1e-4)],
-    ids=["sheet", "tube"],
-)
+@pytest.mark.parametrize("scene, dt", [(spinning, 1e-3), (filling, 1e-4)], ids=["sheet", "tube"])
 def test_round_off_grows_but_the_ledger_closes(comm, scene, dt: float) -> None:
     """A film that switches amplifies round-off: printed is how fast."""
     runs = [gx.Simulation(scene(c), gx.Midpoint(dt=dt)) for c in (comm, MPI.COMM_SELF)]

@@ -11,8 +11,6 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.plates import whole_disc
 
-pytestmark = pytest.mark.mpi
-
 
 def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(comm):
     """In body axes the transverse momentum turns at (I_a/I_t - 1) ω_a (Euler's equations)."""
@@ -40,11 +38,7 @@ def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(
     assert nutation(run) == pytest.approx(math.atan2(I_t * ω_t, I_a * ω_a), rel=1e-4)
     assert in_space(run) == pytest.approx(I_a * ω_a, rel=1e-10)
     phase = (I_a / I_t - 1) * ω_a * run.time
-    expected = [
-        I_t * ω_t * math.cos(phase),
-        I_t * ω_t * math.sin(phase),
-        I_a * ω_a,
-    ]
+    expected = [I_t * ω_t * math.cos(phase), I_t * ω_t * math.sin(phase), I_a * ω_a]
     assert [probe(run) for probe in in_body] == pytest.approx(expected, rel=1e-3, abs=1e-5)
 
 
@@ -75,12 +69,7 @@ def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, se
 
     # Stiff, so that the stretch of the disc by its spin changes no frequency: ρ Ω² R²/E = 1e-4.
     law = gx.Linear(E=1e6, nu=ν, density=1.0, thickness=1e-3)
-    film = gx.Membrane(
-        whole_disc(comm, 6),
-        law,
-        displacement=out_of_plane,
-        velocity=velocity,
-    )
+    film = gx.Membrane(whole_disc(comm, 6), law, displacement=out_of_plane, velocity=velocity)
     angles = np.arange(8) * math.pi / 4
     # Points of an edge are chords of the circle: a little inside is in the mesh.
     ring = [film.port_at((0.9 * math.cos(θ), 0.9 * math.sin(θ), 0.0)) for θ in angles]
@@ -89,11 +78,7 @@ def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, se
         for part in ("cosine", "sine")
     }
     series = gx.Series(waves)
-    run = gx.Simulation(
-        gx.Scene(film),
-        gx.Midpoint(dt=4e-3),
-        outputs=[series],
-    )
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=4e-3), outputs=[series])
     # Four periods in turning axes.
     run.run(until=4 * 2 * math.pi / ω)
     # The points turn with the disc, and so do the coefficients.
@@ -106,6 +91,7 @@ def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, se
     assert weak < 0.1 * strong
 
 
+@pytest.mark.mpi
 def test_radii_of_an_ellipse_have_two_waves_and_an_imbalance(comm):
     film = gx.Membrane(
         whole_disc(comm, 3),
@@ -118,18 +104,8 @@ def test_radii_of_an_ellipse_have_two_waves_and_an_imbalance(comm):
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
     # r = 0.9 √(1.01 + 0.2 cos 2θ) at eight points
     radius = 0.9 * np.sqrt(1.01 + 0.2 * np.cos(2 * angles))
-    two = gx.probes.Waves(
-        ring,
-        gx.ground_frame(),
-        number=2,
-        quantity="radius",
-    )
-    mean = gx.probes.Waves(
-        ring,
-        gx.ground_frame(),
-        number=0,
-        quantity="radius",
-    )
+    two = gx.probes.Waves(ring, gx.ground_frame(), number=2, quantity="radius")
+    mean = gx.probes.Waves(ring, gx.ground_frame(), number=0, quantity="radius")
     imbalance = gx.probes.Imbalance(ring, gx.ground_frame())
     # The second Fourier coefficient of the eight radii: 2/8 of the sum with cos 2θ.
     assert two(run) == pytest.approx(radius @ np.cos(2 * angles) / 4, rel=1e-6)
@@ -162,14 +138,6 @@ def test_bad_arguments_of_waves_are_named(comm):
     with pytest.raises(gx.InputError, match="no quantity 'depth'"):
         gx.probes.Waves(ring, frame, number=1, quantity="depth")
     with pytest.raises(gx.InputError, match="do not increase"):
-        gx.analysis.travelling_waves(
-            [0.0] * 20,
-            [0.0] * 20,
-            [0.0] * 20,
-        )
+        gx.analysis.travelling_waves([0.0] * 20, [0.0] * 20, [0.0] * 20)
     with pytest.raises(gx.InputError, match="16 or more values"):
-        gx.analysis.travelling_waves(
-            [0.0, 1.0],
-            [0.0, 1.0],
-            [0.0, 1.0],
-        )
+        gx.analysis.travelling_waves([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])

@@ -66,7 +66,7 @@ def jointed_bodies(comm: MPI.Comm) -> gx.Scene:
     return gx.Scene(rod, other, beam, hinge, clamp, gx.RigidMotion(spin=(1.5, 0.3, 0.5)))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("scene, h", [(tethered_film, 4e-4), (jointed_bodies, 2e-3)])
 def test_momentum_and_angular_momentum_are_exact(
     comm: MPI.Comm, scene: Callable[[MPI.Comm], gx.Scene], h: float
@@ -116,7 +116,7 @@ def test_second_order() -> None:
         run.run(until=1.0)
         return run.system.q0.array_r.copy()
 
-    steps = (2e-2, 1e-2, 5e-3)
+    steps = (2e-2, 5e-3)
     exact = position(steps[-1] / 8)
     errors = [float(np.linalg.norm(position(h) - exact)) for h in steps]
     assert observed_order(steps, errors) == pytest.approx(2, abs=0.1)
@@ -202,7 +202,7 @@ def moved(scene: gx.Scene, rule: object, share: float) -> tuple[System, PETSc.Ve
     return system, r
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("name", SCENES)
 def test_forces_are_the_gradient_of_the_energy_in_the_middle(comm: MPI.Comm, name: str) -> None:
     """Forces and tangent of a step to q1 are those of a state at q_mid, the tangent by half."""

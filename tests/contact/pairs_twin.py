@@ -40,11 +40,7 @@ ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
 def measures_of(vectors: np.ndarray) -> np.ndarray:
     """Return e (6,) of r, a, b (3, 3)."""
     products = []
-    for i, j in zip(
-        FIRST,
-        SECOND,
-        strict=True,
-    ):
+    for i, j in zip(FIRST, SECOND, strict=True):
         products.append(vectors[i] @ vectors[j])
     return np.array(products)
 
@@ -73,11 +69,7 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     following = corners[1:] + corners[:1]
     candidates = []
-    for start, end in zip(
-        corners,
-        following,
-        strict=True,
-    ):
+    for start, end in zip(corners, following, strict=True):
         corner = np.array(start, float)
         side = np.subtract(end, start)
         slope = side @ (g + F @ corner)
@@ -85,11 +77,7 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         # A side without length is one point.
         t = 0.0
         if curvature > 0:
-            t = np.clip(
-                -slope / curvature,
-                0,
-                1,
-            )
+            t = np.clip(-slope / curvature, 0, 1)
         candidates.append(corner + t * side)
     return min(candidates, key=lambda z: weights(*z) @ e)
 
@@ -98,13 +86,7 @@ class PairTwin:
     """One pair in one step: its distance as a function of e, r moved to the closest points of
     x0."""
 
-    def __init__(
-        self,
-        pairs: ActivePairs,
-        row: int,
-        x0: np.ndarray,
-        law: ContactLaw,
-    ) -> None:
+    def __init__(self, pairs: ActivePairs, row: int, x0: np.ndarray, law: ContactLaw) -> None:
         self.kind = int(pairs.kind[row])
         self.law = law
         self.points = pairs.points[row]

@@ -63,11 +63,7 @@ def near_pairs(
     return pairs, x.reshape(-1, 3), y.reshape(-1, 3)
 
 
-def _place_above_triangle(
-    x: np.ndarray,
-    d: float,
-    rng: np.random.Generator,
-) -> None:
+def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
     """Put the first points of pairs (n, 4, 3) above or below points of their triangles."""
     # Uniform in the triangle, so that all of its parts are tested.
     weights = rng.dirichlet([1, 1, 1], len(x))
@@ -80,22 +76,14 @@ def _place_above_triangle(
     x[:, 0] = foot + height * normal
 
 
-def _place_across_edge(
-    x: np.ndarray,
-    d: float,
-    rng: np.random.Generator,
-) -> None:
+def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
     """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their
     ends."""
     first_edge = x[:, 1] - x[:, 0]
     second_edge = x[:, 3] - x[:, 2]
     normal = _unit(np.cross(first_edge, second_edge))
     # A tenth of the length beyond either end.
-    u, v = rng.uniform(
-        -0.1,
-        1.1,
-        (2, len(x), 1),
-    )
+    u, v = rng.uniform(-0.1, 1.1, (2, len(x), 1))
     point_on_first = x[:, 0] + u * first_edge
     point_on_second = x[:, 2] + v * second_edge
     gap = point_on_first - point_on_second
@@ -103,12 +91,7 @@ def _place_across_edge(
     x[:, 2:] += (gap + height * normal)[:, None]
 
 
-def _place_at_wall(
-    x: np.ndarray,
-    kind: int,
-    d: float,
-    rng: np.random.Generator,
-) -> None:
+def _place_at_wall(x: np.ndarray, kind: int, d: float, rng: np.random.Generator) -> None:
     """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the
     wall."""
     axis = _unit(x[:, 2])
@@ -156,11 +139,7 @@ def table_of(kind: int, count: int) -> PairTable:
     return PairTable(np.full(count, kind, np.uint8), points)
 
 
-def triangle_soup(
-    n: int,
-    seed: int,
-    size: float = 0.2,
-) -> tuple[CollisionPrimitives, np.ndarray]:
+def triangle_soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimitives, np.ndarray]:
     """Return n triangles anywhere in the unit cube, of sizes that differ by a factor of 100.
 
     Returns:

@@ -38,11 +38,7 @@ def film(
     def displacement(X):
         x = X[0] - size / 2
         y = X[1] - size / 2
-        moved = [
-            c * x - s * y + at[0],
-            s * x + c * y + at[1],
-            0 * x + height,
-        ]
+        moved = [c * x - s * y + at[0], s * x + c * y + at[1], 0 * x + height]
         return np.vstack(moved) - X
 
     return gx.Membrane(
@@ -53,6 +49,13 @@ def film(
         displacement=displacement,
         velocity=lambda X: np.outer(velocity, np.ones(X.shape[1])),
     )
+
+
+def two_films(comm, height, velocity=(0.2, 0.1, -2.0), turn=0.4, **options):
+    """Return a film, and one above it at a height [m], turned and beside, that falls on it."""
+    lower = film(comm, name="lower", **options)
+    given = {"height": height, "velocity": velocity, "turn": turn, "at": (0.01, 0.005)}
+    return lower, film(comm, name="upper", **given, **options)
 
 
 def obstacle_of(kind: str, block: gx.RigidBody, **given) -> Obstacle:
@@ -117,10 +120,6 @@ def assert_conserved(run, energy=1e-9, momentum=1e-11) -> None:
 
 def simulate(items, until, dt=1e-4, **options):
     """Run a scene of these items until a time [s] in steps of dt [s]."""
-    run = gx.Simulation(
-        gx.Scene(*items),
-        gx.Midpoint(dt=dt),
-        **options,
-    )
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
     run.run(until=until)
     return run

@@ -8,21 +8,13 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.solve.system.tangent import Tangent
-from tests.contact.scenes import contact_set_of, film, simulate
+from tests.contact.scenes import contact_set_of, simulate, two_films
 
 
 def touching(comm, body: str) -> gx.Simulation:
     """Films in the middle of a collision; one of them is held at an edge; with a body they rub,
     too."""
-    lower = film(comm, name="lower")
-    upper = film(
-        comm,
-        height=1.2e-3,
-        velocity=(0.2, 0.1, -2.0),
-        turn=0.4,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(comm, height=1.2e-3)
     items = [gx.Fixed(lower, "left")]
     if body:
         # An orthonormal triad without zeros, so that no entry of the tangent vanishes by chance.
@@ -62,7 +54,7 @@ def touching(comm, body: str) -> gx.Simulation:
     return simulate([gx.Contact(lower, upper, distance=1e-3), *items], 2e-4)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("body", ["", "ball", "cylinder", "plane"])
 def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     run = touching(comm, body)

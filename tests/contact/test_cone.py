@@ -225,7 +225,7 @@ RADIUS = 1e-3
 ROPE = gx.CableLaw(EA=1e5, line_density=LINE_DENSITY)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("law", ["barrier", "penalty"])
 def test_a_rope_on_a_slope_presses_with_the_normal_part_of_its_weight(comm, inside, law) -> None:
@@ -294,7 +294,7 @@ def test_a_ring_on_a_cone_is_stretched_by_its_weight(comm) -> None:
 # ---- motion ----
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("law", ["barrier", "penalty"])
 def test_a_film_that_falls_on_the_tip_is_slowed_and_conserves_energy(comm, law) -> None:
     thrown = film(comm, velocity=(0.1, 0.05, -2.0))

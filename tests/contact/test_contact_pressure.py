@@ -19,16 +19,10 @@ def integral(body, function: fem.Function) -> float:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_pressure_integrates_to_the_force(comm, order) -> None:
-    body = film(
-        comm,
-        2,
-        height=2e-5,
-        order=order,
-        name="film",
-    )
+    body = film(comm, 2, height=2e-5, order=order, name="film")
 
     def softly(t: float) -> float:
         # Smooth from 0 to 4 Pa in 10 ms, so that the film does not bounce.
@@ -75,11 +69,7 @@ def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     other = film(comm, 2, height=0.01, name="other")
     run = simulate(
         [
-            gx.Contact(
-                one,
-                gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)),
-                distance=1e-3,
-            ),
+            gx.Contact(one, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3),
             other,
         ],
         1e-4,

@@ -47,13 +47,7 @@ def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
     # Never the stage without geometric stiffness: 20 iterations are more than a step needs.
     monkeypatch.setattr(midpoint, "GEOMETRIC_STIFFNESS_DELAYS", (20,))
     lower = film(MPI.COMM_SELF, name="lower")
-    upper = film(
-        MPI.COMM_SELF,
-        height=1.2e-3,
-        velocity=(0.2, 0.1, -2.0),
-        turn=0.4,
-        name="upper",
-    )
+    upper = film(MPI.COMM_SELF, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
     newton = run.solver.newton
     shares = []
@@ -75,13 +69,7 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     comm = MPI.COMM_SELF
     lower = film(comm, name="lower")
     # 100 m/s × 1e-4 s is 10 mm, three times the gap: the predictor passes through.
-    upper = film(
-        comm,
-        height=3e-3,
-        velocity=(0.2, 0.1, -100.0),
-        turn=0.4,
-        name="upper",
-    )
+    upper = film(comm, height=3e-3, velocity=(0.2, 0.1, -100.0), turn=0.4, name="upper")
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
     newton = run.solver.newton
     first = []
@@ -107,23 +95,14 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     assert count_intersections(run) == 0
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 # 0.16 of the distance separates the two gaps.
 @pytest.mark.parametrize("gap, words", [(0.13, "would pass through"), (0.25, "")])
 def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):
     """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact
     begins."""
     d = 1e-3
-    films = [
-        film(comm, n=2, name="lower"),
-        film(
-            comm,
-            n=2,
-            height=1.2 * d,
-            turn=0.4,
-            name="upper",
-        ),
-    ]
+    films = [film(comm, n=2, name="lower"), film(comm, n=2, height=1.2 * d, turn=0.4, name="upper")]
     run = simulate([*films, gx.Contact(*films, distance=d)], 1e-6, dt=1e-6)
     system = run.system
     system.begin_step(1e-6)

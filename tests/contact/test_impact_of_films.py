@@ -67,13 +67,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
         name="base",
     )
     # a pair of a point and a triangle stands for half of the point's area
-    contact = gx.Contact(
-        small,
-        base,
-        distance=d,
-        stiffness=2 * ε,
-        law="penalty",
-    )
+    contact = gx.Contact(small, base, distance=d, stiffness=2 * ε, law="penalty")
     seen = gx.Series(
         {
             "force": gx.probes.ContactForce(contact, small, axis="z"),
@@ -97,13 +91,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
 
 
 def test_oblique_impact_keeps_what_is_along_the_plane() -> None:
-    thrown = film(
-        COMM,
-        2,
-        height=1.5e-3,
-        velocity=(1.5, 0.5, -2.0),
-        name="thrown",
-    )
+    thrown = film(COMM, 2, height=1.5e-3, velocity=(1.5, 0.5, -2.0), name="thrown")
     run = simulate(
         [gx.Contact(thrown, gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)],
         3e-3,
@@ -146,18 +134,8 @@ def test_a_film_falls_over_the_corner_of_a_box() -> None:
     up = np.ones(3) / 3**0.5
     side = np.array([1.0, -1.0, 0.0]) / 2**0.5
     axes = np.vstack([side, np.cross(up, side), up]).T
-    body = gx.RigidBody(
-        0.02,
-        (1e-5, 1e-5, 1e-5),
-        position=(0.0, 0.0, -0.0366),
-        comm=COMM,
-    )
-    box = gx.contact.Box(
-        centre=(0, 0, -0.0366),
-        sizes=(0.04,) * 3,
-        axes=axes.tolist(),
-        body=body,
-    )
+    body = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.0366), comm=COMM)
+    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), body=body)
     thrown = film(COMM, 5, velocity=(0.0, 0.0, -2.0), name="thrown")
     run = simulate([gx.Contact(thrown, box, distance=1e-3)], 4e-3)
     assert_conserved(run, momentum=1e-10)
@@ -180,13 +158,7 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
         velocity=down(2.0),
         name="rod",
     )
-    contact = gx.Contact(
-        flat,
-        rope,
-        rod,
-        distance=5e-4,
-        radius={"rope": 5e-4, "rod": 5e-4},
-    )
+    contact = gx.Contact(flat, rope, rod, distance=5e-4, radius={"rope": 5e-4, "rod": 5e-4})
     run = simulate([contact], 4e-3)
     assert_conserved(run, energy=1e-8, momentum=1e-10)
     assert count_intersections(run) == 0
@@ -194,14 +166,7 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
 
 
 def test_the_ends_of_a_cylinder_are_round() -> None:
-    place = film(
-        COMM,
-        1,
-        size=0.01,
-        at=(0.035, 0.0),
-        height=0.0,
-        name="film",
-    )
+    place = film(COMM, 1, size=0.01, at=(0.035, 0.0), height=0.0, name="film")
     rod = gx.contact.Cylinder(start=(-0.05, 0, 0), end=(0.01, 0, 0), radius=0.0195)
     contact = gx.Contact(place, rod, distance=1e-3)
     run = simulate([contact], 1e-4)

@@ -45,7 +45,7 @@ def with_moved_plane(comm, motion):
     return gx.Contact(film(comm), floor, distance=DISTANCE)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("wrong", WRONG_MOTIONS)
 def test_a_motion_that_is_no_displacement_is_refused(comm, wrong):
     motion, words = WRONG_MOTIONS[wrong]
@@ -70,34 +70,18 @@ def moved_obstacle(kind, motion):
     """Return an obstacle a centimetre below the film, which moves as prescribed."""
     if kind == "plane":
         normal = (0.0, 0.0, 1.0)
-        return gx.contact.Plane(
-            point=(0.0, 0.0, -0.01),
-            normal=normal,
-            motion=motion,
-        )
+        return gx.contact.Plane(point=(0.0, 0.0, -0.01), normal=normal, motion=motion)
     if kind == "box":
         sizes = (0.04, 0.04, 0.002)
-        return gx.contact.Box(
-            centre=(0.0, 0.0, -0.01),
-            sizes=sizes,
-            motion=motion,
-        )
+        return gx.contact.Box(centre=(0.0, 0.0, -0.01), sizes=sizes, motion=motion)
     if kind == "sphere":
-        return gx.contact.Sphere(
-            centre=(0.01, 0.004, -0.01),
-            radius=0.002,
-            motion=motion,
-        )
+        return gx.contact.Sphere(centre=(0.01, 0.004, -0.01), radius=0.002, motion=motion)
     ends = {"start": (-0.1, 0.0, -0.01), "end": (0.1, 0.0, -0.01)}
     return gx.contact.Cylinder(**ends, radius=0.002, motion=motion)
 
 
 @pytest.mark.parametrize("kind", ["plane", "box", "sphere", "cylinder"])
-@pytest.mark.parametrize(
-    "length",
-    [0.0095, 0.03],
-    ids=["into the film", "past the film"],
-)
+@pytest.mark.parametrize("length", [0.0095, 0.03], ids=["into the film", "past the film"])
 def test_a_jump_between_two_steps_is_refused(kind, length):
     """However short the step, and without energy from nowhere."""
     obstacle = moved_obstacle(kind, lambda t: (0.0, 0.0, 0.0 if t <= 2e-4 else length))
@@ -119,12 +103,7 @@ def test_a_plane_that_comes_and_goes_within_a_step_is_noticed():
         return 0.0, 0.0, height * math.sin(math.pi * time / period) ** 2
 
     contact = with_moved_plane(MPI.COMM_SELF, motion)
-    run = simulate(
-        [contact],
-        until=period,
-        dt=period,
-        halvings=12,
-    )
+    run = simulate([contact], until=period, dt=period, halvings=12)
     film_height = run.system.state[contact.bodies[0]].positions()[:, 2]
     # The film was pushed up by nearly the height of the plane.
     assert film_height.min() > height - 0.01
@@ -144,12 +123,7 @@ def test_a_thin_box_at_100_metres_per_second_does_not_pass_in_one_step():
         motion=lambda t: (0.0, 0.0, speed * t),
     )
     sail = film(MPI.COMM_SELF)
-    run = simulate(
-        [gx.Contact(sail, box, distance=DISTANCE)],
-        until=step,
-        dt=step,
-        halvings=12,
-    )
+    run = simulate([gx.Contact(sail, box, distance=DISTANCE)], until=step, dt=step, halvings=12)
     height = run.system.state[sail].positions()[:, 2]
     assert height.min() > speed * step / 2
     # The film leaves the box in the steps after that of the impact.
@@ -180,26 +154,17 @@ def in_the_way(kind, comm):
     if kind == "rod":
         ends = {"start": (-1.0, 0.03, 0.03), "end": (1.0, 0.03, 0.03)}
         return gx.contact.Cylinder(**ends, radius=0.002)
-    return gx.contact.Box(
-        centre=(0.0, 0.0, 0.0),
-        sizes=(0.2, 0.12, 0.06),
-        inside=True,
-    )
+    return gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(0.2, 0.12, 0.06), inside=True)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["film", "plane", "rod", "room"])
 def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
     """By 136 degrees: on straight lines its edges pass below what they hit on their arcs."""
     turning = turning_film(comm, spin=1000.0)
     hit = in_the_way(kind, comm)
     contact = gx.Contact(turning, hit, distance=DISTANCE)
-    run = simulate(
-        [contact],
-        until=5e-3,
-        dt=5e-3,
-        halvings=10,
-    )
+    run = simulate([contact], until=5e-3, dt=5e-3, halvings=10)
     assert run.substeps > 0
     if kind == "film":
         speed = np.abs(run.system.state[hit].velocities()).max(initial=0.0)
@@ -216,11 +181,7 @@ def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
 def test_a_film_that_turns_far_from_others_keeps_its_long_steps():
     turning = turning_film(MPI.COMM_SELF, spin=1000.0)
     floor = gx.contact.Plane(point=(0.0, 0.0, -0.3), normal=(0.0, 0.0, 1.0))
-    run = simulate(
-        [gx.Contact(turning, floor, distance=DISTANCE)],
-        until=2e-3,
-        dt=2e-3,
-    )
+    run = simulate([gx.Contact(turning, floor, distance=DISTANCE)], until=2e-3, dt=2e-3)
     assert run.substeps == 0
 
 
@@ -229,25 +190,11 @@ def test_an_obstacle_that_turns_through_a_film_with_its_body_is_noticed():
     arm = 0.1
     spin = 100.0
     sail = film(MPI.COMM_SELF)
-    hub = gx.RigidBody(
-        1.0,
-        (1e-2, 1e-2, 1e-2),
-        position=(0.0, 0.0, arm),
-        spin=(spin, 0.0, 0.0),
-    )
-    ball = gx.contact.Sphere(
-        centre=(0.0, -arm, arm),
-        radius=0.006,
-        body=hub,
-    )
+    hub = gx.RigidBody(1.0, (1e-2, 1e-2, 1e-2), position=(0.0, 0.0, arm), spin=(spin, 0.0, 0.0))
+    ball = gx.contact.Sphere(centre=(0.0, -arm, arm), radius=0.006, body=hub)
     # Half a turn in one step: start and end of the ball are both above the film.
     step = math.pi / spin
-    run = simulate(
-        [gx.Contact(sail, ball, distance=DISTANCE)],
-        until=step,
-        dt=step,
-        halvings=12,
-    )
+    run = simulate([gx.Contact(sail, ball, distance=DISTANCE)], until=step, dt=step, halvings=12)
     assert run.substeps > 0
     height = run.system.state[sail].positions()[:, 2]
     # The ball has pushed the film down at the lowest point of its circle.

@@ -23,16 +23,8 @@ from tests.contact.random_pairs import KINDS, near_pairs
 BARRIER = ContactLaw.BARRIER
 EDGE_EDGE = EdgeEdge.number
 POINT_TRIANGLE = PointTriangle.number
-every_kind = pytest.mark.parametrize(
-    "kind",
-    KINDS,
-    ids=lambda kind: type(STENCILS[kind]).__name__,
-)
-every_law = pytest.mark.parametrize(
-    "law",
-    list(ContactLaw),
-    ids=lambda law: law.name,
-)
+every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: type(STENCILS[kind]).__name__)
+every_law = pytest.mark.parametrize("law", list(ContactLaw), ids=lambda law: law.name)
 of_surfaces = pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
 
 
@@ -40,14 +32,7 @@ of_surfaces = pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
 @every_law
 def test_the_kernel_agrees_with_its_twin(kind: int, law: ContactLaw) -> None:
     pairs, x0, x1 = near_pairs(kind, 200)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        law,
-        0.5,
-        by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, law, 0.5, by_pair=True)
     touching = np.flatnonzero(response.state == PairState.TOUCHES)
     # At least a quarter of the pairs touch.
     assert len(touching) > 50
@@ -76,14 +61,7 @@ def test_stiffness_times_unit_energies_adds_up_to_the_energy(kind: int, law: Con
 @every_law
 def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
     pairs, x0, x1 = near_pairs(kind, 500, seed=1)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        law,
-        0.5,
-        by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, law, 0.5, by_pair=True)
     assert set(np.unique(response.state)) >= {PairState.NO_CONTACT, PairState.TOUCHES}
     for i in np.flatnonzero(response.state == PairState.TOUCHES):
         one = pairs.rows(np.array([i]))
@@ -97,14 +75,7 @@ def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
 @of_surfaces
 def test_forces_have_no_resultant_and_no_moment(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 500, seed=2)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        BARRIER,
-        0.5,
-        by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True)
     touches = (response.state == PairState.TOUCHES)[:, None]
     forces = np.where(touches, response.forces, 0).reshape(-1, 4, 3)
     size = np.abs(forces).max(axis=(1, 2))
@@ -119,15 +90,7 @@ def test_forces_have_no_resultant_and_no_moment(kind: int) -> None:
 @pytest.mark.parametrize("alpha", [0.5, 1.0])
 def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float) -> None:
     pairs, x0, x1 = near_pairs(kind, 60, seed=3)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        law,
-        alpha,
-        by_pair=True,
-        tangents_by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, law, alpha, by_pair=True, tangents_by_pair=True)
     K = response.tangents.reshape(-1, 12, 12)
     # Cube root of the machine epsilon would be 6e-6; the curvature of the barrier asks for less.
     difference = 1e-6
@@ -136,22 +99,8 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
         step = np.zeros((4, 3))
         step.flat[j] = difference
         everywhere = np.tile(step, (60, 1))
-        up = evaluate(
-            pairs,
-            x0,
-            x1 + everywhere,
-            law,
-            alpha,
-            by_pair=True,
-        ).forces
-        down = evaluate(
-            pairs,
-            x0,
-            x1 - everywhere,
-            law,
-            alpha,
-            by_pair=True,
-        ).forces
+        up = evaluate(pairs, x0, x1 + everywhere, law, alpha, by_pair=True).forces
+        down = evaluate(pairs, x0, x1 - everywhere, law, alpha, by_pair=True).forces
         numeric[:, :, j] = (up - down) / (2 * difference)
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-5 * np.abs(K[i]).max())
@@ -167,25 +116,10 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
 def test_sums_over_pairs_are_those_of_the_pairs(kind: int) -> None:
     """Forces by points and tangents by blocks, with closest points and states that are known."""
     pairs, x0, x1 = near_pairs(kind, 50, seed=5)
-    alone = evaluate(
-        pairs,
-        x0,
-        x1,
-        BARRIER,
-        0.5,
-        by_pair=True,
-        tangents_by_pair=True,
-    )
+    alone = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True, tangents_by_pair=True)
     pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
     point_forces = np.zeros_like(x0)
-    first = evaluate(
-        pairs,
-        x0,
-        x1,
-        BARRIER,
-        0.5,
-        point_forces=point_forces,
-    )
+    first = evaluate(pairs, x0, x1, BARRIER, 0.5, point_forces=point_forces)
     assert (first.state == alone.state).all()
     blocks = np.zeros((16 * 50, 9))
     block_index = np.arange(16 * 50, dtype=np.int32).reshape(50, 16)
@@ -206,14 +140,7 @@ def test_sums_over_pairs_are_those_of_the_pairs(kind: int) -> None:
 
 def test_small_distances_of_large_triangles_keep_their_digits() -> None:
     pairs, x0, x1 = near_pairs(POINT_TRIANGLE, 200, seed=4, d=1e-6)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        BARRIER,
-        0.5,
-        by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True)
     missing = []
     for i in np.flatnonzero(response.state == PairState.TOUCHES):
         one = pairs.rows(np.array([i]))
@@ -232,15 +159,7 @@ def test_iterates_that_passed_through_are_pushed_back() -> None:
     x1 = x0.copy()
     x1[0, 2] = -0.02
     pairs, _, _ = near_pairs(POINT_TRIANGLE, 1)
-    response = evaluate(
-        pairs,
-        x0,
-        x1,
-        BARRIER,
-        0.5,
-        by_pair=True,
-        tangents_by_pair=True,
-    )
+    response = evaluate(pairs, x0, x1, BARRIER, 0.5, by_pair=True, tangents_by_pair=True)
     assert response.state[0] == PairState.PASSED
     assert response.forces[0, 2] < 0  # the residual asks for a way up
     # A positive stiffness draws the iteration back up.
@@ -302,17 +221,7 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     pairs = crossing_edges(1e-6)
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]
-    responses = [
-        evaluate(
-            pairs,
-            x[0],
-            x1,
-            BARRIER,
-            0.5,
-            by_pair=True,
-        )
-        for x1 in x
-    ]
+    responses = [evaluate(pairs, x[0], x1, BARRIER, 0.5, by_pair=True) for x1 in x]
     upwards = np.array([-r.forces[0].reshape(4, 3)[:2, 2].sum() for r in responses])
     stress = upwards / (heights[0] + heights)
     state = np.array([r.state[0] for r in responses])

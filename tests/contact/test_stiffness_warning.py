@@ -16,26 +16,9 @@ COMM = MPI.COMM_SELF
 
 def test_a_stiffness_that_is_too_soft_is_reported_once(caplog) -> None:
     lower = film(COMM, 1, name="lower")
-    upper = film(
-        COMM,
-        1,
-        height=1.2e-3,
-        velocity=(0, 0, -2.0),
-        turn=0.4,
-        name="upper",
-    )
+    upper = film(COMM, 1, height=1.2e-3, velocity=(0, 0, -2.0), turn=0.4, name="upper")
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
-        simulate(
-            [
-                gx.Contact(
-                    lower,
-                    upper,
-                    distance=1e-3,
-                    stiffness=1e6,
-                )
-            ],
-            3e-4,
-        )
+        simulate([gx.Contact(lower, upper, distance=1e-3, stiffness=1e6)], 3e-4)
     (message,) = [r.getMessage() for r in caplog.records if "too soft" in r.getMessage()]
     least = 4 * SIGMA * 2.0**2 / 1e-3**2
     assert "1e+06 N/m³ is too soft to stop 'lower' and 'upper', which close at 2 m/s" in message

@@ -25,13 +25,7 @@ from gossamer_fx.meshes.airbag import airbag
 
 # A square whose diagonal is 1.2 m.
 EDGE = 1.2 / math.sqrt(2)
-LAW = gx.Miyazaki(
-    E=588e6,
-    nu=0.4,
-    density=1000.0,
-    thickness=6e-4,
-    residual_stiffness=1e-6,
-)
+LAW = gx.Miyazaki(E=588e6, nu=0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-6)
 RAMP = 0.03  # s
 
 
@@ -41,18 +35,10 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     Mass damping ends the large motion; the fast vibration of the stress, which the midpoint rule
     keeps, needs a little of stiffness damping (much of it would make wrinkles creep).
     """
-    film = gx.Membrane(
-        airbag(MPI.COMM_SELF, EDGE, cells),
-        LAW,
-        order=order,
-    )
+    film = gx.Membrane(airbag(MPI.COMM_SELF, EDGE, cells), LAW, order=order)
     # The pressure rises from 0 to 5 kPa.
     inside = gx.Pressure(film, lambda t: 5e3 * min(t / RAMP, 1.0))
-    scene = gx.Scene(
-        film,
-        inside,
-        gx.Damping(film, mass_factor=300.0, stiffness_factor=5e-5),
-    )
+    scene = gx.Scene(film, inside, gx.Damping(film, mass_factor=300.0, stiffness_factor=5e-5))
     run = gx.Simulation(scene, gx.Midpoint(dt=2.5e-3))
 
     x = fem.Function(film.space)
@@ -89,11 +75,7 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     }
 
 
-POINTS = [
-    (0.0, 0.0, 0.0),
-    (-EDGE / 2, -EDGE / 2, 0.0),
-    (0.0, -EDGE / 2, 0.0),
-]  # M, A, B
+POINTS = [(0.0, 0.0, 0.0), (-EDGE / 2, -EDGE / 2, 0.0), (0.0, -EDGE / 2, 0.0)]  # M, A, B
 
 
 def test_airbag_comes_to_rest_in_the_accepted_shape():

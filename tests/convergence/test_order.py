@@ -28,12 +28,7 @@ def drum(
     """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges
     held."""
     film = gx.Membrane(
-        sheet(
-            MPI.COMM_SELF,
-            n,
-            n,
-            crossed=True,
-        ),
+        sheet(MPI.COMM_SELF, n, n, crossed=True),
         law,
         order=order,
         displacement=lambda X: STRETCH * X,

@@ -31,7 +31,6 @@ def test_an_airbag_starts_on_any_number_of_ranks() -> None:
     assert abs(run.energy_error) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_ring_under_follower_pressure_has_its_closed_frequencies() -> None:
     found = follower_pressure.main(around=32, comm=MPI.COMM_WORLD)
     assert found.pop("stiffness, follower over dead, n = 2") == pytest.approx(4 / 3, rel=4e-3)
@@ -52,7 +51,6 @@ def test_a_flat_tube_is_opened_from_its_inlet_if_it_is_filled_fast() -> None:
     assert found["flat tube, T = 40 L/c: spread at T/10 [%]"] < 25
 
 
-@pytest.mark.mpi
 def test_paper_remembers_its_crease() -> None:
     found = paper_crease.main(steps=4, comm=MPI.COMM_WORLD)
     # The demo's text states these numbers.
@@ -139,7 +137,6 @@ def test_a_finger_bends_as_a_beam_and_reaches_the_angle_that_is_wanted() -> None
     assert found["mass error"] < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_ring_rests_on_the_floor_with_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
     """The polyhedron has less area than the torus, by the square of the cells over the tube's
     radius."""
@@ -150,7 +147,6 @@ def test_a_ring_rests_on_the_floor_with_its_weight(monkeypatch: pytest.MonkeyPat
     assert found["free motions, 100 Pa"] == 3
 
 
-@pytest.mark.mpi
 def test_the_modes_of_a_sail_with_curved_edges_converge() -> None:
     study = quarter_sail.main(meshes=(4, 8), reference=16, comm=MPI.COMM_WORLD)
     assert len(study.errors) == quarter_sail.MODES

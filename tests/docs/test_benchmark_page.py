@@ -56,10 +56,7 @@ def test_a_failure_is_a_remark_and_unconverged_steps_are_counted(bench) -> None:
     problem = bench.ERROR_PROBLEMS["errors_sheet"]
     values = {"program": "kratos", "steps": 20, "n": 4}
     numbers = {"cpu": 2.0, "error": 1e-3, "unknowns": 75, "unconverged": 3}
-    points = [
-        Result(values, {}, 1.0, failed="no convergence"),
-        Result(values, numbers, 1.0),
-    ]
+    points = [Result(values, {}, 1.0, failed="no convergence"), Result(values, numbers, 1.0)]
     _, failed, unconverged = bench.point_rows(problem, points)
     assert failed[-1] == "failed"
     assert unconverged[2:] == ["75", "0.001", "2", "3 of 20 steps unconverged"]

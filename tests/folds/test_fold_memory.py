@@ -15,7 +15,7 @@ from demos.sails import spin_deployment
 from demos.studies import fold_memory
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("ratio", "share"), [(0.0, 1.0), (0.5, 0.25), (1.0, 0.0)])
 def test_creases_begin_with_the_energy_of_their_rest_angle(
     comm, ratio: float, share: float
@@ -33,7 +33,6 @@ def test_creases_begin_with_the_energy_of_their_rest_angle(
     assert found["crease_loss"] == 0
 
 
-@pytest.mark.mpi
 def test_opening_a_fold_takes_what_its_rest_angle_tells(comm) -> None:
     """Two panels are flattened slowly from a fold of θ0: the work is ½ k L θ0² (2 s - 1), or k L φ
     (θ0 - φ/2)."""

@@ -31,21 +31,11 @@ def test_the_cross_has_the_inertia_of_the_closed_form(comm) -> None:
     """Hub, arms and tips: within 1e-3, for both meshes and another hub."""
     for pitch, rpm in ((0.64, 7.4), (0.32, 5.0)):
         inner, outer, bends = ikaros.rows(pitch)
-        run = ikaros.build(
-            comm,
-            pitch=pitch,
-            rpm=rpm,
-            contact=0.0,
-            gap=1e-4,
-        ).simulation([])
+        run = ikaros.build(comm, pitch=pitch, rpm=rpm, contact=0.0, gap=1e-4).simulation([])
         a = outer * pitch
         b = inner * pitch
         radius = pitch / 2 / math.sin(math.pi / 8 / bends)
-        closed = ikaros.arm_inertia(
-            a - bends * pitch,
-            half_edges=(a, b),
-            radius=radius,
-        )
+        closed = ikaros.arm_inertia(a - bends * pitch, half_edges=(a, b), radius=radius)
         assert run.totals.angular_momentum[2] / (rpm * RPM) == pytest.approx(closed, rel=1e-3)
 
 
@@ -66,7 +56,6 @@ def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -
     assert [momentum / inertia for inertia in inertias] == pytest.approx(spins, abs=0.051)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("hub", "mass"), [(85.0, 12.0), pytest.param(30.0, 4.0, marks=pytest.mark.slow)]
 )
@@ -102,18 +91,9 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
                 name=f"tether {k}",
             )
         )
-    scene = gx.Scene(
-        body,
-        *masses,
-        *items,
-        gx.RigidMotion(spin=(0.0, 0.0, ω)),
-    )
+    scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
     spin = gx.probes.AngularVelocity(body.frame(), "z")
-    radius = gx.probes.PolarPosition(
-        masses[0].port(),
-        body.frame(),
-        quantity="radius",
-    )
+    radius = gx.probes.PolarPosition(masses[0].port(), body.frame(), quantity="radius")
     run = gx.Simulation(
         scene,
         gx.Midpoint(dt=duration / count),
@@ -130,11 +110,7 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
         assert series["radius"][-1] == pytest.approx(3.0, abs=0.01) and series["spin"][-1] < 0.5 * ω
 
 
-@pytest.mark.parametrize(
-    "held",
-    [True, False],
-    ids=["hub held", "hub free"],
-)
+@pytest.mark.parametrize("held", [True, False], ids=["hub held", "hub free"])
 def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     """Swing and tilt as of a sail that is rigid in its plane, with the tensions of the tethers."""
     search, stiffness, inertia = ikaros.steady(comm, held=held)
@@ -143,11 +119,7 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     found = np.array(
         [
             2 * math.pi * mode.frequency
-            for mode in gx.analysis.modes(
-                search,
-                8 if held else 14,
-                spin=(0.0, 0.0, ω),
-            )
+            for mode in gx.analysis.modes(search, 8 if held else 14, spin=(0.0, 0.0, ω))
         ]
     )
     # √(k (1/I_sail + 1/I_hub)) of two inertias on a torsional spring.
@@ -206,7 +178,6 @@ def test_the_sail_opens_in_stage_2(tmp_path) -> None:
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I +
     1/I'))."""
@@ -215,19 +186,9 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     moment = 0.5
     mass = 2.0
     radius = 0.8
-    guides = RotationGuides(
-        hub,
-        4,
-        radius=radius,
-        mass=mass,
-        brake_damping=c,
-    )
+    guides = RotationGuides(hub, 4, radius=radius, mass=mass, brake_damping=c)
     pair = [
-        gx.loads.Torque(
-            body.frame(),
-            (0, 0, sign * moment),
-            name=f"on {body.name}",
-        )
+        gx.loads.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
         for body, sign in ((guides.ring, 1), (hub, -1))
     ]
     run = run_until(0.3, guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0)), dt=1e-2)
@@ -295,21 +256,9 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
 @pytest.mark.mpi
 def test_the_wound_sail_leaves_the_hub(comm) -> None:
     """Released at once, without guides: the tips begin as free particles."""
-    folds = gx.fold.Ikaros(
-        n=4,
-        inner=2,
-        outer=5,
-        pitch=0.5,
-        bends=1,
-        hub_gap=2e-3,
-        wound=True,
-    )
+    folds = gx.fold.Ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
     law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual_stiffness=1e-6)
-    film = gx.Membrane(
-        folds.mark(trapezoids(comm, 4, 2, 5, 0.5)),
-        law,
-        name="sail",
-    )
+    film = gx.Membrane(folds.mark(trapezoids(comm, 4, 2, 5, 0.5)), law, name="sail")
     contact = gx.Contact(film, distance=1e-3)
     spin = gx.RigidMotion(spin=(0.0, 0.0, 2.6))
     run = run_until(

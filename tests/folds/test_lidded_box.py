@@ -38,13 +38,7 @@ class Angle:
 
 @pytest.mark.mpi
 def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
-    box = LiddedBox(
-        SIZES,
-        release_time=0.01,
-        max_angle=None,
-        rest_angle=2.0,
-        stiffness=0.1,
-    )
+    box = LiddedBox(SIZES, release_time=0.01, max_angle=None, rest_angle=2.0, stiffness=0.1)
     series = gx.Series({"angle": Angle(box)})
     run = run_until(0.08 if comm.size == 1 else 0.02, box, dt=5e-4, outputs=[series])
     held = series.time <= 0.01 + 1e-9
@@ -87,7 +81,6 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
         assert gap.max() == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_free_body_carries_the_box(comm) -> None:
     """Lid and body turn against each other; momentum and angular momentum stay; the angle is the
     closed form's.
@@ -127,7 +120,6 @@ def test_a_free_body_carries_the_box(comm) -> None:
     assert angle == pytest.approx(2.0 * (1 - math.cos(ω * (until - 0.01))), abs=5e-3)
 
 
-@pytest.mark.mpi
 def test_the_lid_moves_with_a_turning_body_at_the_start(comm) -> None:
     """Before the first step, lid and body have one angular velocity: all joints hold their
     velocities."""
@@ -144,25 +136,14 @@ def test_the_lid_moves_with_a_turning_body_at_the_start(comm) -> None:
 @pytest.mark.mpi
 def test_a_film_in_the_box_touches_it(comm) -> None:
     """A sheet that flies upwards in the box strikes the lid and turns it."""
-    law = gx.Miyazaki(
-        E=1e8,
-        nu=0.3,
-        density=1400.0,
-        thickness=1e-4,
-        residual_stiffness=1e-4,
-    )
+    law = gx.Miyazaki(E=1e8, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-4)
     film = gx.Membrane(
         sheet(comm, 2, 2, 0.06, 0.06),
         law,
         displacement=lambda X: np.array([[-0.03], [-0.03], [0.022]]) + 0 * X,
         velocity=lambda X: np.array([[0.0], [0.0], [2.0]]) + 0 * X,
     )
-    box = LiddedBox(
-        SIZES,
-        mass=1e-3,
-        stiffness=1e-4,
-        rest_angle=1.0,
-    )
+    box = LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest_angle=1.0)
     contact = gx.Contact(film, *box.obstacles, distance=1e-3)
     angle = Angle(box)
     run = run_until(3e-3 if comm.size == 1 else 5e-4, film, box, contact, dt=1e-4)
@@ -176,8 +157,6 @@ def test_a_film_in_the_box_touches_it(comm) -> None:
     [
         ({"rest_angle": 4.0}, "rest_angle is 4.0 rad; give an angle between 0 and π"),
         ({"sizes": (0.1, 0.0, 0.1)}, "three positive numbers"),
-        ({"mass": -1.0}, "mass is -1.0 kg"),
-        ({"release_time": -1.0}, "release_time is -1.0 s; give zero or a positive number"),
     ],
 )
 def test_what_cannot_be_is_refused(options, words: str) -> None:

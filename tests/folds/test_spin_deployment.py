@@ -78,7 +78,6 @@ def test_a_driven_hub_with_creases_and_friction() -> None:
     assert found["spin_of_hub"] == pytest.approx(2 * math.pi * 8.0, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_tip_that_sticks_is_held_until_it_is_let_go_and_angular_momentum_stays(comm):
     """A tilted spin, a hub off its axis and a stuck tip are inner or initial matters: the ledger
     closes."""

@@ -19,12 +19,7 @@ SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
 @pytest.mark.mpi
 def test_the_tubes_begin_to_open(comm) -> None:
-    found = sprout.main(
-        comm=comm,
-        until=1e-3 if comm.size == 1 else 2e-4,
-        crease=1e-3,
-        **SHORT,
-    )
+    found = sprout.main(comm=comm, until=1e-3 if comm.size == 1 else 2e-4, crease=1e-3, **SHORT)
     assert found["penetrations"] == 0
     assert (
         found["energy_error"] < 1e-8
@@ -69,7 +64,6 @@ def test_the_tubes_stand_out_in_v(tmp_path) -> None:
     assert (tmp_path / "sprout.png").read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.mpi
 def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
     """A cube of 5 kg carries the box: momenta of lid, films and cube together are conserved; the
     valves are closed."""
@@ -85,7 +79,6 @@ def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
     assert found["pressure_left_1"] < 2.0
 
 
-@pytest.mark.mpi
 def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     found = sprout.main(comm=comm, until=5e-4, gravity=9.80665, down="-y", air=1000.0, **SHORT)
     assert found["energy_error"] < 1e-9
@@ -95,7 +88,6 @@ def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     assert found["pressure_right_2"] == pytest.approx(1000.0, rel=0.05)
 
 
-@pytest.mark.mpi
 def test_the_search_for_rest_starts_where_the_run_ended(comm) -> None:
     """Films and cube, which the lid of its box has moved, are where they were, and all gas has the
     pressure of the run."""
@@ -141,7 +133,6 @@ def test_settling_takes_the_largest_energy_of_the_window() -> None:
     assert settling(Moving(0.2, 0.0)) == pytest.approx(expected)
 
 
-@pytest.mark.mpi
 def test_the_deployed_tubes_bear_the_film(comm) -> None:
     """Deflection of the tips, moment at the root and tension are those of the design by closed
     forms."""

@@ -16,7 +16,7 @@ def test_the_closed_form_keeps_energy_and_angular_momentum() -> None:
     cells = 36
     R = yo_yo.wound(36)[0]
     I, m, t = yo_yo.inertia(cells), 2 * yo_yo.MASS, np.linspace(0, 0.3, 31)  # noqa: E741
-    ω = yo_yo.spin_of(t, cells)
+    ω = yo_yo.spin_of(t)
     s = R * yo_yo.SPIN * t
     turning = ω + yo_yo.SPIN  # of the cords' direction
     energy = I * ω**2 / 2 + m * ((R * ω) ** 2 + (s * turning) ** 2) / 2

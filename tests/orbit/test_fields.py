@@ -46,11 +46,7 @@ ZONALS = {
 @pytest.mark.parametrize("degree", ACCELERATIONS)
 def test_egm2008_at_three_places(degree: int) -> None:
     field = egm2008(degree, central=True)
-    for place, known in zip(
-        PLACES,
-        ACCELERATIONS[degree],
-        strict=True,
-    ):
+    for place, known in zip(PLACES, ACCELERATIONS[degree], strict=True):
         assert np.allclose(
             field.gradient(place), known, rtol=0, atol=5.1e-11
         )  # half of the tables' last digit
@@ -67,30 +63,16 @@ def test_zonal_coefficients_of_egm2008() -> None:
 
 
 def test_oblateness() -> None:
-    known = [
-        (-0.01096739, 0, 0),
-        (0, 0, 0.02193478),
-        (0.00893762, 0.00670321, -0.00372401),
-    ]
+    known = [(-0.01096739, 0, 0), (0, 0, 0.02193478), (0.00893762, 0.00670321, -0.00372401)]
     places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
     # Half of the last of eight decimals.
-    assert np.allclose(
-        oblateness().gradient(places),
-        known,
-        rtol=0,
-        atol=1e-8 / 2,
-    )
+    assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
     r = np.linalg.norm(places, axis=1)[:, None]
     z = places[:, 2:]
     factor = np.hstack([1 - 5 * z**2 / r**2] * 2 + [3 - 5 * z**2 / r**2])
     formula = -1.5 * 1.08262668e-3 * 3.986004418e14 * 6378137.0**2 / r**5 * places * factor
     # Another form of the same polynomial: round-off.
-    assert np.allclose(
-        oblateness().gradient(places),
-        formula,
-        rtol=1e-13,
-        atol=1e-17,
-    )
+    assert np.allclose(oblateness().gradient(places), formula, rtol=1e-13, atol=1e-17)
 
 
 @pytest.mark.parametrize(
@@ -110,22 +92,13 @@ def test_igrf_at_three_places(
     B = Igrf(2020.0).field(1e3 * r * e_r)
     # nT: half of the last of four decimals, for each component.
     components = np.array([B @ e_r, B @ e_θ, B @ e_λ])
-    assert np.allclose(
-        1e9 * components,
-        known,
-        rtol=0,
-        atol=6e-5,
-    )
+    assert np.allclose(1e9 * components, known, rtol=0, atol=6e-5)
 
 
 def test_igrf_between_epochs_is_their_mean() -> None:
     r = np.array([4e6, 3e6, 5e6])
     ends = [Igrf(year).field(r) for year in (2020.0, 2025.0, 2030.0)]
-    assert np.allclose(
-        Igrf(2022.5).field(r),
-        (ends[0] + ends[1]) / 2,
-        rtol=1e-14,
-    )
+    assert np.allclose(Igrf(2022.5).field(r), (ends[0] + ends[1]) / 2, rtol=1e-14)
     assert np.allclose(Igrf(2030.0).field(r), ends[2])
     with pytest.raises(gx.InputError, match="1900"):
         Igrf(1850.0)
@@ -198,12 +171,7 @@ def test_second_derivatives() -> None:
     error = abs(np.trace(G))
     assert error < 1e-13 * np.abs(G).max()
     slope = [(field.potential(r + s * step * np.eye(3))) for s in (1, -1)]
-    assert np.allclose(
-        field.gradient(r),
-        (slope[0] - slope[1]) / (2 * step),
-        rtol=1e-6,
-        atol=1e-9,
-    )
+    assert np.allclose(field.gradient(r), (slope[0] - slope[1]) / (2 * step), rtol=1e-6, atol=1e-9)
 
 
 def test_poles_are_places_like_others() -> None:

@@ -40,19 +40,13 @@ def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
 
 
 def test_a_deorbit_sail_falls_as_the_formula(folder: Path) -> None:
-    result = deorbit.main(
-        hours=0.5,
-        dt=30.0,
-        tilt=math.radians(1),
-        output=folder,
-    )
+    result = deorbit.main(hours=0.5, dt=30.0, tilt=math.radians(1), output=folder)
     # 2 %: the formula takes the density as constant over the fall.
     assert result["fall [m]"] == pytest.approx(result["fall by the formula [m]"], rel=0.02)
     assert result["largest angle to the motion, late [rad]"] < math.radians(3)
     assert (folder / "deorbit.png").exists()
 
 
-@pytest.mark.mpi
 def test_a_balloon_falls_by_the_drag_of_its_deformed_shape(comm) -> None:
     """The fall is that of the shape that the equilibrium has, and not that of the flat films."""
     result = deorbit_balloon.main(cells=6, seconds=120.0, dt=10.0, comm=comm)

@@ -19,26 +19,13 @@ A = 7e6
 
 @pytest.mark.mpi
 def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
-    start = gx.orbit.Elements(
-        A,
-        0.01,
-        i=0.8,
-        node=1.0,
-        perigee=0.5,
-        anomaly=0.3,
-    )
+    start = gx.orbit.Elements(A, 0.01, i=0.8, node=1.0, perigee=0.5, anomaly=0.3)
     orbit = gx.orbit.Orbit(start, sun=(0.0, 0.0, 1.0))
     sail, (body, surface) = film(0.4), plate(0.0)
     run = run_until(
         2e-3,
         gx.orbit.SolarPressure(sail, orbit, name="light"),
-        gx.orbit.Drag(
-            body,
-            orbit,
-            atmosphere=AIR,
-            surfaces=[surface],
-            name="drag",
-        ),
+        gx.orbit.Drag(body, orbit, atmosphere=AIR, surfaces=[surface], name="drag"),
         dt=1e-3,
     )
     r, v = orbit.flight(run.system).state()
@@ -56,25 +43,13 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     assert gx.probes.SunAngle(orbit, normal)(run) == pytest.approx(0.0, abs=1e-3)
     assert gx.probes.Attitude(orbit, normal, axis="across")(run) == pytest.approx(0.8, abs=1e-6)
     push = [
-        gx.probes.LoadResultant(
-            orbit,
-            "light",
-            action="force",
-            axis=axis,
-        )(run)
-        for axis in "xyz"
+        gx.probes.LoadResultant(orbit, "light", action="force", axis=axis)(run) for axis in "xyz"
     ]
     # An ideal mirror of 1 m² at 0.4 rad: 2 P cos² α.
     assert math.hypot(*push) == pytest.approx(2 * 4.563e-6 * math.cos(0.4) ** 2, rel=1e-3)
     # light on the film at its own place turns the whole about the centre of mass of both
     torque = [
-        gx.probes.LoadResultant(
-            orbit,
-            "light",
-            action="torque",
-            axis=axis,
-        )(run)
-        for axis in "xyz"
+        gx.probes.LoadResultant(orbit, "light", action="torque", axis=axis)(run) for axis in "xyz"
     ]
     # From the centre of mass to the middle of the film.
     arm = (
@@ -82,12 +57,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     )
     assert np.allclose(torque, np.cross(arm, push), rtol=1e-3, atol=1e-10)
     with pytest.raises(gx.InputError, match="no load"):
-        gx.probes.LoadResultant(
-            orbit,
-            "wind",
-            action="force",
-            axis="x",
-        )(run)
+        gx.probes.LoadResultant(orbit, "wind", action="force", axis="x")(run)
     for wrong in (
         lambda: gx.probes.OrbitState(orbit, "speed"),
         lambda: gx.probes.Attitude(orbit, normal, axis="down"),
@@ -111,13 +81,7 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
     out = np.array([1.0, 0, 0])
     known = 3 * n2 * np.cross(out, attitude @ inertia @ attitude.T @ out)
     torque = [
-        gx.probes.LoadResultant(
-            orbit,
-            "orbit",
-            action="torque",
-            axis=axis,
-        )(run)
-        for axis in "xyz"
+        gx.probes.LoadResultant(orbit, "orbit", action="torque", axis=axis)(run) for axis in "xyz"
     ]
     # The field is not homogeneous: terms of L/R = 1e-7, and the last bits of positions of 7000 km.
     assert np.allclose(torque, known, rtol=1e-5, atol=1e-5 * np.abs(known).max())
@@ -126,11 +90,7 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
 @pytest.mark.mpi
 def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     def flight(**options: object) -> tuple[gx.Simulation, gx.orbit.Orbit]:
-        orbit = gx.orbit.Orbit(
-            gx.orbit.Elements(A, 0.1, i=0.5),
-            gravity="J2",
-            sun=(1.0, 0, 0),
-        )
+        orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1, i=0.5), gravity="J2", sun=(1.0, 0, 0))
         sail = film(0.3)
         scene = gx.Scene(
             gx.orbit.SolarPressure(sail, orbit), gx.orbit.Drag(sail, orbit, atmosphere=AIR)
@@ -157,12 +117,7 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A), sun=(1.0, 0.3, 0.2))
     body, surface = plate(0.3)
     probes = {"altitude [m]": gx.probes.OrbitState(orbit, "altitude")}
-    picture = FlightPicture(
-        folder / "flight.png",
-        orbit,
-        probes=probes,
-        title="a plate",
-    )
+    picture = FlightPicture(folder / "flight.png", orbit, probes=probes, title="a plate")
     run_until(
         0.5,
         gx.orbit.SolarPressure(body, orbit, surfaces=[surface]),

@@ -14,12 +14,7 @@ from tests.small_scenes import WRINKLING
 
 def film(comm, name, moved, n=4):
     """Return a film on the unit square whose points X go to moved(X)."""
-    return gx.Membrane(
-        sheet(comm, n, n),
-        WRINKLING,
-        name=name,
-        displacement=lambda X: moved(X) - X,
-    )
+    return gx.Membrane(sheet(comm, n, n), WRINKLING, name=name, displacement=lambda X: moved(X) - X)
 
 
 def upright(height):
@@ -58,11 +53,7 @@ def crosses(x: np.ndarray, edge: np.ndarray, triangle: np.ndarray) -> bool:
     a, b, c = triangle
     if {p, q} & {a, b, c}:
         return False
-    turns = [
-        volume(x, p, q, a, b),
-        volume(x, p, q, b, c),
-        volume(x, p, q, c, a),
-    ]
+    turns = [volume(x, p, q, a, b), volume(x, p, q, b, c), volume(x, p, q, c, a)]
     # Both ends are on different sides of the triangle's plane.
     is_across = volume(x, a, b, c, p) * volume(x, a, b, c, q) < 0
     return is_across and (min(turns) > 0 or max(turns) < 0)

@@ -26,12 +26,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 from gossamer_fx.mechanics.terms.element_energies import quadrature_element
 from gossamer_fx.meshes.sheet import sheet
 
-LAW = gx.Miyazaki(
-    E=2e8,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-5,
-)
+LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
 # A film that is three times as thick on one half: areas and stresses scale with it.
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}
 
@@ -46,13 +41,7 @@ def strains(F: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("order", "properties"), [(1, None), (2, None), (1, HEAVY)])
 def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     film = gx.Membrane(
-        sheet(
-            MPI.COMM_SELF,
-            3,
-            3,
-            2.0,
-            2.0,
-        ),
+        sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0),
         LAW,
         order=order,
         properties=properties,

@@ -22,30 +22,13 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
     around = 6
     line = np.column_stack([np.full(2 * along, 1.5), np.zeros(2 * along)])
     φ = braided_torus.section_angles(TORUS, around)
-    mesh = braided_torus.torus_mesh(
-        comm,
-        braided_torus.surface(
-            line,
-            0.17,
-            φ,
-        ),
-        [0, 4],
-    )
+    mesh = braided_torus.torus_mesh(comm, braided_torus.surface(line, 0.17, φ), [0, 4])
     # Normals outwards: pressure acts from inside.  Corners of the cells are on the torus, whose
     # section becomes a polygon, and whose centre line another one.
     section = around / 2 * math.sin(2 * math.pi / around) * 0.17**2
     length = along * math.sin(2 * math.pi / along) * 1.5
     assert mesh.enclosed_volume() == pytest.approx(section * length, rel=1e-3)
-    film = gx.Membrane(
-        mesh,
-        gx.Linear(
-            1e9,
-            0.3,
-            density=1e3,
-            thickness=1e-4,
-        ),
-        order=2,
-    )
+    film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), order=2)
     scene = gx.Scene(film, gx.Pressure(film, 1.0))
     load = gx.Equilibrium(scene).system
     # A closed surface: the pressure has no resultant.
@@ -53,11 +36,7 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
     assert total < 1e-12
     law = gx.CableLaw(1.0, 1.0)
     for name in ("cord 0", "cord 1"):
-        tape = gx.connectors.Tape.along_edges(
-            film,
-            law,
-            edges=name,
-        )
+        tape = gx.connectors.Tape.along_edges(film, law, edges=name)
         # Both cords are half of the minor radius further in than the centre line.
         circle = 2 * math.pi * (1.5 - 0.17 / 2)
         assert float(sum(tape.lengths)) == pytest.approx(circle, rel=2e-3)
@@ -95,20 +74,10 @@ def test_a_cable_pulls_along_its_line_with_its_stiffness():
     # Two points without a common coordinate: no component of the force is zero.
     pulley = np.array([0.6, 0.0, -0.2])
     X = np.array([1.5, 0.1, -0.1])
-    cable = braided_torus.Cable(
-        None,
-        pulley,
-        45.0,
-        1e6,
-    )
+    cable = braided_torus.Cable(None, pulley, 45.0, 1e6)
     assert cable.tension(X + 1.0) == 45.0
     cable.hold(X)
-    cable.begin(
-        1e-3,
-        0.0,
-        X,
-        0 * X,
-    )
+    cable.begin(1e-3, 0.0, X, 0 * X)
     # 45 N of pretension, and 1e6 N/m for 1 mm.
     assert cable.tension(X) == pytest.approx(45.0 + 1e3)
     force = cable.force(X)
@@ -118,18 +87,9 @@ def test_a_cable_pulls_along_its_line_with_its_stiffness():
     for j, step in enumerate(1e-6 * np.eye(3)):
         # Central differences with 1 µm.
         differences[:, j] = (cable.force(X + step) - cable.force(X - step)) / 2e-6
-    assert cable.tangent(X) == pytest.approx(
-        differences,
-        rel=1e-6,
-        abs=1.0,
-    )
+    assert cable.tangent(X) == pytest.approx(differences, rel=1e-6, abs=1.0)
     # A slack cable does not push.
-    cable.begin(
-        -1.0,
-        0.0,
-        X,
-        0 * X,
-    )
+    cable.begin(-1.0, 0.0, X, 0 * X)
     assert cable.tension(X) == 0.0
 
 
@@ -145,11 +105,7 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
     """Two cords carry p π r² (1 - 2 cot²β), and the radius follows their strain; coarse."""
     case = read_case(CASES / "hiad_torus_growth.toml", MODELS)
     inputs = case.tests[0].inputs
-    prediction = braided_torus.predict(
-        inputs,
-        comm,
-        True,
-    )
+    prediction = braided_torus.predict(inputs, comm, True)
     growth = float(prediction.quantities["growth of the mean radius"].y)
     torus = braided_torus.Torus.read(inputs)
     tube = torus.tube

@@ -33,7 +33,6 @@ def test_the_inflated_wall_and_cords_balance_the_pressure():
     assert λ_H - 1 > 3 * abs(λ_L - 1)
 
 
-@pytest.mark.mpi
 def test_the_tube_begins_in_equilibrium_and_reaches_the_measured_plateau(comm):
     """Two cords up, coarse: no load before bending, the measured curve, and the closed form of the
     plateau."""

@@ -11,25 +11,14 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from tests.small_scenes import run_until
 
-TUBE = gx.sections.tube(
-    0.002,
-    5e-5,
-    E=1e11,
-    nu=0.3,
-    density=1560.0,
-)
+TUBE = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
 L = 1.0
 
 
 def beam_along_x(comm, cells=8, **options):
-    return gx.Beam(
-        line(comm, [(0, 0, 0), (L, 0, 0)], cells),
-        TUBE,
-        **options,
-    )
+    return gx.Beam(line(comm, [(0, 0, 0), (L, 0, 0)], cells), TUBE, **options)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("by", ["vector", "function"])
 def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
@@ -62,19 +51,13 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     assert equilibrium.reaction(still)[0][1] == pytest.approx(3 * exact / L, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
     beam = beam_along_x(comm)
     # More than a right angle, so that a linear twist would show.
     φ = 2.0
     still = gx.Fixed(beam, "start", rotation=True)
-    twisted = gx.Fixed(
-        beam,
-        "end",
-        rotation=True,
-        twist=lambda t: φ * t,
-    )
+    twisted = gx.Fixed(beam, "end", rotation=True, twist=lambda t: φ * t)
     slides = gx.Equilibrium(gx.Scene(still, twisted))
     # In four increments of half a radian.
     for t in (0.25, 0.5, 0.75, 1.0):
@@ -88,11 +71,7 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     closes."""
     ω = 2.0
     u = 0.5
-    beam = beam_along_x(
-        comm,
-        4,
-        velocity=lambda X: np.vstack([-ω * X[1], ω * X[0] + u, 0 * X[0]]),
-    )
+    beam = beam_along_x(comm, 4, velocity=lambda X: np.vstack([-ω * X[1], ω * X[0] + u, 0 * X[0]]))
 
     def turning(X, t):
         return np.vstack(
@@ -116,7 +95,6 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     assert directions == pytest.approx(ω + 2 * 0.1, rel=2e-2)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["beam", "cable"])
 def test_lines_slide_in_planes_of_any_direction(comm, kind):
     """A line that hangs between a pin and a slope of 45°: the slope pushes along its normal
@@ -148,7 +126,6 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     assert x @ n == pytest.approx(0, abs=1e-12) and np.linalg.norm(x) > 0
 
 
-@pytest.mark.mpi
 def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
@@ -171,40 +148,14 @@ def test_what_cannot_be_clamped_is_refused(comm):
 
     def compiled(**options):
         return gx.Simulation(
-            gx.Scene(
-                gx.Fixed(
-                    beam,
-                    "start",
-                    rotation=True,
-                    **options,
-                )
-            ),
+            gx.Scene(gx.Fixed(beam, "start", rotation=True, **options)),
             gx.Midpoint(dt=1e-3),
         )
 
     for act, words in (
-        (
-            lambda: gx.Fixed(cable, "start", direction=(0.0, 0.0, 1.0)),
-            "no stiffness in bending",
-        ),
-        (
-            lambda: gx.Fixed(
-                beam,
-                "start",
-                rotation=True,
-                direction=(0.0, 0.0, 0.0),
-            ),
-            "not all zero",
-        ),
-        (
-            lambda: gx.Fixed(
-                beam,
-                "start",
-                rotation=True,
-                twist=math.nan,
-            ),
-            "twist is nan",
-        ),
+        (lambda: gx.Fixed(cable, "start", direction=(0.0, 0.0, 1.0)), "no stiffness in bending"),
+        (lambda: gx.Fixed(beam, "start", rotation=True, direction=(0.0, 0.0, 0.0)), "not all zero"),
+        (lambda: gx.Fixed(beam, "start", rotation=True, twist=math.nan), "twist is nan"),
         (lambda: compiled(direction=(-1.0, 0.0, 0.0)), "opposite"),
         (lambda: compiled(direction=lambda X, t: 0 * X), "is zero"),
         (lambda: compiled(direction=lambda X, t: X[:2]), "Direction of"),

@@ -77,14 +77,7 @@ def by_quadrature(force: float) -> tuple[float, float, float]:
         # Moment of the strip less that of the crease.
         return moment - STIFFNESS * (REST - 2 * φ0)
 
-    φ0 = float(
-        brentq(
-            imbalance,
-            1e-3,
-            REST / 2 * (1 - 1e-9),
-            xtol=1e-14,
-        )
-    )
+    φ0 = float(brentq(imbalance, 1e-3, REST / 2 * (1 - 1e-9), xtol=1e-14))
     lengths = [1e3 * along(end(φ0), φ0, what) for what in (math.cos, math.sin)]
     return 180 - 2 * math.degrees(φ0), 2 * lengths[0], lengths[1]
 
@@ -114,11 +107,7 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
     ends = []
     for stiffness in (None, 1e3, 1e-2):
         mesh = creased_strip(comm, 6, 1, LENGTH, WIDTH)
-        plate = gx.Plate(
-            mesh,
-            crease.LAW,
-            hinges=[] if stiffness is None else ["crease"],
-        )
+        plate = gx.Plate(mesh, crease.LAW, hinges=[] if stiffness is None else ["crease"])
         folds = (
             []
             if stiffness is None
@@ -159,12 +148,7 @@ def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
 
 def test_identification_of_exact_data() -> None:
     weights, angles, distances = measured(0.0)
-    found = identify_crease(
-        STRIP,
-        weights,
-        angles=angles,
-        distances=distances,
-    )
+    found = identify_crease(STRIP, weights, angles=angles, distances=distances)
     # Data are exact; the search ends at its tolerance.
     assert found.rest_angle == pytest.approx(1.9, rel=1e-5)
     assert found.stiffness == pytest.approx(3e-3, rel=1e-4)
@@ -174,13 +158,7 @@ def test_identification_of_exact_data() -> None:
 def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
     uncertainties = {"angle_uncertainty": math.radians(0.5), "distance_uncertainty": 2e-4}
     weights, angles, distances = measured(1.0)
-    found = identify_crease(
-        STRIP,
-        weights,
-        angles=angles,
-        distances=distances,
-        **uncertainties,
-    )
+    found = identify_crease(STRIP, weights, angles=angles, distances=distances, **uncertainties)
     # Three standard deviations; they themselves are below 0.1 rad.
     assert abs(found.rest_angle - 1.9) < 3 * found.rest_angle_error < 0.1
     assert abs(found.stiffness - 3e-3) < 3 * found.stiffness_error < 1e-3
@@ -193,7 +171,6 @@ def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
     [
         ({"weights": [1e-3]}, "1 weights, 4 angles and 4 distances"),
         ({"weights": [-1.0, 1e-3, 2e-3, 3e-3]}, "negative weights"),
-        ({"angle_uncertainty": 0.0}, "angle_uncertainty is 0.0 rad; give a positive number"),
     ],
 )
 def test_measurements_that_cannot_be(change: dict[str, object], words: str) -> None:

@@ -10,24 +10,12 @@ from demos.films import four_corner_film
 from gossamer_fx.analysis import Prestress, find_form
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
-TENSION = Prestress(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-5,
-    tension=10.0,
-)
+TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
 
 
 def soap_film(comm, height):
     """A quarter of a cylinder of radius 1 m between two rings."""
-    mesh = sheet(
-        comm,
-        12,
-        12,
-        np.pi / 2,
-        height,
-    )
+    mesh = sheet(comm, 12, 12, np.pi / 2, height)
     X = mesh.domain.geometry.x
     X[:] = np.column_stack([np.cos(X[:, 0]), np.sin(X[:, 0]), X[:, 1]])
     film = gx.Membrane(mesh, TENSION)
@@ -65,20 +53,12 @@ def test_rings_too_far_apart_hold_no_film(comm):
 
 
 def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
-    film = gx.Membrane(
-        sheet(comm, 2, 2),
-        gx.Linear(
-            1e9,
-            0.3,
-            density=1e3,
-            thickness=1e-4,
-        ),
-    )
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4))
     with pytest.raises(gx.InputError, match="Prestress"):
         find_form(film, lambda: gx.Scene(film))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("force", [10.0, 20.0])
 def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
     """Radius force/tension, as T κ = n0 of a cable that a film pulls at right angles."""

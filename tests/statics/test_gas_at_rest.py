@@ -39,7 +39,6 @@ def exact_position(stiffness: float, exponent: float) -> float:
     return brentq(lambda x: P0 * (V0 / (V0 + AREA * x)) ** exponent * AREA - stiffness * x, 0, 50)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(("process", "exponent"), [("adiabatic", 1.4), ("isothermal", 1.0)])
 @pytest.mark.parametrize("first_step", [2e-4, 2e-2, 2.0])
 def test_a_piston_on_a_spring_keeps_its_law(comm, process, exponent, first_step):
@@ -100,10 +99,7 @@ def drum(comm, thickness: float) -> tuple[gx.Equilibrium, gx.Chamber]:
 def test_the_gradient_at_an_equilibrium_of_gas_is_that_of_differences(comm):
     """dp/dt and dE/dt by the thickness of a film over closed gas, against central differences."""
     equilibrium, chamber = drum(comm, 1e-3)
-    results = (
-        (gx.analysis.ChamberPressure(chamber), "pressure"),
-        (gx.analysis.Energy(), None),
-    )
+    results = ((gx.analysis.ChamberPressure(chamber), "pressure"), (gx.analysis.Energy(), None))
     change = 1e-5
 
     def value(thickness: float, attribute: str | None) -> float:

@@ -20,13 +20,7 @@ from gossamer_fx.meshes.tube_section import cylinder
 from tests.small_scenes import at_rest
 
 SIDE = 0.5  # m
-WRINKLING = gx.Miyazaki(
-    2.5e9,
-    0.34,
-    density=1420.0,
-    thickness=25e-6,
-    residual_stiffness=1e-2,
-)
+WRINKLING = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-2)
 LINEAR = gx.Linear(2.5e9, 0.3, density=1400.0, thickness=25e-6)
 # Relative changes of a parameter for differences; the best of them is compared.
 CHANGES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -57,11 +51,7 @@ def sail(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     scene = gx.Scene(
         gx.Pressure(film, 20.0), gx.Gravity(film), *(gx.Fixed(film, edge) for edge in EDGES)
     )
-    energy = gx.analysis.Integral(
-        film,
-        lambda q: film.density(film.measure(q)) * film.dx,
-        unit="J",
-    )
+    energy = gx.analysis.Integral(film, lambda q: film.density(film.measure(q)) * film.dx, unit="J")
     return scene, [gx.analysis.EnclosedVolume(film), energy]
 
 
@@ -81,29 +71,15 @@ def fabric(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
         direction=(1.0, 0.3, 0.0),
         residual_stiffness=1e-2,
     )
-    film = gx.Membrane(
-        crossed_sheet(comm, 3, 3, SIDE, SIDE),
-        law,
-        displacement=sheared,
-    )
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, SIDE, SIDE), law, displacement=sheared)
     scene = gx.Scene(gx.Pressure(film, 20.0), *(gx.Fixed(film, edge) for edge in EDGES))
     return scene, [gx.analysis.EnclosedVolume(film)]
 
 
 def cushion(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     """A quarter of an airbag of elements of order 2, whose rim slides inwards in its plane."""
-    law = gx.Miyazaki(
-        588e6,
-        0.4,
-        density=1000.0,
-        thickness=6e-4,
-        residual_stiffness=1e-2,
-    )
-    film = gx.Membrane(
-        crossed_sheet(comm, 3, 3, 0.42, 0.42),
-        law,
-        order=2,
-    )
+    law = gx.Miyazaki(588e6, 0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-2)
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.42, 0.42), law, order=2)
     held = [
         gx.Fixed(film, "top", components=(2,)),
         gx.Fixed(film, "right", components=(2,)),
@@ -118,26 +94,14 @@ def net(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.probes.Position]]:
     """A cable, ropes, springs and a force on a mass in the middle."""
     mass = gx.PointMass(0.5, (0.0, 0.0, -1.0), name="mass")
     cable = gx.Cable(line(comm, [(-1, 0, 0), (0, 0, -1)], 4), gx.CableLaw(200.0, 0.05))
-    ends = [
-        (mass.port(), gx.Ground((1.0, 0.3, 0.0))),
-        (mass.port(), gx.Ground((0.2, -1.0, 0.0))),
-    ]
+    ends = [(mass.port(), gx.Ground((1.0, 0.3, 0.0))), (mass.port(), gx.Ground((0.2, -1.0, 0.0)))]
     scene = gx.Scene(
         gx.Gravity(mass),
         gx.Gravity(cable),
         gx.Fixed(cable, "start"),
         gx.constraints.BallJoint(cable.port("end"), mass.port()),
-        gx.connectors.RopeBundle(
-            ends,
-            stiffness=80.0,
-            lengths=[1.2, 1.1],
-        ),
-        gx.connectors.Spring(
-            mass.port(),
-            gx.Ground((0.0, 0.0, -2.0)),
-            stiffness=30.0,
-            length=0.8,
-        ),
+        gx.connectors.RopeBundle(ends, stiffness=80.0, lengths=[1.2, 1.1]),
+        gx.connectors.Spring(mass.port(), gx.Ground((0.0, 0.0, -2.0)), stiffness=30.0, length=0.8),
         gx.loads.Force(mass.port(), (0.5, 0.2, -1.0)),
     )
     return scene, [gx.probes.Position(mass.port(), "x"), gx.probes.Position(mass.port(), "z")]
@@ -154,53 +118,20 @@ def strip(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     )
     mesh = creased_strip(comm, 4, 1, 0.05, 0.01)
     angle = math.radians(100.0)
-    plate = gx.Plate(
-        mesh,
-        law,
-        hinges=["crease"],
-        displacement=folded(angle),
-        name="strip",
-    )
+    plate = gx.Plate(mesh, law, hinges=["crease"], displacement=folded(angle), name="strip")
     scene = gx.Scene(
         plate,
-        gx.connectors.Crease(
-            plate,
-            "crease",
-            stiffness=2e-3,
-            rest_angle=angle,
-            name="fold",
-        ),
+        gx.connectors.Crease(plate, "crease", stiffness=2e-3, rest_angle=angle, name="fold"),
         gx.Fixed(plate, "crease"),
-        gx.loads.EdgeLoad(
-            plate,
-            "left",
-            force=(-0.05, 0.0, 0.0),
-            name="left pull",
-        ),
-        gx.loads.EdgeLoad(
-            plate,
-            "right",
-            force=(0.05, 0.0, 0.0),
-            name="right pull",
-        ),
+        gx.loads.EdgeLoad(plate, "left", force=(-0.05, 0.0, 0.0), name="left pull"),
+        gx.loads.EdgeLoad(plate, "right", force=(0.05, 0.0, 0.0), name="right pull"),
     )
-    return scene, [
-        gx.analysis.Integral(
-            plate,
-            lambda q: q[2] * plate.dx,
-            unit="m³",
-        )
-    ]
+    return scene, [gx.analysis.Integral(plate, lambda q: q[2] * plate.dx, unit="m³")]
 
 
 def pendulum(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.probes.Position]]:
     """A rigid body on a hinge with a torsion spring, which gravity bends."""
-    body = gx.RigidBody(
-        0.5,
-        (0.01, 0.02, 0.02),
-        position=(0.3, 0.0, 0.0),
-        name="arm",
-    )
+    body = gx.RigidBody(0.5, (0.01, 0.02, 0.02), position=(0.3, 0.0, 0.0), name="arm")
     y = (0.0, 1.0, 0.0)
     hinge = body.frame((-0.3, 0.0, 0.0))
     scene = gx.Scene(
@@ -214,11 +145,7 @@ def pendulum(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.probes.Position]]:
             name="spiral",
         ),
         gx.Gravity(body),
-        gx.loads.Force(
-            body.port((0.3, 0.0, 0.0)),
-            (0.0, 0.0, -1.0),
-            name="push",
-        ),
+        gx.loads.Force(body.port((0.3, 0.0, 0.0)), (0.0, 0.0, -1.0), name="push"),
     )
     return scene, [gx.probes.Position(body.port((0.3, 0.0, 0.0)), "z")]
 
@@ -305,7 +232,7 @@ def check_against_differences(equilibrium, names, results, changes, begin=lambda
         assert np.min(errors, axis=0).max() < AGREEMENT, (variable.name, exact, errors)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(3)
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_agree_with_differences(comm, case):
     make, names = CASES[case]
@@ -321,27 +248,17 @@ def test_gradients_agree_with_differences(comm, case):
     check_against_differences(equilibrium, names.split(", "), results, CHANGES, begin)
 
 
-@pytest.mark.mpi
 def test_energy_of_a_loaded_spring(comm):
     """ψ = F²/(2k): dψ/dF = F/k, dψ/dk = -F²/(2k²) and, as the force does not change, dψ/dL = 0."""
     force = 3.0
     k = 50.0
     mass = gx.PointMass(1.0, (0.0, 0.0, -1.0))
-    spring = gx.connectors.Spring(
-        mass.port(),
-        gx.Ground((0.0, 0.0, 0.0)),
-        stiffness=k,
-        length=1.0,
-    )
+    spring = gx.connectors.Spring(mass.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=k, length=1.0)
     scene = gx.Scene(spring, gx.loads.Force(mass.port(), (0.0, 0.0, -force)))
     equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-13))
     equilibrium.find()
     names = ["force.force", "spring.stiffness", "spring.length"]
-    found = gx.analysis.gradient(
-        equilibrium,
-        of=gx.analysis.Energy(),
-        by=names,
-    )
+    found = gx.analysis.gradient(equilibrium, of=gx.analysis.Energy(), by=names)
     # ψ = F²/2k.
     assert found.value == pytest.approx(force**2 / (2 * k))
     assert found.unit == "J"
@@ -433,11 +350,7 @@ def hanging(comm: MPI.Intracomm) -> tuple[gx.Equilibrium, gx.analysis.Functional
         (mass.port(), gx.Ground((-1.0, 0.0, 0.0))),
         (mass.port(), gx.Ground((0.0, 1.0, 0.0))),
     ]
-    ropes = gx.connectors.RopeBundle(
-        ends,
-        stiffness=500.0,
-        lengths=[1.3, 1.3, 1.3],
-    )
+    ropes = gx.connectors.RopeBundle(ends, stiffness=500.0, lengths=[1.3, 1.3, 1.3])
     equilibrium = gx.Equilibrium(
         gx.Scene(ropes, gx.Gravity(mass)), gx.analysis.Continuation(tolerance=1e-12)
     )
@@ -530,11 +443,7 @@ REFUSED: dict[str, tuple[Callable[[gx.Membrane], list], list[str], str]] = {
     ),
     "contact without a given stiffness": (
         lambda film: [
-            gx.Contact(
-                film,
-                gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)),
-                distance=1e-3,
-            )
+            gx.Contact(film, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)
         ],
         ["film.thickness"],
         "'contact' derives its stiffness",
@@ -548,11 +457,7 @@ def test_what_has_no_gradient_is_refused_by_name(comm, what):
     film, held = square(comm, LINEAR, stretched)
     equilibrium = at_rest(film, *held, *more(film))
     with pytest.raises(gx.InputError, match=words):
-        gx.analysis.gradient(
-            equilibrium,
-            of=gx.analysis.EnclosedVolume(film),
-            by=names,
-        )
+        gx.analysis.gradient(equilibrium, of=gx.analysis.EnclosedVolume(film), by=names)
 
 
 def test_the_demo_removes_most_of_the_wrinkles_at_equal_mass(comm):
@@ -564,7 +469,7 @@ def test_the_demo_removes_most_of_the_wrinkles_at_equal_mass(comm):
     assert found["mass over that of the even sail"] == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("law", ["penalty", "barrier"])
 def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     """K d b'(z/d) + ρ t g = 0 of a film at the height z, so that dz/dt = -ρ g/(K b''(z/d)).
@@ -601,7 +506,6 @@ def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
     assert by_g == pytest.approx(density * thickness * compliance / g, rel=1e-6)
 
 
-@pytest.mark.mpi
 def test_a_pressed_tube_has_the_gradients_of_differences(comm):
     """A tube between two planes, whose contact grows with the load: by its thickness and its
     pressure."""

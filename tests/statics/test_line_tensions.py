@@ -24,7 +24,6 @@ def values(line_part, state):
 # ---- connectors ----------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 def test_spring_bears_a_weight(comm):
     """N = m g, l = L + m g/k: a spring, a rope and a tether whose length is a function of time."""
     k = 100.0
@@ -45,7 +44,6 @@ def test_spring_bears_a_weight(comm):
         assert strain == pytest.approx(load / k / natural, rel=1e-7)
 
 
-@pytest.mark.mpi
 def test_brake_limits_the_tension_of_a_tether(comm):
     """A tether whose brake slips has the tension of its brake, and a longer natural length."""
     mass = gx.PointMass(2.0, (0.0, 0.0, -1.1), comm=comm)
@@ -71,7 +69,6 @@ def test_ropes_of_a_bundle(comm):
     assert gx.probes.Length(ropes)(run) == pytest.approx(2.0, rel=1e-12)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("law", "force"),
     [
@@ -98,7 +95,7 @@ def test_tape_that_is_cut_short(comm, law, force):
 # ---- cables and beams ----------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_hanging_cable(comm, order):
     """A shallow cable under its weight: the horizontal force H with the arc of the catenary.
@@ -153,7 +150,6 @@ def test_field_along_a_cable_of_groups(comm):
     assert (least, mean, largest) == pytest.approx((12.0, 30.0, 48.0), rel=1e-10)
 
 
-@pytest.mark.mpi
 def test_bent_beam_has_no_tension(comm):
     """A cantilever under a transverse force at its tip bears F sin φ; under an axial one F."""
     boom = gx.Beam(line(comm, [(0, 0, 0), (2, 0, 0)], 6), BOOM, name="boom")
@@ -170,7 +166,7 @@ def test_bent_beam_has_no_tension(comm):
     assert values(boom, pressed) == pytest.approx([-7.0] * 3, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_curve_along_a_cable(comm, order):
     """A cable that hangs straight down bears μ g (L - s) at the distance s from its support."""

@@ -26,12 +26,7 @@ N0 = 10.0
 THICKNESS = 2e-5
 E = 2.3e9
 NU = 0.3
-TENSIONED = gx.Miyazaki(
-    E,
-    NU,
-    density=0.028 / THICKNESS,
-    thickness=THICKNESS,
-)
+TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 
 
@@ -39,7 +34,7 @@ def stretched(X):
     return STRETCH * X
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("order", "cells", "tolerance"),
     [(1, 16, 0.02), (2, 8, 2e-3)],
@@ -63,12 +58,7 @@ def test_square_film_under_tension(comm, order, cells, tolerance):
 
 def test_round_film_under_tension(comm):
     """f = j_mn/(2πa) √(N0/ρt) for a = 1 m; a quarter has the modes of even m: j01, j21, j02."""
-    film = gx.Membrane(
-        quarter_disc(comm, 8, 1.0, 2),
-        TENSIONED,
-        order=2,
-        displacement=stretched,
-    )
+    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), TENSIONED, order=2, displacement=stretched)
     held = [
         gx.Fixed(film, "rim"),
         gx.Fixed(film, "x axis", components=(1,)),
@@ -83,11 +73,7 @@ SPIN = 10.0
 SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)  # ρΩ²a²/E = 5e-5
 
 
-@pytest.mark.parametrize(
-    "turning",
-    [False, True],
-    ids=["without Coriolis", "with Coriolis"],
-)
+@pytest.mark.parametrize("turning", [False, True], ids=["without Coriolis", "with Coriolis"])
 def test_disc_that_spins_about_a_hub(comm, turning):
     """(ω/Ω)² in the disc's frame, b/a = 0.2, for 0, 1, 1, 2, 2, 3, 3 nodal diameters.
 
@@ -128,12 +114,7 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     point = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     springs = [
-        gx.connectors.AxialSpring(
-            point.port(),
-            k,
-            direction=axis,
-            name=f"spring {axis}",
-        )
+        gx.connectors.AxialSpring(point.port(), k, direction=axis, name=f"spring {axis}")
         for axis in axes
     ]
     equilibrium = at_rest(point, *springs)
@@ -158,7 +139,6 @@ def test_coriolis_matrix_of_a_film(comm):
     assert y.dot(out) == pytest.approx(2 * 0.028 * SPIN)
 
 
-@pytest.mark.mpi
 def test_a_mass_on_a_gas_spring(comm):
     """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those
     without gas."""
@@ -177,12 +157,7 @@ def test_a_mass_on_a_gas_spring(comm):
         outside=gx.gas.Ambient(pressure),
     )
     across = [
-        gx.connectors.AxialSpring(
-            piston.port(),
-            k,
-            direction=axis,
-            name=f"spring {axis}",
-        )
+        gx.connectors.AxialSpring(piston.port(), k, direction=axis, name=f"spring {axis}")
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     ]
     scene = gx.Scene(piston, gas, *across)
@@ -205,12 +180,7 @@ def test_a_drum_over_closed_air(comm):
     bag = airbag(comm, 1.0, 8)
     frequencies = {}
     for closed in (False, True):
-        film = gx.Membrane(
-            bag,
-            TENSIONED,
-            order=2,
-            initial_stress=N0 / THICKNESS,
-        )
+        film = gx.Membrane(bag, TENSIONED, order=2, initial_stress=N0 / THICKNESS)
         items = [film, gx.Fixed(film, "seam"), gx.Fixed(film, "bottom")]
         if closed:
             items.append(
@@ -265,11 +235,7 @@ def test_effective_masses(comm):
 
 
 def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
-    film = gx.Membrane(
-        sheet(comm, 3, 3),
-        TENSIONED,
-        displacement=lambda X: -1e-3 * X,
-    )
+    film = gx.Membrane(sheet(comm, 3, 3), TENSIONED, displacement=lambda X: -1e-3 * X)
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left")))
     found = equilibrium.find()
     assert not found.regular
@@ -281,11 +247,7 @@ def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
 def test_film_in_contact(comm):
     """A sheet that lies on the ground vibrates across it by the stiffness of contact alone."""
     law = gx.Linear(E, NU, density=1400.0, thickness=THICKNESS)
-    film = gx.Membrane(
-        sheet(comm, 3, 3),
-        law,
-        initial_stress=N0 / THICKNESS,
-    )
+    film = gx.Membrane(sheet(comm, 3, 3), law, initial_stress=N0 / THICKNESS)
     items = [film, gx.Gravity(film), *(gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES)]
     floor = gx.contact.Plane(point=(0.0, 0.0, -2e-3), normal=(0.0, 0.0, 1.0))
     equilibrium = Equilibrium(gx.Scene(*items, gx.Contact(film, floor, distance=1e-3)))
@@ -295,18 +257,13 @@ def test_film_in_contact(comm):
     assert lowest.effective_mass[2] == pytest.approx(1400 * THICKNESS, rel=0.05)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))]
 )
 def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
     """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
     down = (0.0, 0.0, -1.0)
-    cable = gx.Cable(
-        line(comm, [(0, 0, 0), down], 32),
-        gx.CableLaw(1e5, 1.0),
-        order=2,
-    )
+    cable = gx.Cable(line(comm, [(0, 0, 0), down], 32), gx.CableLaw(1e5, 1.0), order=2)
     items = [gx.Fixed(cable, "start"), gx.Gravity(cable, down)]
     if tip:
         mass = gx.PointMass(tip, down, comm=comm)
@@ -319,12 +276,7 @@ def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
 
 def test_cantilever(comm):
     """βL of a beam, whose sections stay rigid by multipliers, in both of its planes."""
-    section = gx.sections.solid_circle(
-        1e-2,
-        E=1e9,
-        nu=0.3,
-        density=1000.0,
-    )
+    section = gx.sections.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
     equilibrium = at_rest(beam, gx.Fixed(beam, "start", rotation=True))
     scale = (section.line_density / section.EI2) ** 0.5
@@ -332,7 +284,7 @@ def test_cantilever(comm):
     assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("above", [0.0, 1.01, 2.4])
 def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
     """ω/Ω = √(R/L) in the plane, √(1 + R/L) out of it, of tethers L with tip masses that swing
@@ -345,21 +297,11 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
     L = 1.0
     m = 0.05
     k = 1e5
-    hub = gx.RigidBody(
-        2.0,
-        (0.3, 0.3, 0.5),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(2.0, (0.3, 0.3, 0.5), comm=comm, name="hub")
     spin = (0.0, 0.0, Ω)
     items = [Centrifugal(hub, spin)]
     for i, e in enumerate(np.array([(1.0, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])):
-        tip = gx.PointMass(
-            m,
-            tuple((R + L) * e),
-            comm=comm,
-            name=f"tip {i}",
-        )
+        tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
         length = L - m * Ω**2 * (R + L) / k
         items += [
             gx.connectors.Rope(
@@ -376,12 +318,7 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
     assert result.free == ("translation z", "rotation z")
     planar = np.sqrt(R / L)
     across = np.sqrt(1 + R / L)
-    near = modes(
-        equilibrium,
-        2 if above else 12,
-        spin=spin,
-        above=above * planar * Ω / (2 * np.pi),
-    )
+    near = modes(equilibrium, 2 if above else 12, spin=spin, above=above * planar * Ω / (2 * np.pi))
     found = np.array([2 * np.pi * mode.frequency / Ω for mode in near])
     for exact in [planar, across] if above == 0 else [planar] if above < 2 else [across]:
         assert abs(found - exact).min() < 1e-5 * exact
@@ -394,12 +331,7 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
     film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
     spin = (0.0, 0.0, SPIN)
     equilibrium = at_rest(film, gx.Fixed(film, "hub"), Centrifugal(film, spin))
-    found = modes(
-        equilibrium,
-        2,
-        spin=spin,
-        above=1.5 * SPIN / (2 * np.pi),
-    )
+    found = modes(equilibrium, 2, spin=spin, above=1.5 * SPIN / (2 * np.pi))
     measured = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
     assert measured == pytest.approx([2.276136] * 2, rel=2e-3)
 
@@ -409,12 +341,7 @@ def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
     free."""
     film = gx.Membrane(ring(comm, 0.2, 1.0, 4, 24, 2), SPUN, order=2)
     mass = 1e4 * 5e-5 * 1e9 / SPIN**2 * 1e-4 * np.pi
-    hub = gx.RigidBody(
-        mass,
-        (mass, mass, 2 * mass),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(mass, (mass, mass, 2 * mass), comm=comm, name="hub")
     spin = (0.0, 0.0, SPIN)
     scene = gx.Scene(
         gx.RigidRegion(film, "hub", rigid_body=hub), Centrifugal(film, spin), Centrifugal(hub, spin)
@@ -422,12 +349,7 @@ def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
     equilibrium = Equilibrium(scene)
     equilibrium.find()
     lowest = modes(equilibrium, 14, spin=spin)
-    near = modes(
-        equilibrium,
-        10,
-        spin=spin,
-        above=1.2 * SPIN / (2 * np.pi),
-    )
+    near = modes(equilibrium, 10, spin=spin, above=1.2 * SPIN / (2 * np.pi))
     squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in lowest])
     for exact in (0.733432, 1.158668):
         assert abs(squares / exact - 1).min() < 1e-3
@@ -460,7 +382,6 @@ def test_an_unstable_equilibrium_is_reported(caplog):
     assert "grows" not in repr(found[2])
 
 
-@pytest.mark.mpi
 def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
     """Between hinges under 1.5 times Euler's load: growth √(N/N_cr - 1) (π/L)² √(EI/μ)."""
     length = 2.0
@@ -495,7 +416,6 @@ def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     assert "finer mesh" not in caplog.text
 
 
-@pytest.mark.mpi
 def test_slack_film_beside_a_boom_is_reported_with_the_deflection_of_the_boom(comm, caplog):
     """A cantilever under a force F at its tip: F L³/(3 EI)."""
     length = 2.0
@@ -531,7 +451,6 @@ def test_the_share_of_a_film_that_is_not_taut_is_that_of_its_states(comm):
     assert taut == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.mpi
 def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
     """Six rigid motions have the frequency zero: any combinations of them are modes, and their
     effective masses add up only if these are orthogonal."""
@@ -580,7 +499,7 @@ def frequencies_of_the_net() -> list[float]:
     return sorted(np.sqrt(squares) / (2 * np.pi))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("count", [1, 6, 9, 10, 12, 16])
 def test_no_copy_of_a_multiple_frequency_is_left_out(comm, count, caplog):
     """The seventh to tenth frequency of the net are one, 61.64 Hz."""

@@ -9,27 +9,16 @@ import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from tests.small_scenes import at_rest
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1000.0,
-    thickness=1e-4,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 STRETCHED = {"displacement": lambda X: 0.01 * X}
 
 
 def film(comm, name="film", law=LAW, **start):
-    return gx.Membrane(
-        sheet(comm, 3, 3),
-        law,
-        name=name,
-        **start,
-    )
+    return gx.Membrane(sheet(comm, 3, 3), law, name=name, **start)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("load", ["gravity", "edge", "one of two", "corner"])
 def test_what_nothing_holds_has_no_equilibrium(comm, load):
     """It was 'found' 5e9 m away, with half of the load unbalanced."""
@@ -37,10 +26,7 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     second = film(comm, "other")
     scene = {
         "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
-        "edge": lambda: gx.Scene(
-            first,
-            gx.loads.EdgeLoad(first, "right", force=(10.0, 0.0, 0.0)),
-        ),
+        "edge": lambda: gx.Scene(first, gx.loads.EdgeLoad(first, "right", force=(10.0, 0.0, 0.0))),
         "one of two": lambda: gx.Scene(
             gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)
         ),
@@ -53,15 +39,7 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
 
 @pytest.mark.parametrize(
     "law",
-    [
-        LAW,
-        gx.TensionField(
-            E=1e9,
-            nu=0.3,
-            density=1000.0,
-            thickness=1e-4,
-        ),
-    ],
+    [LAW, gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)],
 )
 def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off
@@ -105,12 +83,7 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
     mass = gx.PointMass(1.0, (0.5, 0.0, 0.0))
     found = Equilibrium(
         gx.Scene(
-            gx.connectors.Rope(
-                mass.port(),
-                gx.Ground((0.0, 0.0, 0.0)),
-                length=1.0,
-                stiffness=10.0,
-            )
+            gx.connectors.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0)
         )
     ).find()
     assert found.free == ("translation x", "translation y", "translation z")
@@ -147,31 +120,16 @@ def test_a_joint_leaves_its_own_motion(comm, joint, free):
     assert found.regular == (not free)
 
 
-@pytest.mark.mpi
 def test_a_film_that_is_pinned_turns_about_its_pin(comm):
     """A stretched strip between two pins on a slanted line turns about that line."""
-    body = film(
-        comm,
-        law=gx.Linear(
-            E=1e9,
-            nu=0.3,
-            density=1000.0,
-            thickness=1e-4,
-        ),
-        **STRETCHED,
-    )
+    body = film(comm, law=gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4), **STRETCHED)
     found = Equilibrium(gx.Scene(gx.Fixed(body, "bottom left"), gx.Fixed(body, "top right"))).find()
     # The axis between two opposite corners of the square.
     assert found.free == ("rotation (0.707, 0.707, 0)",)
 
 
 def test_a_tank_alone_has_nothing_to_find(comm):
-    tank = gx.Tank(
-        1e-3,
-        gas=gx.IdealGas(1.4, 287.0),
-        pressure=1e5,
-        temperature=300.0,
-    )
+    tank = gx.Tank(1e-3, gas=gx.IdealGas(1.4, 287.0), pressure=1e5, temperature=300.0)
     with pytest.raises(gx.InputError, match="no body"):
         Equilibrium(gx.Scene(tank))
 
@@ -189,15 +147,6 @@ def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
     }
     with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
         asked[ask]()
-
-
-def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
-    body = film(comm)
-    equilibrium = at_rest(gx.Fixed(body, "left"), gx.Gravity(body))
-    with pytest.raises(gx.InputError, match="not a support of this scene"):
-        equilibrium.reaction(gx.Fixed(body, "right"))
-    with pytest.raises(gx.InputError, match="three numbers"):
-        equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))
 
 
 def test_what_lies_on_an_obstacle_counts_as_supported(comm):
@@ -223,7 +172,6 @@ def steel_cantilever(comm, scale: float) -> gx.Equilibrium:
     return gx.Equilibrium(gx.Scene(beam, force, gx.Fixed(beam, "start", rotation=True)))
 
 
-@pytest.mark.mpi
 def test_a_stiff_structure_is_as_regular_as_a_soft_one(comm, caplog):
     """Whether a tangent is singular does not depend on the units of forces and moments."""
     for scale in (1.0, 1e-3, 1e-9):
@@ -232,7 +180,6 @@ def test_a_stiff_structure_is_as_regular_as_a_soft_one(comm, caplog):
     assert not caplog.records
 
 
-@pytest.mark.mpi
 def test_unloading_is_not_blamed_for_its_round_off(comm, caplog):
     equilibrium = steel_cantilever(comm, 1e-2)
     for at in (0.0, 0.5, 1.0, 1.5, 2.0):

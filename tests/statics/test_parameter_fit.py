@@ -17,11 +17,7 @@ def hanging(lengths: tuple[float, float, float]) -> tuple[gx.Equilibrium, list[g
     """A mass on three ropes, and its coordinates."""
     mass = gx.PointMass(1.0, (0.0, 0.0, -1.0))
     ends = [(mass.port(), gx.Ground(anchor)) for anchor in ANCHORS]
-    ropes = gx.connectors.RopeBundle(
-        ends,
-        stiffness=500.0,
-        lengths=lengths,
-    )
+    ropes = gx.connectors.RopeBundle(ends, stiffness=500.0, lengths=lengths)
     scene = gx.Scene(ropes, gx.Gravity(mass))
     equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-12))
     return equilibrium, [gx.probes.Position(mass.port(), axis) for axis in "xyz"]
@@ -71,37 +67,19 @@ def test_the_standard_deviation_is_that_of_repeated_measurements(comm):
     assert np.mean(scatters) == pytest.approx(1.0, abs=0.4)
 
 
-@pytest.mark.mpi
 def test_a_pressure_and_a_thickness_of_a_film_are_told_apart(comm):
     """A spring pulls the middle, so that the two heights depend on pressure and thickness in
     different ways."""
 
     def build(pressure: float, thickness: float):
         film = gx.Membrane(
-            quarter_disc(
-                comm,
-                6,
-                0.1,
-            ),
-            gx.Miyazaki(
-                2.5e9,
-                0.34,
-                density=1420.0,
-                thickness=thickness,
-            ),
+            quarter_disc(comm, 6, 0.1),
+            gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=thickness),
         )
         held = [
             gx.Fixed(film, "rim"),
-            gx.Fixed(
-                film,
-                "x axis",
-                components=(1,),
-            ),
-            gx.Fixed(
-                film,
-                "y axis",
-                components=(0,),
-            ),
+            gx.Fixed(film, "x axis", components=(1,)),
+            gx.Fixed(film, "y axis", components=(0,)),
         ]
         tip = gx.connectors.Spring(
             film.port("centre"), gx.Ground((0.0, 0.0, 0.1)), stiffness=20.0, length=0.1
@@ -137,25 +115,9 @@ def line(values: dict[str, np.ndarray]) -> list[gx.analysis.Gradient]:
     b = float(values["line.b"][0])
     found = []
     for x in (0.0, 1.0, 2.0):
-        by_a = gx.analysis.Derivative(
-            "line.a",
-            "1",
-            np.array([1.0]),
-            None,
-        )
-        by_b = gx.analysis.Derivative(
-            "line.b",
-            "1",
-            np.array([x]),
-            None,
-        )
-        found.append(
-            gx.analysis.Gradient(
-                a + b * x,
-                "1",
-                (by_a, by_b),
-            )
-        )
+        by_a = gx.analysis.Derivative("line.a", "1", np.array([1.0]), None)
+        by_b = gx.analysis.Derivative("line.b", "1", np.array([x]), None)
+        found.append(gx.analysis.Gradient(a + b * x, "1", (by_a, by_b)))
     return found
 
 
@@ -174,48 +136,20 @@ def test_a_straight_line_has_the_covariance_of_the_textbook(comm):
 def test_what_cannot_be_fitted_is_refused(comm):
     start = {"line.a": 1.0, "line.b": 2.0}
     with pytest.raises(gx.InputError, match="returned 3 gradients; 2 values"):
-        gx.analysis.fit_runs(
-            line,
-            start,
-            measured=[0.0, 1.0],
-        )
+        gx.analysis.fit_runs(line, start, measured=[0.0, 1.0])
     with pytest.raises(
         gx.InputError, match=r"fit_runs: the gradient has no derivative by 'line.c'"
     ):
-        gx.analysis.fit_runs(
-            line,
-            start | {"line.c": 0.0},
-            measured=[0.0, 1.0, 2.0],
-        )
+        gx.analysis.fit_runs(line, start | {"line.c": 0.0}, measured=[0.0, 1.0, 2.0])
     with pytest.raises(gx.InputError, match="uncertainties that are not positive"):
-        gx.analysis.fit_runs(
-            line,
-            start,
-            measured=[0.0, 1.0, 2.0],
-            uncertainty=0.0,
-        )
+        gx.analysis.fit_runs(line, start, measured=[0.0, 1.0, 2.0], uncertainty=0.0)
     equilibrium, results = hanging((1.3, 1.3, 1.3))
     with pytest.raises(gx.InputError, match="3 numbers are fitted to 2 results"):
-        gx.analysis.fit(
-            equilibrium,
-            of=results[:2],
-            measured=[0.0, 1.0],
-            by=["ropes.lengths"],
-        )
+        gx.analysis.fit(equilibrium, of=results[:2], measured=[0.0, 1.0], by=["ropes.lengths"])
     with pytest.raises(gx.InputError, match="there are 3 results and 2 measured values"):
-        gx.analysis.fit(
-            equilibrium,
-            of=results,
-            measured=[0.0, 1.0],
-            by=["ropes.lengths"],
-        )
+        gx.analysis.fit(equilibrium, of=results, measured=[0.0, 1.0], by=["ropes.lengths"])
     with pytest.raises(gx.InputError, match="of is empty"):
-        gx.analysis.fit(
-            equilibrium,
-            of=[],
-            measured=[],
-            by=["ropes.lengths"],
-        )
+        gx.analysis.fit(equilibrium, of=[], measured=[], by=["ropes.lengths"])
 
 
 def test_parameters_that_results_do_not_determine_are_refused(comm):
@@ -224,29 +158,13 @@ def test_parameters_that_results_do_not_determine_are_refused(comm):
         total = float(values["line.a"][0] + values["line.b"][0])
         one = np.array([1.0])
         slopes = tuple(
-            gx.analysis.Derivative(
-                name,
-                "1",
-                one,
-                None,
-            )
-            for name in ("line.a", "line.b")
+            gx.analysis.Derivative(name, "1", one, None) for name in ("line.a", "line.b")
         )
-        return [
-            gx.analysis.Gradient(
-                total,
-                "1",
-                slopes,
-            )
-        ] * 3
+        return [gx.analysis.Gradient(total, "1", slopes)] * 3
 
     start = {"line.a": 1.0, "line.b": 2.0}
     with pytest.raises(gx.InputError, match=r"do not determine line\.a, line\.b"):
-        gx.analysis.fit_runs(
-            same,
-            start,
-            measured=[0.0, 1.0, 2.0],
-        )
+        gx.analysis.fit_runs(same, start, measured=[0.0, 1.0, 2.0])
 
 
 @pytest.mark.mpi
@@ -254,38 +172,16 @@ def test_a_field_on_several_ranks_needs_a_basis(comm):
     if comm.size == 1:
         pytest.skip("on one rank every number is known")
     film = gx.Membrane(
-        quarter_disc(
-            MPI.COMM_WORLD,
-            6,
-            0.1,
-        ),
-        gx.Miyazaki(
-            2.5e9,
-            0.34,
-            density=1420.0,
-            thickness=25e-6,
-        ),
+        quarter_disc(MPI.COMM_WORLD, 6, 0.1),
+        gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6),
         properties={"thickness": lambda x: np.full(x.shape[1], 25e-6)},
     )
     held = [
         gx.Fixed(film, "rim"),
-        gx.Fixed(
-            film,
-            "x axis",
-            components=(1,),
-        ),
-        gx.Fixed(
-            film,
-            "y axis",
-            components=(0,),
-        ),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
     ]
     scene = gx.Scene(film, *held, gx.Pressure(film, 100.0))
     volume = gx.analysis.EnclosedVolume(film)
     with pytest.raises(gx.InputError, match="give a basis, or use one rank"):
-        gx.analysis.fit(
-            gx.Equilibrium(scene),
-            of=[volume],
-            measured=[1.0],
-            by=["film.thickness"],
-        )
+        gx.analysis.fit(gx.Equilibrium(scene), of=[volume], measured=[1.0], by=["film.thickness"])

@@ -45,7 +45,7 @@ def start_of(equilibrium: gx.Equilibrium) -> np.ndarray:
 # ---- films ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("order", "cells", "tolerance"),
     [(1, 16, 0.02), (2, 8, 2e-3)],
@@ -54,12 +54,7 @@ def start_of(equilibrium: gx.Equilibrium) -> np.ndarray:
 def test_square_drum(comm, order, cells, tolerance):
     """f = ½√(N/ρt) √((m/a)² + (n/a)²), and the mesh is in equilibrium."""
     a = 2.1
-    film = gx.Membrane(
-        sheet(comm, cells, cells, a, a),
-        FILM,
-        order=order,
-        initial_stress=STRESS,
-    )
+    film = gx.Membrane(sheet(comm, cells, cells, a, a), FILM, order=order, initial_stress=STRESS)
     equilibrium = held(film)
     equilibrium.find()
     # The mesh as drawn is the equilibrium.
@@ -74,12 +69,7 @@ def test_square_drum(comm, order, cells, tolerance):
 
 def test_round_drum(comm):
     """f = j_mn/(2πa) √(N/ρt); a quarter has the modes of even m: j01, j21, j02."""
-    film = gx.Membrane(
-        quarter_disc(comm, 8, 1.0, 2),
-        FILM,
-        order=2,
-        initial_stress=STRESS,
-    )
+    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), FILM, order=2, initial_stress=STRESS)
     equilibrium = at_rest(
         film,
         gx.Fixed(film, "rim"),
@@ -93,14 +83,7 @@ def test_round_drum(comm):
 
 
 AXIS = (1.0, 2.0, 0.0)
-FABRIC = {
-    "E1": 2e9,
-    "E2": 5e8,
-    "nu12": 0.3,
-    "G12": 3e8,
-    "density": DENSITY,
-    "thickness": THICKNESS,
-}
+FABRIC = {"E1": 2e9, "E2": 5e8, "nu12": 0.3, "G12": 3e8, "density": DENSITY, "thickness": THICKNESS}
 
 
 @pytest.mark.parametrize(
@@ -135,11 +118,7 @@ def test_a_strain_and_a_field_of_stress(comm):
     strain = STRESS * (1 - NU) / E
     by_strain = held(gx.Membrane(sheet(comm, 3, 3), FILM, initial_strain=strain))
     by_field = held(
-        gx.Membrane(
-            sheet(comm, 3, 3),
-            FILM,
-            initial_stress=lambda X: STRESS * np.ones_like(X[0]),
-        )
+        gx.Membrane(sheet(comm, 3, 3), FILM, initial_stress=lambda X: STRESS * np.ones_like(X[0]))
     )
     energies = []
     for equilibrium in (by_strain, by_field):
@@ -150,11 +129,7 @@ def test_a_strain_and_a_field_of_stress(comm):
 
 
 def test_stress_by_group_and_other_cells_without_stress(comm):
-    film = gx.Membrane(
-        sheet(comm, 3, 3),
-        FILM,
-        initial_stress={"film": STRESS},
-    )
+    film = gx.Membrane(sheet(comm, 3, 3), FILM, initial_stress={"film": STRESS})
     equilibrium = held(film)
     equilibrium.find()
     _, values = gx.fields.field_values(equilibrium, film, field="stress2")
@@ -178,7 +153,6 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
     assert corner == pytest.approx((1 - 2 * e) ** 0.5, rel=1e-7)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order):
     """The film contracts, flutters and spins; nothing acts on it."""
@@ -206,15 +180,9 @@ def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order)
 # ---- cables --------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 def test_string(comm):
     """f = n/(2L) √(N/μ)."""
-    cable = gx.Cable(
-        line(comm, [(0, 0, 0), (2.0, 0, 0)], 16),
-        ROPE,
-        order=2,
-        initial_tension=50.0,
-    )
+    cable = gx.Cable(line(comm, [(0, 0, 0), (2.0, 0, 0)], 16), ROPE, order=2, initial_tension=50.0)
     equilibrium = at_rest(cable, gx.Fixed(cable, "start"), gx.Fixed(cable, "end"))
     # n/2L with L = 2 m, each twice for the two directions.
     exact = np.repeat([1.0, 2.0, 3.0], 2) / 4 * (50.0 / ROPE.line_density) ** 0.5
@@ -225,11 +193,7 @@ def test_string(comm):
 def test_a_cable_that_is_cut_short(comm, factor):
     """Its tension is that of the law at the stretch 1/factor, and its mass that of the natural
     length."""
-    cable = gx.Cable(
-        line(comm, [(0, 0, 0), (2.0, 0, 0)], 4),
-        ROPE,
-        length_factor=factor,
-    )
+    cable = gx.Cable(line(comm, [(0, 0, 0), (2.0, 0, 0)], 4), ROPE, length_factor=factor)
     end = gx.Fixed(cable, "end")
     equilibrium = at_rest(cable, gx.Fixed(cable, "start"), end)
     stretch = 1 / factor
@@ -237,11 +201,7 @@ def test_a_cable_that_is_cut_short(comm, factor):
     force, _ = equilibrium.reaction(end)
     # Uniform along the cable.
     assert force == pytest.approx([tension, 0.0, 0.0], abs=1e-6 * tension)
-    hanging = gx.Cable(
-        line(comm, [(0, 0, 0), (0, 0, 2.0)], 4),
-        ROPE,
-        length_factor=factor,
-    )
+    hanging = gx.Cable(line(comm, [(0, 0, 0), (0, 0, 2.0)], 4), ROPE, length_factor=factor)
     top = gx.Fixed(hanging, "end")
     weighed = at_rest(hanging, top, gx.Gravity(hanging, (0.0, 0.0, -10.0)))
     # Mass of the natural length.
@@ -278,20 +238,11 @@ def test_a_turnbuckle_tightens_a_cable(comm):
 # ---- beams ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "share",
-    [1.0, -0.5],
-    ids=["tension", "compression"],
-)
+@pytest.mark.parametrize("share", [1.0, -0.5], ids=["tension", "compression"])
 def test_beam_under_axial_force(comm, share):
     """ω² = (π/L)⁴ EI/μ (1 + N/P), P = π² EI/L² the Euler load, of a slender beam on two
     supports."""
-    section = gx.sections.solid_circle(
-        2e-3,
-        E=70e9,
-        nu=0.3,
-        density=2700.0,
-    )
+    section = gx.sections.solid_circle(2e-3, E=70e9, nu=0.3, density=2700.0)
     L = 1.0
     euler_load = np.pi**2 * section.EI2 / L**2
     beam = gx.Beam(
@@ -318,32 +269,16 @@ def test_what_is_refused(comm):
     with pytest.raises(gx.InputError, match=r"compressive \(-1e\+05 Pa\), but the film wrinkles"):
         gx.Membrane(mesh, FILM, initial_stress=-1e5)
     with pytest.raises(gx.InputError, match="give a symmetric tensor"):
-        gx.Membrane(
-            mesh,
-            FILM,
-            initial_stress=[[0, 1, 0], [0, 0, 0], [0, 0, 0]],
-        )
+        gx.Membrane(mesh, FILM, initial_stress=[[0, 1, 0], [0, 0, 0], [0, 0, 0]])
     with pytest.raises(gx.InputError, match="give a number"):
         gx.Membrane(mesh, FILM, initial_stress=[1.0, 2.0])
-    elastica = gx.analysis.Prestress(
-        E,
-        NU,
-        density=DENSITY,
-        thickness=THICKNESS,
-        tension=TENSION,
-    )
+    elastica = gx.analysis.Prestress(E, NU, density=DENSITY, thickness=THICKNESS, tension=TENSION)
     with pytest.raises(gx.InputError, match="Prestress does not say which strain has it"):
         gx.Membrane(mesh, elastica, initial_stress=1e5)
-    curve = line(
-        comm,
-        [(0, 0, 0), (1, 0, 0)],
-        2,
-    )
+    curve = line(comm, [(0, 0, 0), (1, 0, 0)], 2)
     with pytest.raises(gx.InputError, match="TabulatedCable does not say which strain has it"):
         table = gx.TabulatedCable([0.0, 0.1], [0.0, 10.0], line_density=0.01)
         gx.Cable(curve, table, initial_tension=1.0)
-    with pytest.raises(gx.InputError, match=r"length_factor is 0\.0"):
-        gx.Cable(curve, ROPE, length_factor=0.0)
     with pytest.raises(gx.InputError, match="its initial_tension function: it returns"):
         gx.Cable(curve, ROPE, initial_tension=lambda X: np.nan * X[0])
 
@@ -351,7 +286,6 @@ def test_what_is_refused(comm):
 # ---- asked for and reached -----------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     """With all edges fixed the mesh is in equilibrium, so that all of the stress is left."""
@@ -364,7 +298,6 @@ def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     assert "prestress" not in caplog.text
 
 
-@pytest.mark.mpi
 def test_springs_in_series_take_prestress_back(comm, caplog):
     """A cable of EA/L = k between a support and a spring K keeps K/(k + K) of its tension.
 
@@ -396,7 +329,6 @@ def test_springs_in_series_take_prestress_back(comm, caplog):
             assert f"prestress of 'cable' {reached.mean:.3g} N of 10 N" in repr(result)
 
 
-@pytest.mark.mpi
 def test_film_on_soft_springs(comm, caplog):
     """A strip of film between a support and springs, stressed in one direction.
 

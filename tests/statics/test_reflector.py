@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 
 from demos.design import reflector
 
@@ -25,7 +24,6 @@ def error_of_the_inflated_closed_form(comm, cells: int) -> float:
     return float(max(comm.allgather(np.abs(off).max(initial=0.0))))
 
 
-@pytest.mark.mpi
 def test_a_dish_made_as_the_closed_form_inflates_to_the_paraboloid(comm):
     """The closed form needs no fit: the distance vanishes with the third power of the mesh size, or
     faster."""
@@ -36,7 +34,6 @@ def test_a_dish_made_as_the_closed_form_inflates_to_the_paraboloid(comm):
     assert fine < 5e-6
 
 
-@pytest.mark.mpi
 def test_the_fitted_meridian_is_that_of_the_closed_form(comm):
     found = reflector.main(cells=12, comm=comm)
     coarse = reflector.main(cells=8, comm=comm)

@@ -13,12 +13,7 @@ from tests.small_scenes import at_rest
 
 E = 1e9
 THICKNESS = 1e-4
-LAW = gx.Linear(
-    E,
-    0.0,
-    density=1000.0,
-    thickness=THICKNESS,
-)
+LAW = gx.Linear(E, 0.0, density=1000.0, thickness=THICKNESS)
 
 
 def column(value):
@@ -53,18 +48,11 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
         gx.fields.positions(equilibrium, other)
 
 
-@pytest.mark.mpi
 def test_reaction_of_a_clamped_beam(comm):
     """Force -F and moment about the clamp: its arm is that of the deflected tip."""
     beam = gx.Beam(
         line(comm, [(0, 0, 0), (1, 0, 0)], 8),
-        gx.sections.tube(
-            0.02,
-            5e-4,
-            E=1e11,
-            nu=0.3,
-            density=1560.0,
-        ),
+        gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
     )
     clamp = gx.Fixed(beam, "start", rotation=True)
     tip = beam.port("end")
@@ -83,23 +71,9 @@ def test_reaction_of_a_clamped_beam(comm):
 def test_forces_of_joints_at_rest_and_in_motion(comm):
     """A body hung on a hinge that hangs on another: weights; a body swung on a joint: m ω² r to
     second order in h."""
-    upper = gx.RigidBody(
-        2.0,
-        (1.0, 1.0, 1.0),
-        position=(0.0, 0.0, -1.0),
-        name="upper",
-    )
-    lower = gx.RigidBody(
-        3.0,
-        (1.0, 1.0, 1.0),
-        position=(0.5, 0.0, -3.0),
-        name="lower",
-    )
-    top = gx.constraints.FixedJoint(
-        gx.ground_frame(),
-        upper.frame_at((0.0, 0.0, 0.0)),
-        name="top",
-    )
+    upper = gx.RigidBody(2.0, (1.0, 1.0, 1.0), position=(0.0, 0.0, -1.0), name="upper")
+    lower = gx.RigidBody(3.0, (1.0, 1.0, 1.0), position=(0.5, 0.0, -3.0), name="lower")
+    top = gx.constraints.FixedJoint(gx.ground_frame(), upper.frame_at((0.0, 0.0, 0.0)), name="top")
     middle = gx.constraints.FixedJoint(
         upper.frame_at((0.0, 0.0, -2.0)),
         lower.frame_at((0.0, 0.0, -2.0)),
@@ -137,11 +111,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
             "ω": gx.probes.AngularVelocity(stone.frame(), "z"),
         }
     )
-    gx.Simulation(
-        gx.Scene(hinge),
-        gx.Midpoint(dt=1e-3),
-        outputs=[series],
-    ).run(until=0.05)
+    gx.Simulation(gx.Scene(hinge), gx.Midpoint(dt=1e-3), outputs=[series]).run(until=0.05)
     # m ω² r of the stone, to h².
     assert np.hypot(series["x"], series["y"])[1:] == pytest.approx(2.0 * 3.0**2 * 0.5, rel=1e-4)
     assert series["ω"] == pytest.approx(3.0, rel=1e-6)
@@ -150,13 +120,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
 def test_angular_velocity_of_a_beam(comm):
     beam = gx.Beam(
         line(comm, [(0, 0, 0), (1, 0, 0)], 2),
-        gx.sections.tube(
-            0.02,
-            5e-4,
-            E=1e11,
-            nu=0.3,
-            density=1560.0,
-        ),
+        gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
         velocity=lambda X: np.cross((0.3, 0.0, 2.0), X.T).T,
     )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=1e-3))
@@ -166,7 +130,6 @@ def test_angular_velocity_of_a_beam(comm):
         gx.probes.AngularVelocity(gx.ground_frame(), "z")
 
 
-@pytest.mark.mpi
 def test_a_line_search_is_refused(comm):
     """The residual follows the iterates one by one: asked at another place, it is another
     function."""

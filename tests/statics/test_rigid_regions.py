@@ -20,13 +20,7 @@ from tests.small_scenes import at_rest, run_until
 E = 1e9
 THICKNESS = 1e-4
 DENSITY = 1000.0
-TUBE = gx.sections.tube(
-    0.02,
-    5e-4,
-    E=1e11,
-    nu=0.3,
-    density=1560.0,
-)
+TUBE = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
 
 
 def strip(comm, nu=0.0, order=2, cells=(8, 4)):
@@ -38,25 +32,15 @@ def strip(comm, nu=0.0, order=2, cells=(8, 4)):
     return film, gx.Fixed(film, "film", components=(2,))
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("sliding", [False, True])
 def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     """f = E t λ ε; with ν and an edge that may shrink evenly, the strip shrinks by √(1 - 2νε)."""
     nu = 0.3 if sliding else 0.0
     film, flat = strip(comm, nu)
-    edge = gx.RigidRegion(
-        film,
-        "right",
-        sliding=sliding,
-        fixed_components=(2,),
-    )
+    edge = gx.RigidRegion(film, "right", sliding=sliding, fixed_components=(2,))
     λ = 1.02
     ε = (λ**2 - 1) / 2
-    left = gx.Fixed(
-        film,
-        "left",
-        components=(0,) if sliding else (0, 1, 2),
-    )
+    left = gx.Fixed(film, "left", components=(0,) if sliding else (0, 1, 2))
     held = [left, gx.Fixed(film, "bottom", components=(1,))] if sliding else [left]
     pull = gx.loads.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
     equilibrium = at_rest(flat, edge, pull, *held)
@@ -68,7 +52,6 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     assert measured == pytest.approx([-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     """θ = M L/(E I) of small bending in the plane."""
     film, flat = strip(comm)
@@ -88,7 +71,7 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     assert gx.probes.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("piece", ["massless", "rigid body"])
 def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     """φ = T/(4π G t) (1/a² - 1/b²) of a ring in shear."""
@@ -98,12 +81,7 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
         order=2,
     )
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.2), name="hub") if piece == "rigid body" else None
-    region = gx.RigidRegion(
-        film,
-        "hub",
-        rigid_body=hub,
-        fixed_components=(2,),
-    )
+    region = gx.RigidRegion(film, "hub", rigid_body=hub, fixed_components=(2,))
     # G = E/2(1 + ν) with ν = 0.3.
     G = E / 2.6
     T = 0.5
@@ -117,16 +95,9 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     assert math.hypot(*d) == pytest.approx(exact, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_a_wrinkled_hub_needs_no_secant(comm):
     """The torque that is given is that of a hub which is turned by the angle that was found."""
-    law = gx.Miyazaki(
-        E,
-        0.3,
-        density=DENSITY,
-        thickness=THICKNESS,
-        residual_stiffness=1e-4,
-    )
+    law = gx.Miyazaki(E, 0.3, density=DENSITY, thickness=THICKNESS, residual_stiffness=1e-4)
 
     def film():
         return gx.Membrane(ring(comm, 0.3, 1.0, 6, 24), law)
@@ -161,24 +132,13 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("ratio", [0.5, 2.0])
 def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     """κ of Stein & Hedgepeth for the moment given, before and after the first wrinkle; the plate
     does not choke."""
     tube = bent_tube
-    film = gx.Membrane(
-        cylinder(
-            comm,
-            tube.RADIUS,
-            tube.LENGTH,
-            16,
-            3,
-            2,
-        ),
-        tube.LAW,
-        order=2,
-    )
+    film = gx.Membrane(cylinder(comm, tube.RADIUS, tube.LENGTH, 16, 3, 2), tube.LAW, order=2)
     plate = gx.RigidRegion(film, "last rim", sliding=True)
     # Axial force of the pressure on the closed end.
     axial = tube.P * math.pi * tube.INFLATED**2
@@ -199,16 +159,9 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     assert κ == pytest.approx(ratio * tube.FIRST, rel=1e-2)
 
 
-@pytest.mark.mpi
 def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     """A half circle, M = π EI/L, reached in steps."""
-    thin = gx.sections.tube(
-        0.002,
-        5e-5,
-        E=1e11,
-        nu=0.3,
-        density=1560.0,
-    )
+    thin = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 16), thin)
     torque = gx.loads.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
     equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(beam, "start", rotation=True), torque))
@@ -216,14 +169,11 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
         equilibrium.find(at=t)
     x, y = (gx.probes.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
     # A half circle of length 1 has its end at (0, 2/π).
-    expected = (
-        pytest.approx(0.0, abs=2e-3),
-        pytest.approx(2 / math.pi, rel=2e-3),
-    )
+    expected = (pytest.approx(0.0, abs=2e-3), pytest.approx(2 / math.pi, rel=2e-3))
     assert (x, y) == expected
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["straight", "stretching", "hub", "sliding", "body"])
 def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger
@@ -236,12 +186,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
         frame = region.line
     else:
         film = gx.Membrane(ring(comm, 0.3, 1.0, 3, 12), law)
-        region = gx.RigidRegion(
-            film,
-            "hub",
-            rigid_body=hub,
-            sliding=kind == "sliding",
-        )
+        region = gx.RigidRegion(film, "hub", rigid_body=hub, sliding=kind == "sliding")
         frame = region.frame
     T = np.array([0.0, 0.0, 0.2])
     motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
@@ -256,7 +201,6 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     assert last.supplied > 0
 
 
-@pytest.mark.mpi
 def test_what_cannot_be_one_piece_is_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS))
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), TUBE)

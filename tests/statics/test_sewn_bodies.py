@@ -30,13 +30,7 @@ MYLAR_THICKNESS = 0.913893162
 def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
     """Radius and thickness of a pillow of two quarter discs, 0.1 apart at first, sewn and
     inflated."""
-    law = gx.Miyazaki(
-        E=1e9,
-        nu=0.3,
-        density=1000.0,
-        thickness=1e-4,
-        residual_stiffness=1e-6,
-    )
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4, residual_stiffness=1e-6)
     films = []
     items: list = []
     for name, n, side in (("top", cells[0], 1.0), ("bottom", cells[1], -1.0)):
@@ -75,7 +69,7 @@ def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
     return float(rim[0]), float(heights[0] - heights[1])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("cells", [(10, 10), (10, 12)])
 def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None:
     """Two stiffnesses are extrapolated to the inextensible film, as in the study of the mylar
@@ -88,18 +82,12 @@ def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None
     assert thickness == pytest.approx(MYLAR_THICKNESS, rel=1e-2)
 
 
-@pytest.mark.mpi
 def test_a_sheet_becomes_a_tube() -> None:
     """A bent sheet whose edges are 3 % of the circumference apart is sewn, and stretched by
     pressure."""
     n = 24
     chord = 0.02
-    law = gx.Linear(
-        E=1e7,
-        nu=0.3,
-        density=1000.0,
-        thickness=1e-3,
-    )
+    law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=1e-3)
     # 97 % of the circle, so that a gap of 3 % is left.
     around = 0.97 * 2 * np.pi / (n * chord)
 
@@ -107,11 +95,7 @@ def test_a_sheet_becomes_a_tube() -> None:
         angle = around * X[1]
         return np.vstack([X[0], np.sin(angle) / around, -np.cos(angle) / around]) - X
 
-    film = gx.Membrane(
-        sheet(COMM, 3, n, 0.1, n * chord),
-        law,
-        displacement=bent,
-    )
+    film = gx.Membrane(sheet(COMM, 3, n, 0.1, n * chord), law, displacement=bent)
     seam = gx.Seam(film, "bottom", film, "top")
     p = 4000.0
     pressure = gx.Pressure(film, lambda t: -p * max(t - 1, 0.1))
@@ -151,12 +135,7 @@ def test_gores_have_the_circumference_of_the_body() -> None:
     assert 12 * gores.width(np.array(gores.length / 2)) == pytest.approx(2 * np.pi * MYLAR_RADIUS)
     film = gx.Membrane(
         gores.mesh(COMM, along=8, across=2),
-        gx.TensionField(
-            E=1e8,
-            nu=0.3,
-            density=1000.0,
-            thickness=2e-5,
-        ),
+        gx.TensionField(E=1e8, nu=0.3, density=1000.0, thickness=2e-5),
         displacement=gores.placed,
     )
     # Bent along its length, a gore has the chords of the meridian as its only strain.
@@ -168,7 +147,6 @@ def test_gores_have_the_circumference_of_the_body() -> None:
     assert all(abs(seam.ease) < 1e-12 for seam in seams)
 
 
-@pytest.mark.mpi
 def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
     """16 flat gores with tendons of 0.88 of their seams: tendons bear 0.89 of the meridional load.
 
@@ -178,18 +156,8 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
     factor = 0.88
     p = 100.0
     gores = mylar_gores(n)
-    law = gx.Miyazaki(
-        E=1e8,
-        nu=0.3,
-        density=1000.0,
-        thickness=2e-5,
-        residual_stiffness=1e-4,
-    )
-    film = gx.Membrane(
-        gores.mesh(COMM, along=16, across=4),
-        law,
-        displacement=gores.placed,
-    )
+    law = gx.Miyazaki(E=1e8, nu=0.3, density=1000.0, thickness=2e-5, residual_stiffness=1e-4)
+    film = gx.Membrane(gores.mesh(COMM, along=16, across=4), law, displacement=gores.placed)
     seams = gores.seams(film)
     # Load of the pressure on the disc inside the equator.
     limit = p * np.pi * (factor * MYLAR_RADIUS) ** 2
@@ -232,13 +200,7 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
 def test_panels_touch_while_they_are_sewn() -> None:
     """A panel is sewn to the one below it on two sides while its weight presses it on that: it
     stays above."""
-    law = gx.Miyazaki(
-        E=1e6,
-        nu=0.3,
-        density=1000.0,
-        thickness=1e-3,
-        residual_stiffness=1e-2,
-    )
+    law = gx.Miyazaki(E=1e6, nu=0.3, density=1000.0, thickness=1e-3, residual_stiffness=1e-2)
     films = []
     for name, shift in (("lower", 0.0), ("upper", 0.03)):
         films.append(
@@ -252,14 +214,7 @@ def test_panels_touch_while_they_are_sewn() -> None:
             )
         )
     seams = [
-        gx.Seam(
-            films[0],
-            edge,
-            films[1],
-            edge,
-            closing=(0.0, 0.03),
-        )
-        for edge in ("left", "right")
+        gx.Seam(films[0], edge, films[1], edge, closing=(0.0, 0.03)) for edge in ("left", "right")
     ]
     contact = gx.Contact(*films, distance=4e-3, stiffness=1e7)
     weight = gx.Gravity(films[1], (0.0, 0.0, -200.0))
@@ -291,29 +246,13 @@ def test_bad_profiles_are_refused(profile: list, n: int, words: str) -> None:
         gx.patterns.gores(profile, n)
 
 
-@pytest.mark.mpi
 def test_open_gores_hold_no_gas() -> None:
     gores = mylar_gores(4)
-    law = gx.TensionField(
-        E=1e8,
-        nu=0.3,
-        density=1000.0,
-        thickness=2e-5,
-    )
-    film = gx.Membrane(
-        gores.mesh(COMM, along=4, across=2),
-        law,
-        displacement=gores.placed,
-    )
+    law = gx.TensionField(E=1e8, nu=0.3, density=1000.0, thickness=2e-5)
+    film = gx.Membrane(gores.mesh(COMM, along=4, across=2), law, displacement=gores.placed)
     air = gx.IdealGas(gamma=1.4, R=287.0)
     seams = gores.seams(film)
-    bag = gx.Chamber(
-        film,
-        gas=air,
-        pressure=100.0,
-        temperature=300.0,
-        seams=seams[:-1],
-    )
+    bag = gx.Chamber(film, gas=air, pressure=100.0, temperature=300.0, seams=seams[:-1])
     with pytest.raises(gx.InputError, match="8 edges of 'film' are open"):
         gx.Equilibrium(gx.Scene(bag))
 

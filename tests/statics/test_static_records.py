@@ -22,21 +22,11 @@ from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot.curve_panels import run_curves
 from tests.small_scenes import at_rest
 
-LAW = gx.Miyazaki(
-    E=1e9,
-    nu=0.3,
-    density=1400.0,
-    thickness=1e-4,
-)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
 
 def drum(comm, *others, **options):
-    film = gx.Membrane(
-        sheet(comm, 4, 4),
-        LAW,
-        initial_stress=1e6,
-        name="drum",
-    )
+    film = gx.Membrane(sheet(comm, 4, 4), LAW, initial_stress=1e6, name="drum")
     load = gx.Pressure(film, lambda t: 10.0 + 10.0 * t)
     supports = [gx.Fixed(film, edge) for edge in EDGES]
     return gx.Equilibrium(gx.Scene(film, load, *supports, *others), **options), film
@@ -60,12 +50,7 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
     lifted = [corners[..., 2].max() for corners in reader.film_corners(0)]
     assert max(lifted) == pytest.approx(height, rel=1e-12)
     if comm.rank == 0:
-        gx.plot.field(
-            reader,
-            "stress1",
-            times=[0.0],
-            path=folder / "drum.png",
-        )
+        gx.plot.field(reader, "stress1", times=[0.0], path=folder / "drum.png")
         gx.write_report(reader, folder / "drum.html")
         assert "residual" in (folder / "drum.html").read_text()
     comm.barrier()
@@ -87,12 +72,7 @@ def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
     height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
     recording = gx.Recording(folder / "path", probes={"height": height})
     ledger = gx.Ledger(folder / "ledger.csv")
-    gx.outputs.record(
-        equilibrium,
-        [recording, ledger],
-        at=[0.0, 1.0, 2.0],
-        along="wind [Pa]",
-    )
+    gx.outputs.record(equilibrium, [recording, ledger], at=[0.0, 1.0, 2.0], along="wind [Pa]")
     comm.barrier()
     reader = gx.plot.RunReader(folder / "path")
     assert reader.times.tolist() == [0.0, 1.0, 2.0]
@@ -139,12 +119,7 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
     assert ledger["kinetic"] + ledger["stored mode"] == pytest.approx(ledger["kinetic"].max())
     if comm.rank == 0:
         gx.plot.modes(folders, folder / "modes.png")
-        gx.plot.animate(
-            reader,
-            "mode_amplitude",
-            path=folder / "mode.gif",
-            seconds=0.2,
-        )
+        gx.plot.animate(reader, "mode_amplitude", path=folder / "mode.gif", seconds=0.2)
     comm.barrier()
 
 
@@ -155,19 +130,9 @@ def test_what_cannot_be_recorded(comm, folder):
     equilibrium.find()
     found = modes(equilibrium, 1)
     with pytest.raises(gx.InputError, match="frames is 1"):
-        gx.outputs.record_modes(
-            equilibrium,
-            found,
-            folder / "modes",
-            frames=1,
-        )
+        gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=1)
     with pytest.raises(gx.InputError, match="amplitude is -1"):
-        gx.outputs.record_modes(
-            equilibrium,
-            found,
-            folder / "modes",
-            amplitude=-1.0,
-        )
+        gx.outputs.record_modes(equilibrium, found, folder / "modes", amplitude=-1.0)
     with pytest.raises(gx.InputError, match="holds no record of a mode"):
         gx.outputs.record(equilibrium, [gx.Recording(folder / "run")])
         gx.plot.modes([folder / "run"], folder / "modes.png")
@@ -308,12 +273,7 @@ def test_remedies_by_cause(comm):
     cooled = bag_in_air(comm, 8, 0.15, search=short)
     with pytest.raises(gx.NoEquilibrium, match="expands adiabatically and has cooled from 300 K"):
         cooled.find()
-    film = gx.Membrane(
-        airbag(comm, 1.0, 4),
-        LAW,
-        order=2,
-        displacement=_pillow,
-    )
+    film = gx.Membrane(airbag(comm, 1.0, 4), LAW, order=2, displacement=_pillow)
     inwards = gx.Equilibrium(
         gx.Scene(film, gx.Pressure(film, 100.0)), gx.analysis.Continuation(total_iterations=3)
     )
@@ -374,7 +334,6 @@ def test_what_a_pressed_film_encloses_is_measured_once(comm, monkeypatch):
     assert measured == [film.mesh.domain]
 
 
-@pytest.mark.mpi
 def test_open_rims_do_not_hide_normals_that_point_inwards(comm, caplog):
     """Rings of equal size cancel in the sum of the area vectors: the film was called closed."""
     mesh = ellipsoid_with_rings(comm, turn=True, orient=False)
@@ -390,7 +349,6 @@ def test_open_rims_do_not_hide_normals_that_point_inwards(comm, caplog):
     assert mesh.enclosed_volume() < 0
 
 
-@pytest.mark.mpi
 def test_orientation_gives_a_film_with_small_rims_its_outer_side(comm, caplog):
     volumes = []
     for turn in (False, True):
@@ -432,12 +390,7 @@ def test_the_size_of_the_shown_motion_is_a_share_of_the_scene(comm, folder):
     equilibrium, _ = drum(comm)
     equilibrium.find()
     found = modes(equilibrium, 1)
-    folders = gx.outputs.record_modes(
-        equilibrium,
-        found,
-        folder / "modes",
-        frames=2,
-    )
+    folders = gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=2)
     values = gx.plot.RunReader(folders[0]).values("mode_amplitude", 0)
     largest = comm.allreduce(max(float(part.max()) for part in values), MPI.MAX)
     # Five per cent of the largest dimension, 1 m.

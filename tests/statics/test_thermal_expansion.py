@@ -32,13 +32,7 @@ def thermal(ΔT: float) -> float:
     return metric(1 + ALPHA * ΔT)
 
 
-def strip(
-    comm,
-    law,
-    stretch: float,
-    expansion,
-    order: int = 1,
-) -> tuple[gx.Scene, gx.Fixed]:
+def strip(comm, law, stretch: float, expansion, order: int = 1) -> tuple[gx.Scene, gx.Fixed]:
     """A strip with one cell across, stretched between its ends, whose sides are free in its
     plane."""
     mesh = sheet(comm, 4, 1, LENGTH, WIDTH)
@@ -58,7 +52,7 @@ def strip(
     return gx.Scene(film, end, *held), end
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("ΔT", [-50.0, 20.0, 49.0, 51.0, 120.0])
 def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm, order, ΔT) -> None:
@@ -88,7 +82,6 @@ def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm,
     assert set(state) <= ({2.0} if elastic > 0 else {0.0, 1.0})
 
 
-@pytest.mark.mpi
 def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None:
     law = gx.LinearOrthotropic(
         100e9, 5e9, 0.0, 2e9, density=1400.0, thickness=THICKNESS, direction=(1.0, 0.0, 0.0)
@@ -105,7 +98,6 @@ def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None
     np.testing.assert_allclose(strain, metric(1 + 30e-6 * 80), rtol=1e-6)
 
 
-@pytest.mark.mpi
 def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     angle = 0.4
     axis = (math.cos(angle), math.sin(angle), 0.0)
@@ -123,31 +115,16 @@ def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     np.testing.assert_allclose(both[1], metric(1 + 1e-3), rtol=1e-6)
 
 
-@pytest.mark.mpi
 def test_cables_and_beams_between_clamps(comm) -> None:
-    curve = line(
-        comm,
-        [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)],
-        4,
-    )
+    curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 4)
     cooled = ThermalExpansion(ALPHA, T0 - 40.0, reference=T0)
     cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01), thermal=cooled)
     ends = [gx.Fixed(cable, group) for group in ("start", "end")]
     equilibrium = at_rest(cable, *ends)
     assert equilibrium.reaction(ends[1])[0][0] == pytest.approx(-1e4 * thermal(-40.0), rel=1e-6)
 
-    section = gx.sections.tube(
-        0.02,
-        5e-4,
-        E=100e9,
-        nu=0.3,
-        density=1560.0,
-    )
-    beam = gx.Beam(
-        curve,
-        section,
-        thermal=ThermalExpansion(ALPHA, T0 + 40.0, reference=T0),
-    )
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    beam = gx.Beam(curve, section, thermal=ThermalExpansion(ALPHA, T0 + 40.0, reference=T0))
     ends = [gx.Fixed(beam, group) for group in ("start", "end")]
     equilibrium = at_rest(beam, *ends)
     force = equilibrium.reaction(ends[1])[0][0]
@@ -158,20 +135,13 @@ def test_cables_and_beams_between_clamps(comm) -> None:
 @pytest.mark.mpi
 def test_a_group_that_is_hot_relieves_the_others(comm) -> None:
     mesh = crossed_sheet(comm, 4, 1, LENGTH, WIDTH)
-    hot = locate_entities(
-        mesh.domain,
-        2,
-        lambda x: x[0] < LENGTH / 2 + 1e-9,
-    )
+    hot = locate_entities(mesh.domain, 2, lambda x: x[0] < LENGTH / 2 + 1e-9)
     named = gx.Mesh(mesh.domain, {**mesh.groups, "hot": (2, hot)})
     law = gx.Linear(2e9, 0.0, density=1400.0, thickness=THICKNESS)
     expansion = ThermalExpansion(ALPHA, {"hot": T0 - 60.0}, reference=T0)
     film = gx.Membrane(named, law, thermal=expansion)
     end = gx.Fixed(film, "right")
-    others = [
-        gx.Fixed(film, "left"),
-        gx.Fixed(film, "bottom", components=(2,)),
-    ]
+    others = [gx.Fixed(film, "left"), gx.Fixed(film, "bottom", components=(2,))]
     equilibrium = at_rest(film, end, *others)
     # Two springs in series; both halves shrink across as well, which changes their widths by 1e-3.
     force = equilibrium.reaction(end)[0][0]
@@ -186,11 +156,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
     tones = []
     stretch = 1 + 1e-3
     for ΔT in (0.0, -30.0):
-        curve = line(
-            comm,
-            [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)],
-            40,
-        )
+        curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 40)
         string = gx.Cable(
             curve,
             gx.CableLaw(1e4, 0.01),
@@ -212,23 +178,15 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
 # ---- plates --------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("cells", "tolerance"), [(8, 3e-3), (16, 1e-3)])
 def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: float) -> None:
     """A cantilever with the curvature κ = α (T_back - T_front)/t is an arc of the angle κ L."""
     law = gx.LinearOrthotropic(
         2e9, 2e9, 0.0, 1e9, density=1400.0, thickness=1e-3, direction=(1.0, 0.0, 0.0)
     )
-    expansion = ThermalExpansion(
-        (1e-4, 0.0),
-        reference=T0,
-        gradient=lambda X, t: -10.0 * t,
-    )
-    plate = gx.Plate(
-        sheet(comm, cells, 2, LENGTH, WIDTH),
-        law,
-        thermal=expansion,
-    )
+    expansion = ThermalExpansion((1e-4, 0.0), reference=T0, gradient=lambda X, t: -10.0 * t)
+    plate = gx.Plate(sheet(comm, cells, 2, LENGTH, WIDTH), law, thermal=expansion)
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     result = equilibrium.find(at=1.0)
     # α × 10 K over 1 mm.
@@ -244,20 +202,11 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
     assert result.totals.energy < 3e-3 * stored
 
 
-@pytest.mark.mpi
 def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     κ = 0.002  # 1/m: the plate bends by a tenth of its thickness, and stretches little
-    expansion = ThermalExpansion(
-        1e-5,
-        reference=T0,
-        gradient=lambda X, t: -κ * 1e-3 / 1e-5 * t,
-    )
-    plate = gx.Plate(
-        crossed_sheet(comm, 8, 8, 0.2, 0.2),
-        law,
-        thermal=expansion,
-    )
+    expansion = ThermalExpansion(1e-5, reference=T0, gradient=lambda X, t: -κ * 1e-3 / 1e-5 * t)
+    plate = gx.Plate(crossed_sheet(comm, 8, 8, 0.2, 0.2), law, thermal=expansion)
     scene = gx.Scene(
         plate,
         gx.Fixed(plate, "left", components=(0,), direction=(1.0, 0.0, 0.0)),
@@ -269,11 +218,7 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     square = x[:, 0] ** 2 + x[:, 1] ** 2
     lowest = comm.allreduce(x[:, 2].min(initial=np.inf), op=min)
     # Heights above the middle of the sphere, of which this is a quarter.
-    np.testing.assert_allclose(
-        x[:, 2] - lowest,
-        κ / 2 * square,
-        atol=0.01 * κ / 2 * 0.08,
-    )
+    np.testing.assert_allclose(x[:, 2] - lowest, κ / 2 * square, atol=0.01 * κ / 2 * 0.08)
     # It bends freely: held flat, it would store ½ ∫ M0:κ0 = D (1 + ν) κ² A.
     stiffness = 2e9 * 1e-9 / (12 * (1 - 0.09))
     held_flat = stiffness * 1.3 * κ**2 * 0.04
@@ -283,21 +228,11 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     assert abs(result.totals.energy) < 0.06 * held_flat
 
 
-@pytest.mark.mpi
 def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
     """u = ½ α a (X² - Y², 2 X Y) has the strain α a X in both directions."""
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
-    expansion = ThermalExpansion(
-        ALPHA,
-        lambda X, t: T0 + 50.0 * X[0],
-        reference=T0,
-    )
-    film = gx.Membrane(
-        crossed_sheet(comm, 3, 3),
-        law,
-        order=2,
-        thermal=expansion,
-    )
+    expansion = ThermalExpansion(ALPHA, lambda X, t: T0 + 50.0 * X[0], reference=T0)
+    film = gx.Membrane(crossed_sheet(comm, 3, 3), law, order=2, thermal=expansion)
     equilibrium = at_rest(
         film, gx.Fixed(film, "bottom", components=(1, 2)), gx.Fixed(film, "top", components=(2,))
     )
@@ -313,11 +248,7 @@ def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
     """The volume under a film that cooling stretches, against central differences."""
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-2)
     expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(
-        crossed_sheet(comm, 3, 3, 0.5, 0.5),
-        law,
-        thermal=expansion,
-    )
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
     equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
     volume = gx.analysis.EnclosedVolume(film)
@@ -340,11 +271,7 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     """The sum of the derivatives by all temperatures is minus that by the reference temperature."""
     law = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
     expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(
-        crossed_sheet(comm, 3, 3, 0.5, 0.5),
-        law,
-        thermal=expansion,
-    )
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
     equilibrium = at_rest(film, gx.Pressure(film, 50.0), *rim)
     volume = gx.analysis.EnclosedVolume(film)
@@ -362,11 +289,6 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     ("arguments", "words"),
     [
         ({"alpha": 17.0}, "alpha is 17.0 1/K; give at most 0.01"),
-        ({"alpha": 1e-5, "reference": -1.0}, "reference is -1.0 K; give an absolute temperature"),
-        (
-            {"alpha": 1e-5, "temperature": -5.0},
-            "temperature is -5.0 K; give an absolute temperature",
-        ),
         ({"alpha": 1e-5, "temperature": {"film": -5.0}}, "temperature is -5.0 K"),
         ({"alpha": math.nan}, "alpha"),
     ],
@@ -376,7 +298,6 @@ def test_expansions_that_make_no_sense_are_refused(arguments, words: str) -> Non
         ThermalExpansion(**arguments)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -387,14 +308,9 @@ def test_expansions_that_make_no_sense_are_refused(arguments, words: str) -> Non
 def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=THICKNESS)
     with pytest.raises(gx.InputError, match=re.escape(words)):
-        gx.Membrane(
-            sheet(comm, 2, 2),
-            law,
-            thermal=ThermalExpansion(**arguments),
-        )
+        gx.Membrane(sheet(comm, 2, 2), law, thermal=ThermalExpansion(**arguments))
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("temperature", "words"),
     [
@@ -408,16 +324,11 @@ def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) ->
 )
 def test_temperatures_that_make_no_sense_are_refused(comm, temperature, words: str) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=THICKNESS)
-    film = gx.Membrane(
-        sheet(comm, 3, 3),
-        law,
-        thermal=ThermalExpansion(1e-5, temperature),
-    )
+    film = gx.Membrane(sheet(comm, 3, 3), law, thermal=ThermalExpansion(1e-5, temperature))
     with pytest.raises(gx.InputError, match=re.escape(words)):
         gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
 
 
-@pytest.mark.mpi
 def test_what_has_no_thermal_form_says_so(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     warm = ThermalExpansion(1e-5, gradient=2.0)
@@ -427,11 +338,7 @@ def test_what_has_no_thermal_form_says_so(comm) -> None:
     )
     with pytest.raises(gx.InputError, match="clamp it in a constant direction"):
         gx.Simulation(gx.Scene(plate, turned), gx.Midpoint(dt=1e-3))
-    film = gx.Membrane(
-        sheet(comm, 2, 2),
-        law,
-        thermal=ThermalExpansion(1e-5),
-    )
+    film = gx.Membrane(sheet(comm, 2, 2), law, thermal=ThermalExpansion(1e-5))
     with pytest.raises(gx.InputError, match="has a thermal expansion, which sampled cells"):
         from gossamer_fx.analysis.reduction.reduced_membrane import check_reducible
 

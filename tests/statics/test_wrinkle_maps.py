@@ -29,16 +29,11 @@ def stretched(law, comm, angle=0.0, order=1):
         across = (math.sqrt(1 - 2 * SHORTENING) - 1) * np.outer(n, n)
         return (along + across) @ X
 
-    film = gx.Membrane(
-        sheet(comm, 4, 4, 2.0, 2.0),
-        law,
-        order=order,
-        displacement=displacement,
-    )
+    film = gx.Membrane(sheet(comm, 4, 4, 2.0, 2.0), law, order=order, displacement=displacement)
     return gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6)), film, t
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_slope_amplitude_and_direction(comm, angle, order):
@@ -75,11 +70,7 @@ def test_a_chessboard_of_states_is_smoothed(comm):
         shift = 2e-3 * np.where(np.rint(4 * x) % 2 == 1, 1.0, -1.0)
         return np.vstack([0 * x, -5e-3 * y + shift * y, 0 * x])
 
-    film = gx.Membrane(
-        sheet(comm, 8, 8, 2.0, 2.0),
-        LAW,
-        displacement=zigzag,
-    )
+    film = gx.Membrane(sheet(comm, 8, 8, 2.0, 2.0), LAW, displacement=zigzag)
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6))
     _, strain = gx.fields.field_values(run, film, field="strain2")
     _, slope = gx.fields.field_values(run, film, field="wrinkle_slope")
@@ -94,26 +85,14 @@ def spread(comm, values):
 
 
 def test_laws_without_maps_are_refused(comm):
-    law = gx.analysis.Prestress(
-        E,
-        NU,
-        density=1400.0,
-        thickness=THICKNESS,
-        tension=1.0,
-    )
+    law = gx.analysis.Prestress(E, NU, density=1400.0, thickness=THICKNESS, tension=1.0)
     film = gx.Membrane(sheet(comm, 2, 2), law)
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6))
     with pytest.raises(gx.InputError, match="has no maps of wrinkles"):
         gx.fields.field_values(run, film, field="wrinkle_slope")
 
 
-def fabric(
-    E1: float,
-    E2: float,
-    nu12: float,
-    G12: float,
-    direction,
-) -> gx.Orthotropic:
+def fabric(E1: float, E2: float, nu12: float, G12: float, direction) -> gx.Orthotropic:
     return gx.Orthotropic(
         E1,
         E2,
@@ -130,7 +109,6 @@ def map_of(run, film, field: str) -> np.ndarray:
     return gx.fields.field_values(run, film, field=field)[1]
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "direction, along, across",
     [((1.0, 0.0, 0.0), E, E / 2), ((0.0, 1.0, 0.0), E / 2, E)],
@@ -155,16 +133,9 @@ def test_maps_of_a_fabric_along_its_axes(comm, direction, along, across):
     assert np.abs(crests @ t) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("field", ["wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction"])
 def test_maps_of_a_fabric_of_equal_stiffness_are_those_of_a_tension_field(comm, field):
-    alike = fabric(
-        E,
-        E,
-        NU,
-        E / 2 / (1 + NU),
-        direction=(1.0, 0.4, 0.0),
-    )
+    alike = fabric(E, E, NU, E / 2 / (1 + NU), direction=(1.0, 0.4, 0.0))
     maps = []
     for law in (LAW, alike):
         run, film, _ = stretched(law, comm, angle=0.7)
@@ -175,13 +146,7 @@ def test_maps_of_a_fabric_of_equal_stiffness_are_those_of_a_tension_field(comm, 
 def test_crests_of_a_fabric_leave_the_direction_of_the_largest_strain(comm):
     """They run along the tension: soft in shear, the fabric pulls along its yarns."""
     softness = 100.0
-    law = fabric(
-        E,
-        E,
-        0.0,
-        E / softness,
-        direction=(1.0, 0.0, 0.0),
-    )
+    law = fabric(E, E, 0.0, E / softness, direction=(1.0, 0.0, 0.0))
     angle_of_strain = 0.5
     run, film, _ = stretched(law, comm, angle=angle_of_strain)
     crests = map_of(run, film, "wrinkle_direction").reshape(-1, 3)

@@ -13,27 +13,14 @@ from demos.studies import bending_strip, hub_torsion
 @pytest.mark.parametrize("law", ["Miyazaki 1e-6", "TensionField", "Elastica 0.05 m"])
 def test_bending_of_a_tensioned_strip(comm, law, K):
     """m and b/H of Stein & Hedgepeth (1961), half of the cells of the study."""
-    result = bending_strip.problem(
-        comm,
-        law,
-        "P1",
-        K,
-        24,
-    )
+    result = bending_strip.problem(comm, law, "P1", K, 24)
     assert result["m/exact"] == pytest.approx(1, abs=1e-2)
     assert result["b/H error"] < 0.02
     assert result["P/P0"] == pytest.approx(1, abs=1e-2)
 
 
-@pytest.mark.mpi
 def test_bending_with_quadratic_elements(comm):
-    result = bending_strip.problem(
-        comm,
-        "Miyazaki 1e-6",
-        "P2",
-        2.0,
-        24,
-    )
+    result = bending_strip.problem(comm, "Miyazaki 1e-6", "P2", 2.0, 24)
     assert result["m/exact"] == pytest.approx(1, abs=2e-3)
     assert result["b/H error"] < 0.01
 
@@ -41,13 +28,7 @@ def test_bending_with_quadratic_elements(comm):
 @pytest.mark.parametrize("torque", [1.5, 3.0])
 def test_torsion_of_a_hub(comm, torque):
     """Rotation at a torque, and stress next to the hub; the first wrinkles come at torque 1."""
-    result = hub_torsion.problem(
-        comm,
-        "Miyazaki 1e-6",
-        "P2",
-        torque,
-        48,
-    )
+    result = hub_torsion.problem(comm, "Miyazaki 1e-6", "P2", torque, 48)
     assert result["θ/exact"] == pytest.approx(1, abs=1.5e-2)
     assert result["σ1/exact"] == pytest.approx(1, abs=3e-2)
 

@@ -17,7 +17,9 @@ import gossamer_fx as gx
 from gossamer_fx.core.forms.compilation import kernel_options
 from gossamer_fx.meshes.sheet import sheet
 
-SENT: list[str] = []
+TALK = MPI.COMM_WORLD.Dup()
+# Completes when all ranks are in the phase.
+ARRIVED: list[MPI.Request] = []
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 
 
@@ -26,15 +28,20 @@ def interrupt(phase: str) -> None:
     # Not a variable of this module, with another value of which the scene would be another one.
     if phase != os.environ["PHASE"]:
         return
-    if MPI.COMM_WORLD.size == 1:
+    if TALK.size == 1:
         os.kill(os.getpid(), signal.SIGINT)
-    elif MPI.COMM_WORLD.rank == 0 and not SENT:
-        SENT.append(phase)
-        # The parent of mpirun, which is the parent of a rank.
-        status = Path(f"/proc/{os.getppid()}/stat").read_text()
-        os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGINT)
-        # The signal goes by the launcher and mpirun.
-        time.sleep(1.0)
+    elif not ARRIVED:
+        ARRIVED.append(TALK.Ibarrier())
+        if TALK.rank == 0:
+            # A rank that is late would be in an earlier phase when the signal comes.
+            deadline = time.monotonic() + 5.0
+            while not ARRIVED[0].Test() and time.monotonic() < deadline:
+                time.sleep(0.01)
+            # The parent of mpirun, which is the parent of a rank.
+            status = Path(f"/proc/{os.getppid()}/stat").read_text()
+            os.kill(int(status.rpartition(")")[2].split()[1]), signal.SIGINT)
+            # The signal goes by the launcher and mpirun.
+            time.sleep(1.0)
 
 
 def interrupt_compilation() -> None:

@@ -48,14 +48,7 @@ def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
     """A tube pressed flat, with a tank and a valve: film, gas, and scalar unknowns."""
     law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
     film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
-    tube = gx.Chamber(
-        film,
-        gas=GAS,
-        pressure=1.0,
-        temperature=293.0,
-        dead_volume=1e-6,
-        name="tube",
-    )
+    tube = gx.Chamber(film, gas=GAS, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
     tank = gx.Tank(20e-6, gas=GAS, pressure=1.5e6, temperature=293.0)
     return gx.Scene(film, tube, gx.Orifice(tank, tube, area=3e-8, name="valve"))
 
@@ -65,12 +58,7 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
     variables."""
     section = gx.sections.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
     axis = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
-    beam = gx.Beam(
-        axis,
-        section,
-        normal=(0, 0, 1),
-        name="boom",
-    )
+    beam = gx.Beam(axis, section, normal=(0, 0, 1), name="boom")
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
     control = gx.control.AttitudeControl(
         hub.frame(),
@@ -81,14 +69,7 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
     )
     joint = gx.constraints.FixedJoint(beam.frame("start"), hub.frame(), name="root")
     damper = gx.connectors.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), damping=0.5)
-    return gx.Scene(
-        beam,
-        hub,
-        control,
-        joint,
-        damper,
-        gx.Gravity(beam, (0, 0, -9.81)),
-    )
+    return gx.Scene(beam, hub, control, joint, damper, gx.Gravity(beam, (0, 0, -9.81)))
 
 
 def numbers(run: gx.Simulation) -> np.ndarray:

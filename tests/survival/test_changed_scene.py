@@ -85,15 +85,9 @@ OTHER: dict[str, tuple[Any, str]] = {
     "area": (2e-6, "area of 'valve' is 1e-06 there and 2e-06 here"),
     "force": ((2.0, 0.0, 0.0), "force of 'pull'"),
     "outside": (2e5, "pressure of '.*' is 100000 there and 200000 here"),
-    "motion": (
-        lambda x, t: 0.2 * t * x,
-        "motion source of 'mover' is",
-    ),
+    "motion": (lambda x, t: 0.2 * t * x, "motion source of 'mover' is"),
     "point": ("top right", "port at of 'pull'"),
-    "ramp": (
-        3.0,
-        "force outside ramp of 'push' is 2 there and 3 here",
-    ),
+    "ramp": (3.0, "force outside ramp of 'push' is 2 there and 3 here"),
 }
 
 
@@ -116,12 +110,7 @@ def test_changes_that_are_meant_are_taken(folder: Path) -> None:
     ):
         run(3, scene(), restart=folder, changes=["vent"])
     with pytest.raises(gx.InputError, match="force of 'pull'"):
-        run(
-            3,
-            scene(area=2e-6, force=(2.0, 0.0, 0.0)),
-            restart=folder,
-            changes=["valve"],
-        )
+        run(3, scene(area=2e-6, force=(2.0, 0.0, 0.0)), restart=folder, changes=["valve"])
     after = run(3, scene(area=2e-6), restart=folder, changes=["valve"])
     assert after.step == 3 and abs(after.mass_error) <= 1e-14
     with pytest.raises(gx.InputError, match="changes, but no restart"):
@@ -326,7 +315,7 @@ OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("what", OTHER_FLIGHT)
 def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
     usual, changed, words = OTHER_FLIGHT[what]
@@ -338,7 +327,7 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
         run(2, flying(**changed), restart=folder)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("what", "small", "other", "words"),
     [

@@ -18,13 +18,7 @@ import gossamer_fx as gx
 from gossamer_fx.records.outputs.vtu import read_records
 from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.small_scenes import run_until
-from tests.survival.scenes import (
-    DT,
-    Watch,
-    filled_tube,
-    fluttering_sheet,
-    numbers,
-)
+from tests.survival.scenes import DT, Watch, filled_tube, fluttering_sheet, numbers
 
 COMM = MPI.COMM_WORLD
 
@@ -167,19 +161,14 @@ def test_minutes(folder: Path) -> None:
     run = gx.Simulation(
         fluttering_sheet(COMM),
         gx.Midpoint(dt=DT),
-        checkpoints=gx.Checkpoints(
-            folder,
-            every=None,
-            minutes=1e-6,
-            keep=9,
-        ),
+        checkpoints=gx.Checkpoints(folder, every=None, minutes=1e-6, keep=9),
     )
     run.run(until=3 * DT)
     COMM.barrier()
     assert len(list(folder.iterdir())) == 4
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("keep", "steps"), [(1, [5]), (4, [2, 3, 4, 5]), (9, [0, 1, 2, 3, 4, 5])])
 def test_as_many_checkpoints_are_kept_as_were_asked_for(
     folder: Path, keep: int, steps: list[int]
@@ -193,7 +182,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
 # ---- refusals ------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("other", "words"),
     [

@@ -32,12 +32,7 @@ def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None
         stop=True,
         tolerance=1e-12,
     )
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=0.04),
-        events=[event],
-        control=control,
-    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=0.04), events=[event], control=control)
     run.run(until=10.0)
     assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
     assert run.system.q0.array_r[2] <= height
@@ -118,12 +113,7 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
     event = gx.When(lambda run: run.time, 1.5e-3, then=lambda run: acted.append(run.time))
 
     def go(until: float, **options: object) -> gx.Simulation:
-        run = gx.Simulation(
-            fluttering_sheet(COMM),
-            gx.Midpoint(dt=1e-3),
-            events=[event],
-            **options,
-        )
+        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-3), events=[event], **options)
         run.run(until=until)
         return run
 
@@ -134,7 +124,7 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
     assert (first.step, again.step) == (4, 6)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("event", "words"),
     [

@@ -52,10 +52,7 @@ OTHER_VALUES: dict[str, list[Any]] = {
     "group": ["right", "left", "top"],
 }
 for _end in ("a", "b", "port"):
-    OTHER_VALUES[_end] = [
-        gx.Ground((0.1, 0.2, 0.3)),
-        gx.gas.Ambient(3e4, 280.0, name="other air"),
-    ]
+    OTHER_VALUES[_end] = [gx.Ground((0.1, 0.2, 0.3)), gx.gas.Ambient(3e4, 280.0, name="other air")]
 
 
 def other_values(argument: str, value: Any) -> Iterator[Any]:

@@ -14,7 +14,7 @@ from tests.small_scenes import run_until
 COMM = MPI.COMM_WORLD
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("case", ["ordinary", "u=1e-12", "pressure=1", "mass=1e+06", "aspect=1000"])
 def test_cells_of_the_map_keep_their_books(case: str) -> None:
     """The problem itself checks energy, gas, volumes and coordinates."""

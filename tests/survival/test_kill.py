@@ -148,13 +148,7 @@ def test_a_signal_ends_the_run_after_its_step(
 ) -> None:
     """To one rank of all; the checkpoint is that of the last step, and the run can go on."""
     out = tmp_path / "run"
-    run = start(
-        ranks,
-        out,
-        "--every",
-        "1000",
-        steps=100_000,
-    )
+    run = start(ranks, out, "--every", "1000", steps=100_000)
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)
@@ -230,22 +224,21 @@ def parents_of(numbers: list[int]) -> set[int]:
 def test_no_rank_outlives_its_launcher(tmp_path: Path, victim: str) -> None:
     """As where memory runs out: what is killed cannot end the others, and must not lock the
     folder."""
-    for attempt in range(3):
-        out = tmp_path / f"run {attempt}"
-        command = [*LAUNCHER, "-m", "tests.survival.tube_run", str(out), "100000"]
-        run = on_ranks.start(command, start_new_session=True)
-        wait_until_ready(run)
-        wait_for(run, lambda out=out: rows(out / "ledger.csv") >= 3)
-        ranks = ranks_of(run)
-        assert len(ranks) == 2
-        [mpirun] = parents_of(ranks)
-        os.kill({"mpirun": mpirun, "launcher": run.pid, "rank": ranks[0]}[victim], signal.SIGKILL)
-        deadline = time.monotonic() + HANG_TIMEOUT
-        while ranks_of(run):
-            assert time.monotonic() < deadline, "ranks are left"
-            time.sleep(0.05)
-        run.communicate(timeout=HANG_TIMEOUT)
-        # The folder is free, and the run can go on.
-        again = start(1, out, "--restart")
-        words = again.communicate(timeout=HANG_TIMEOUT)
-        assert again.returncode == 0, words
+    out = tmp_path / "run"
+    command = [*LAUNCHER, "-m", "tests.survival.tube_run", str(out), "100000"]
+    run = on_ranks.start(command, start_new_session=True)
+    wait_until_ready(run)
+    wait_for(run, lambda: rows(out / "ledger.csv") >= 3)
+    ranks = ranks_of(run)
+    assert len(ranks) == 2
+    [mpirun] = parents_of(ranks)
+    os.kill({"mpirun": mpirun, "launcher": run.pid, "rank": ranks[0]}[victim], signal.SIGKILL)
+    deadline = time.monotonic() + HANG_TIMEOUT
+    while ranks_of(run):
+        assert time.monotonic() < deadline, "ranks are left"
+        time.sleep(0.05)
+    run.communicate(timeout=HANG_TIMEOUT)
+    # The folder is free, and the run can go on.
+    again = start(1, out, "--restart")
+    words = again.communicate(timeout=HANG_TIMEOUT)
+    assert again.returncode == 0, words

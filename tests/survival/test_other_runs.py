@@ -250,13 +250,7 @@ def record(folder: Path, until: int, dt: float = DT, **options: object) -> None:
     outputs = [gx.Recording(folder / "run", every=1)]
     saves = gx.Checkpoints(folder / "saves", every=2)
     film = fluttering_sheet(COMM, 2)
-    run = gx.Simulation(
-        film,
-        gx.Midpoint(dt=dt),
-        outputs=outputs,
-        checkpoints=saves,
-        **options,
-    )
+    run = gx.Simulation(film, gx.Midpoint(dt=dt), outputs=outputs, checkpoints=saves, **options)
     run.run(until * DT)
 
 

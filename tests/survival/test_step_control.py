@@ -70,12 +70,7 @@ def test_steps_of_a_given_error(error: float) -> None:
     scene, _ = oscillator()
     noted = Steps()
     control = gx.StepControl(target_iterations=10**6, error=error)
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=1e-3),
-        outputs=[noted],
-        control=control,
-    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[noted], control=control)
     run.run(until=1.0)
     off = abs(run.system.q0.array_r[0] - math.cos(OMEGA))
     assert off <= error * run.step
@@ -196,13 +191,7 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
         strict.run(until=0.05)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"max_factor": 0.9},
-        {"min_factor": 1.0},
-    ],
-)
+@pytest.mark.parametrize("bad", [{"max_factor": 0.9}, {"min_factor": 1.0}])
 def test_bad_requests(bad: dict) -> None:
     with pytest.raises(gx.InputError, match=f"StepControl: {next(iter(bad))} is"):
         gx.StepControl(**bad)

@@ -295,7 +295,6 @@ MESHES: dict[str, Case] = {
 }
 
 MESH_FILES: dict[str, Case] = {
-    "missing": lambda at: gx.read_mesh(at / "no.msh", ONE),
     "empty": lambda at: gx.read_mesh(written(at / "a.msh", ""), ONE),
     "a folder": lambda at: gx.read_mesh(at, ONE),
     "a device": lambda at: gx.read_mesh("/dev/null", ONE),
@@ -524,7 +523,6 @@ BODIES: dict[str, Case] = {
         gx.TabulatedCable.from_csv("/proc/self/mem", line_density=0.1),
     ),
     "force at a word": lambda at: gx.TabulatedCable([0, 1], [0, 1], line_density=1.0).force_at("a"),
-    "two columns of other lengths": lambda at: gx.TabulatedCable([0, 1], [0], line_density=1.0),
     "a table of matrices": lambda at: gx.TabulatedCable(np.eye(2), np.eye(2), line_density=1.0),
     "a port by number": lambda at: film().port(3),
     "a port by list": lambda at: film().port(["left"]),
@@ -587,11 +585,6 @@ BODIES: dict[str, Case] = {
     ),
     "a beam of a cable law": lambda at: gx.Beam(line(ONE, [ZERO, X], 2), gx.CableLaw(1.0, 1.0)),
     "a cable of a film law": lambda at: gx.Cable(line(ONE, [ZERO, X], 2), LINEAR),
-    "a tension of -5 in what bears none": lambda at: gx.Cable(
-        line(ONE, [ZERO, X], 2), gx.TensionOnly(1e5, 0.1), initial_tension=-5.0
-    ),
-    "a length of 0": lambda at: run(cable(length_factor=0.0)),
-    "a length and a tension": lambda at: run(cable(length_factor=0.9, initial_tension=5.0)),
     "a branched beam": lambda at: (
         run(
             gx.Beam(
@@ -619,7 +612,6 @@ BODIES: dict[str, Case] = {
     "stiffnesses of words": lambda at: gx.LinearOrthotropic.from_stiffnesses("a", "b"),
     "a lamina of no thickness": lambda at: KAPTON_HN.law(thickness="thin"),
     "a fibre of -1": lambda at: VECTRAN_HT.law(linear_density=-1.0),
-    "a section inside out": lambda at: gx.sections.tube(0.01, 0.02, E=1.0, nu=0.3, density=1.0),
 }
 
 
@@ -750,10 +742,6 @@ SCENES: dict[str, Case] = {
     )(mass()),
     "a force on a group": lambda at: gx.loads.Force("left", Z),
     "a torque on a mass": lambda at: gx.loads.Torque(mass().port(), Z),
-    "an edge load without force": lambda at: gx.loads.EdgeLoad(film(), "left"),
-    "an edge load with both": lambda at: gx.loads.EdgeLoad(
-        film(), "left", force=Z, normal_force=1.0
-    ),
     "an edge load on a corner": lambda at: with_film(
         lambda sail: gx.loads.EdgeLoad(sail, "top left", force=Z)
     ),
@@ -790,16 +778,10 @@ SCENES: dict[str, Case] = {
     ),
     "components of floats": lambda at: gx.Fixed(film(), "left", components=(0.0, 1.0)),
     "components and a normal": lambda at: gx.Fixed(film(), "left", components=(0,), normal=Z),
-    "a tie to itself": lambda at: (
-        lambda sail: run(sail, gx.Tie(sail, sail, group_a="left", group_b="left"))
-    )(film()),
     "a tie of bodies far apart": lambda at: (lambda a, b: run(a, b, gx.Tie(a, b, group_a="left")))(
         film(), gx.Membrane(arrays(np.add(SQUARE, [9, 9, 9]), TRIANGLES), LINEAR, name="b")
     ),
     "a tie of two masses": lambda at: gx.Tie(mass(), mass("b")),
-    "a seam to itself": lambda at: (lambda sail: run(sail, gx.Seam(sail, "left", sail, "left")))(
-        film()
-    ),
     "two seams of one edge": lambda at: (
         lambda sail: (
             run(
@@ -810,15 +792,9 @@ SCENES: dict[str, Case] = {
             == 2e-4
         )
     )(film()),
-    "a seam that closes before it begins": lambda at: gx.Seam(
-        film(), "left", film(), "right", closing=(1.0, 0.5)
-    ),
     "a seam to a shorter edge": lambda at: (
         lambda a, b: run(a, b, gx.Seam(a, "left", b, "bottom"))
     )(film(), gx.Membrane(sheet(ONE, 2, 2, 0.1, 1.0), LINEAR, name="b")),
-    "a rigid region of a corner": lambda at: with_film(
-        lambda sail: gx.RigidRegion(sail, "top left")
-    ),
     "a rigid region with a mass": lambda at: gx.RigidRegion(film(), "left", rigid_body=mass()),
     "two rigid regions of one edge": lambda at: (
         lambda sail: run(sail, gx.RigidRegion(sail, "left"), gx.RigidRegion(sail, "left", name="b"))
@@ -921,12 +897,6 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "a film below the floor": lambda at: touching(height=-1.0),
     "a distance above the cells": lambda at: touching(distance=10.0),
     "a distance of 1e-60": lambda at: touching(distance=1e-60),
-    "one film twice": lambda at: (lambda sail: run(sail, gx.Contact(sail, sail, distance=1e-3)))(
-        film()
-    ),
-    "obstacles alone": lambda at: run(
-        film(), gx.Contact(gx.contact.Plane(point=ZERO, normal=Z), distance=1e-3)
-    ),
     "a radius of nobody": lambda at: touching(radius={"wing": 1e-3}),
     "a radius of words": lambda at: touching(radius={"film": "a"}),
     "a radius for a floor": lambda at: touching(radius={"obstacle": 1e-3}),
@@ -934,7 +904,6 @@ CONTACT_AND_GAS: dict[str, Case] = {
     "masses that coincide": lambda at: (
         lambda a, b: run(a, b, gx.Contact(a, b, distance=1e-3, radius={"mass": 0.1, "b": 0.1}))
     )(mass(), mass("b")),
-    "a plane of no normal": lambda at: touching(gx.contact.Plane(point=ZERO, normal=ZERO)),
     "a box of axes that lean": lambda at: gx.contact.Box(
         centre=ZERO, sizes=(1.0, 1.0, 1.0), axes=(X, (1.0, 1.0, 0.0), Z)
     ),
@@ -1128,9 +1097,6 @@ RUNS: dict[str, Case] = {
     "a ledger on a folder": lambda at: run(mass(), outputs=[gx.Ledger(at)]),
     "a ledger on a device": lambda at: run(mass(), outputs=[gx.Ledger("/dev/full")]),
     "a ledger in proc": lambda at: run(mass(), outputs=[gx.Ledger("/proc/a.csv")]),
-    "two outputs of one file": lambda at: run(
-        mass(), outputs=[gx.Ledger(at / "a.csv"), gx.Ledger(at / "b" / ".." / "a.csv")]
-    ),
     "checkpoints in a file": lambda at: run(
         mass(), checkpoints=gx.Checkpoints(written(at / "saves", ""))
     ),
@@ -1222,7 +1188,7 @@ RUNS: dict[str, Case] = {
     "values of a frame that is not there": lambda at: recorded(at).values("state", 99),
     "values of a word": lambda at: recorded(at).values("state", "first"),
     "a caption of a frame that is not there": lambda at: recorded(at).caption(99),
-    "a frame at a word": lambda at: recorded(at).frame("noon"),
+    "a record at a word": lambda at: recorded(at).record_at("noon"),
     "a strip of 1e9": lambda at: gx.plot.strip(
         recorded(at), "state", path=at / "a.png", count=10**9
     ),
@@ -1322,10 +1288,8 @@ ANALYSES: dict[str, Case] = {
     "an equilibrium of 1e60 Pa": lambda at: (
         held(lambda sail: gx.Pressure(sail, 1e60)).result.within_tolerance
     ),
-    "modes of no number": lambda at: gx.analysis.modes(at_rest(), 0),
     "modes of half": lambda at: gx.analysis.modes(at_rest(), 1.5),
     "modes of a scene": lambda at: gx.analysis.modes(gx.Scene(film()), 1),
-    "modes of 1e6": lambda at: gx.analysis.modes(at_rest(), 10**6),
     "a gradient by nobody": lambda at: gx.analysis.gradient(at_rest(), ENERGY(), ["wing.E"]),
     "a gradient by nothing": lambda at: gx.analysis.gradient(at_rest(), ENERGY(), []),
     "a gradient by a word": lambda at: gx.analysis.gradient(at_rest(), ENERGY(), "film.E"),
@@ -1355,28 +1319,17 @@ ANALYSES: dict[str, Case] = {
     "bounds of nobody": lambda at: minimised(bounds={"wing.E": (1e8, 1e9)}),
     "a method of no name": lambda at: minimised(method="guess"),
     "an outcome that raises": lambda at: of_runs(lambda values: 1 / 0),
-    "an outcome of a number": lambda at: of_runs(lambda values: 1.0),
     "an outcome of None": lambda at: of_runs(lambda values: None),
     "a record of runs in a file": lambda at: of_runs(
         lambda values: 1 / 0, record=written(at / "b", "") / "a.json"
     ),
     "a start of words": lambda at: of_runs(lambda values: None, start={"a": "b"}),
-    "a start of nothing": lambda at: of_runs(lambda values: None, start={}),
-    "fits of other counts": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [1.0, 2.0], BY),
     "fits of nan": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [math.nan], BY),
-    "fits of too little": lambda at: gx.analysis.fit(at_rest(), [], [], BY),
-    "convergence of one mesh": lambda at: gx.analysis.convergence(
-        lambda n: 1.0, meshes=[1], sizes=[1.0]
-    ),
     "convergence of words": lambda at: gx.analysis.convergence(
         lambda n: "a", meshes=[1, 2, 3], sizes=[1.0, 0.5, 0.25]
     ),
     "convergence of sizes that rise": lambda at: gx.analysis.convergence(
         lambda n: 1.0 + n, meshes=[1, 2, 4], sizes=[0.25, 0.25, 0.25]
-    ),
-    "waves of one sample": lambda at: gx.analysis.travelling_waves([0.0], [1.0], [0.0]),
-    "waves at repeated times": lambda at: gx.analysis.travelling_waves(
-        np.zeros(20), np.ones(20), np.ones(20)
     ),
     "waves of nan": lambda at: gx.analysis.travelling_waves(
         np.arange(20.0), np.full(20, math.nan), np.ones(20)
@@ -1505,7 +1458,6 @@ FOLDS_AND_ORBITS: dict[str, Case] = {
     ),
     "a sun of zero": lambda at: orbit(sun=ZERO),
     "a sun of words": lambda at: flown(gx.orbit.SolarPressure, sun=lambda t: "a"),
-    "an epoch of a number": lambda at: orbit(epoch=3),
     "an epoch of month 13": lambda at: orbit(epoch="2026-13-01"),
     "bodies of no name": lambda at: orbit(epoch="2026-01-01", third_bodies=("pluto",)),
     "a gravity of no name": lambda at: orbit(gravity="strong"),

@@ -92,12 +92,7 @@ def test_the_check_is_the_same_by_every_import_path() -> None:
         "except gx.InputError as error:\n"
         "    print(error, Rope is gx.connectors.Rope)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout == "Rope: name is 0.3; give a word. True\n", done.stdout + done.stderr
 
 
@@ -199,12 +194,7 @@ def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
         "except ValueError as error:\n"
         "    print(error)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     expected = "False\nGasState: chamber is 3.0; give a chamber or tank.\n"
     assert done.stdout == expected, done.stdout + done.stderr
 

@@ -31,10 +31,7 @@ NAMES = {
     "pack_coefficients",
 }
 MODULES = {"dolfinx.cpp", "dolfinx.io.gmshio", "dolfinx.io.gmsh"}
-FOLDERS = (
-    PACKAGE,
-    *(PACKAGE.parent / name for name in ("demos", "meshes", "tests")),
-)
+FOLDERS = (PACKAGE, *(PACKAGE.parent / name for name in ("demos", "meshes", "tests")))
 FILES = sorted(path for folder in FOLDERS for path in folder.rglob("*.py"))
 
 
@@ -86,7 +83,6 @@ def test_an_expression_is_evaluated_to_rows(comm: MPI.Comm) -> None:
     assert backend.evaluate(scalar, domain, cells[:0]).shape == (0, 3)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order, expected", [(1, 3), (2, 6)])
 def test_interpolation_points_are_nodes(comm: MPI.Comm, order: int, expected: int) -> None:
     space = fem.functionspace(sheet(comm, 1, 1).domain, ("Lagrange", order))

@@ -54,24 +54,14 @@ def test_gradient() -> None:
         near(0 * θ, dihedral_angle.angle(X + 1e-6 * D) - dihedral_angle.angle(X - 1e-6 * D)) / 2e-6
     )
     slope = np.einsum("nij,nij->n", dihedral_angle.gradient(X), D)
-    np.testing.assert_allclose(
-        slope,
-        change,
-        rtol=1e-6,
-        atol=1e-6 * np.abs(slope).max(),
-    )
+    np.testing.assert_allclose(slope, change, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("largest", [1e-9, 1e-3, 0.3, 2.0])
 def test_the_discrete_gradient_gives_the_change_of_angle_and_no_torque(largest: float) -> None:
     X0, X1, θ0, θ1 = steps(largest)
     G = dihedral_angle.discrete_gradient(X0, X1, θ0, θ1)
-    np.testing.assert_allclose(
-        np.einsum("nij,nij->n", G, X1 - X0),
-        θ1 - θ0,
-        rtol=0,
-        atol=1e-12,
-    )
+    np.testing.assert_allclose(np.einsum("nij,nij->n", G, X1 - X0), θ1 - θ0, rtol=0, atol=1e-12)
     torque = np.cross((X0 + X1) / 2, G).sum(axis=1)
     assert np.abs(torque).max() < 1e-12 * max(1.0, float(np.abs(G).max()))
 
@@ -89,12 +79,7 @@ def test_it_is_the_gradient_where_nothing_moves() -> None:
 def test_a_fold_that_turns_beyond_half_a_turn_in_a_step() -> None:
     X0 = panels(-1.9)
     X1 = panels(1.9)
-    G = dihedral_angle.discrete_gradient(
-        X0,
-        X1,
-        np.array(-1.9),
-        np.array(1.9),
-    )
+    G = dihedral_angle.discrete_gradient(X0, X1, np.array(-1.9), np.array(1.9))
     assert np.sum(G * (X1 - X0)) == pytest.approx(3.8, rel=1e-12)
 
 

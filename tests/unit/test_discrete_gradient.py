@@ -32,15 +32,7 @@ def law_part(law: FilmLaw, cut: bool = True) -> StoredEnergy:
     """The law's part of a film, with or without what it tells of the pieces of a path."""
     c = constants(law, SQUARE)
     pieces = partial(law.pieces, c=c) if cut else None
-    return StoredEnergy(
-        "film",
-        None,
-        None,
-        lambda e: law.energy(e, c),
-        None,
-        law.quadratic,
-        pieces,
-    )
+    return StoredEnergy("film", None, None, lambda e: law.energy(e, c), None, law.quadratic, pieces)
 
 
 def responses(law, rule) -> Samples:

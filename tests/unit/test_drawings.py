@@ -87,7 +87,6 @@ def test_panels_of_a_drawing_are_sewn(tmp_path: Path) -> None:
     assert len(seam.lines(gx.Equilibrium(gx.Scene(film)).system.initial)[0].nodes) > 10
 
 
-@pytest.mark.mpi
 def test_bad_drawings_are_refused(tmp_path: Path) -> None:
     def gap(model: Any) -> None:
         model.add_line((0, 0), (1, 0), dxfattribs={"layer": "cut"})

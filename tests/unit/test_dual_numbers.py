@@ -36,13 +36,7 @@ def test_a_complex_step_inside_gives_second_derivatives() -> None:
     slope = isentropic_flow(NITROGEN, pu + 1j * ε, 300.0, pd, 1e-5).imag / ε
 
     def flow(a, b):
-        return isentropic_flow(
-            NITROGEN,
-            mpmath.mpf(a),
-            300.0,
-            mpmath.mpf(b),
-            1e-5,
-        )
+        return isentropic_flow(NITROGEN, mpmath.mpf(a), 300.0, mpmath.mpf(b), 1e-5)
 
     with mpmath.workdps(40):
         for i, orders in enumerate([(2, 0), (1, 1)]):

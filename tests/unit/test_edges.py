@@ -82,7 +82,7 @@ def test_left_is_left_and_the_opposite_vertex_is_opposite() -> None:
         ).all()
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_nodes_go_from_end_to_end(order: int) -> None:
     mesh = airbag(WORLD, 1.0, 6)

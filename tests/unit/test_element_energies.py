@@ -105,7 +105,7 @@ BODIES: dict[str, Callable[[], Deformable]] = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("rule", [PathAverage(), AtRest()], ids=["in time", "at rest"])
 @pytest.mark.parametrize(
     ("name", "factors", "form_count"),

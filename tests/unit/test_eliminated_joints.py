@@ -164,10 +164,7 @@ def test_a_singular_elimination_is_followed_by_factorisations(comm, monkeypatch)
     factors."""
     run = run_iteratively(comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
-    zeros = (
-        np.full((18, 18), np.nan),
-        np.arange(18),
-    )
+    zeros = (np.full((18, 18), np.nan), np.arange(18))
     monkeypatch.setattr(eliminated_joints, "lu_factor", lambda *given, **named: zeros)
     run.run(until=2e-3)
     assert context._is_complete

@@ -83,21 +83,11 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
 
 def ropes(comm, masses, spin, *more):
     """A pinned hub with masses on ropes, turning."""
-    hub = gx.RigidBody(
-        1.0,
-        (1.0, 1.0, 1.0),
-        comm=comm,
-        name="hub",
-    )
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
     items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
     for k in range(masses):
         e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
-        mass = gx.PointMass(
-            0.1,
-            tuple(0.5 * e),
-            comm=comm,
-            name=f"mass {k}",
-        )
+        mass = gx.PointMass(0.1, tuple(0.5 * e), comm=comm, name=f"mass {k}")
         items += [
             gx.connectors.Rope(
                 hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
@@ -146,12 +136,7 @@ def blocks_of_three(dense: np.ndarray) -> PETSc.Mat:
     columns = np.tile(np.arange(n, dtype=PETSc.IntType), n)
     blocks = dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
     values = np.ascontiguousarray(blocks).ravel()
-    A = PETSc.Mat().createBAIJ(
-        dense.shape,
-        3,
-        csr=(ends, columns, values),
-        comm=PETSc.COMM_SELF,
-    )
+    A = PETSc.Mat().createBAIJ(dense.shape, 3, csr=(ends, columns, values), comm=PETSc.COMM_SELF)
     return A
 
 

@@ -39,19 +39,14 @@ PAIRS = [
 ]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, other: str) -> None:
     """Two films move apart; after a restart, too, each is read back where it went."""
 
     def run(until: int, **options: object) -> None:
         films = [
-            gx.Membrane(
-                sheet(COMM, 2, 2),
-                LAW,
-                name=name,
-                velocity=lambda x, v=v: x * 0 + v,
-            )
+            gx.Membrane(sheet(COMM, 2, 2), LAW, name=name, velocity=lambda x, v=v: x * 0 + v)
             for name, v in ((one, 1.0), (other, -2.0))
         ]
         gx.Simulation(

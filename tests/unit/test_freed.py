@@ -27,10 +27,7 @@ def film(comm):
 def gas(comm):
     bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), WRINKLING)
     gas = gx.IdealGas(gamma=1.4, R=296.8)
-    return [
-        bag,
-        gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6),
-    ]
+    return [bag, gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6)]
 
 
 def touching(comm):
@@ -46,7 +43,7 @@ def held(comm):
     return [one, gx.Fixed(one, "left")]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("parts", [film, gas, touching])
 def test_a_run_is_freed(comm, parts):
     if parts is not film and PETSc.Sys.getVersion() >= (3, 23, 0):
@@ -70,7 +67,7 @@ def kept(comm, capfd) -> list[int]:
     return [int(count) for count in re.findall(r"Total entries: (\d+)", said)]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("parts", [film, gas, touching])
 def test_steps_leave_nothing_behind(comm, parts, capfd):
     items = parts(comm)

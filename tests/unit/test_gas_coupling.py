@@ -21,7 +21,7 @@ FILM = gx.Linear(E=1e6, nu=0.3, density=1420.0, thickness=25e-6)
 # ---- which side is out ---------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     """In a plane somewhere in space V is round-off of either sign: the sheet with normals along n
@@ -35,13 +35,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
         return R @ X + centre[:, None] - X
 
     film = gx.Membrane(airbag(WORLD, 1.0, 4), FILM, displacement=shift)
-    bag = gx.Chamber(
-        film,
-        gas=AIR,
-        pressure=10.0,
-        temperature=300.0,
-        dead_volume=1e-3,
-    )
+    bag = gx.Chamber(film, gas=AIR, pressure=10.0, temperature=300.0, dead_volume=1e-3)
     run = run_until(2e-3, bag, dt=1e-3)
     n = film.block.index_map.size_local
     x = run.system.q0.array_r.reshape(-1, 3)
@@ -152,7 +146,7 @@ def test_a_ring_couples_few_nodes() -> None:
     assert many < 4.2 * few
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("n", [8, 9])
 def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: int) -> None:

@@ -25,7 +25,6 @@ def test_the_times_of_a_warning_are_those_of_an_exponential_growth() -> None:
     assert math.isnan(calm["warned at [ms]"])
 
 
-@pytest.mark.mpi
 def test_gradients_of_the_disc_predict_its_first_milliseconds(comm) -> None:
     """Before layers meet the motion is smooth, and every change is predicted."""
     found = study.problem(comm, "disc", share=0.02)

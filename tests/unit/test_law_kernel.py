@@ -29,21 +29,11 @@ THICKNESS = {"thickness": lambda X: np.where(X[0] > 0.5, 3e-4, 1e-4)}
 def law_at_points(permuted: bool) -> tuple[PointLaw, PointValues]:
     """A wrinkling law of uneven thickness at the points of a sheet of order 2."""
     law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-2)
-    film = gx.Membrane(
-        sheet(MPI.COMM_SELF, 4, 4),
-        law,
-        order=2,
-        properties=THICKNESS,
-    )
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 4, 4), law, order=2, properties=THICKNESS)
     _, energy = film.terms(InitialState([film], film.comm))
     mesh = film.space.mesh
     Q = fem.functionspace(mesh, quadrature_element(mesh, film.dx.metadata(), (3,)))
-    functions = law_functions(
-        energy,
-        PathAverage(),
-        fem.Function(Q),
-        fem.Function(Q),
-    )
+    functions = law_functions(energy, PathAverage(), fem.Function(Q), fem.Function(Q))
     cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     points = Q.dofmap.list.shape[1]
     q = len(cells) * points

@@ -23,6 +23,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, crossed_sheet, sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
+from tests.hanging import HANG_TIMEOUT
 
 LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
@@ -66,7 +67,7 @@ def test_nodes_of_a_group_are_where_the_group_is(comm, order):
         assert X[node - first] == pytest.approx([3.0, 2.0, 0.0])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(2)
 @pytest.mark.parametrize("order, nodes", [(1, 35), (2, 117)])
 def test_film_of_either_order_has_its_nodes(comm, order, nodes):
     assert Membrane(sheet(comm, 6, 4), LAW, order=order).block.index_map.size_global == nodes
@@ -83,7 +84,7 @@ def test_sheets_of_an_airbag_meet_on_the_seam_only(comm):
     assert area(mesh) == pytest.approx(2.0, rel=1e-13)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order, rate", [(1, 2), (2, 4)])
 def test_curved_triangles_have_the_area_of_the_sphere(comm, order, rate):
     cells = (12, 24, 48)
@@ -154,7 +155,7 @@ def test_orientation_of_the_cells_survives(comm):
         assert comm.allreduce(fem.assemble_scalar(outward)) == pytest.approx(area(mesh), rel=1e-3)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "cells, culprit", [([[0, 1, 1]], "one node twice"), ([[0, 1, 2]] * 2, "same nodes")]
 )
@@ -201,7 +202,7 @@ NO_MESHES = {
 }
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", NO_MESHES)
 def test_a_script_is_not_executed(folder: Path, comm: MPI.Comm, name: str) -> None:
     """gmsh runs what it does not take for a mesh, shell commands included."""
@@ -267,7 +268,7 @@ def test_ctrl_c_ends_gmsh():
     assert child.stdout.readline() == "gmsh works\n"
     child.send_signal(signal.SIGINT)
     # Ends only when gmsh's process, which holds the pipes too, has ended.
-    _, said = child.communicate(timeout=60)
+    _, said = child.communicate(timeout=HANG_TIMEOUT)
     assert child.returncode == -signal.SIGINT
     assert said.rstrip().endswith("KeyboardInterrupt")
 
@@ -340,10 +341,7 @@ GENERATORS = [
     (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}),
     (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}),
     (plates.whole_disc, {"cells": 2}),
-    (
-        sails.parallelograms,
-        {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1},
-    ),
+    (sails.parallelograms, {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1}),
     (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}),
     (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}),
     (sphere, {"radius": 1.0, "cells": 6}),

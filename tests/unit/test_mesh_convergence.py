@@ -83,10 +83,7 @@ def test_sizes_of_meshes(comm, folder):
     meshes = [sheet(comm, n, n) for n in (2, 4)]
 
     def area(mesh):
-        film = gx.Membrane(
-            mesh,
-            gx.Linear(1e9, 0.3, density=1.0, thickness=1.0),
-        )
+        film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1.0, thickness=1.0))
         return gx.Scene(film).compile().M.getDiagonal().sum() / 3
 
     found = convergence(area, meshes=meshes, exact=1.0)

@@ -30,12 +30,7 @@ def triangles(
     def build(model) -> None:
         surface = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, surface, [], np.ravel(points))
-        model.mesh.addElementsByType(
-            surface,
-            2 if order == 1 else 9,
-            [],
-            np.ravel(cells) + 1,
-        )
+        model.mesh.addElementsByType(surface, 2 if order == 1 else 9, [], np.ravel(cells) + 1)
 
     return gx.gmsh_mesh(build, WORLD)
 
@@ -55,7 +50,7 @@ def words_of(mesh: gx.Mesh, law: gx.Miyazaki = WRINKLING, **options) -> list[str
     return list(warnings([gx.Membrane(mesh, law, **options)]))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "mesh",
     [
@@ -70,13 +65,11 @@ def test_good_meshes_are_not_suspected(mesh):
     assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
-@pytest.mark.mpi
 def test_curved_triangles_are_not_suspected():
     film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), WRINKLING, order=2)
     assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
-@pytest.mark.mpi
 def test_a_triangle_of_no_size_is_refused():
     points, cells = rows_of_squares(3)
     points[5] = points[6]
@@ -84,19 +77,10 @@ def test_a_triangle_of_no_size_is_refused():
         gx.Scene(gx.Membrane(triangles(points, cells), WRINKLING)).compile()
 
 
-@pytest.mark.mpi
 def test_a_curved_triangle_that_turns_inside_is_refused():
-    corners = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-    ]
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
     for shift, turned in ((0.0, False), (0.3, True)):
-        middles = [
-            (0.5, shift, 0),
-            (0.5 - shift, 0.5 - shift, 0),
-            (shift, 0.5, 0),
-        ]
+        middles = [(0.5, shift, 0), (0.5 - shift, 0.5 - shift, 0), (shift, 0.5, 0)]
         mesh = triangles([*corners, *middles], [(0, 1, 2, 3, 4, 5)], order=2)
         film = gx.Membrane(mesh, WRINKLING, order=2)
         if turned:
@@ -116,18 +100,11 @@ def test_slivers_folds_and_opposite_normals_are_told():
     [words] = words_of(triangles(points, [*cells[:-1], cells[-1][::-1]]))
     assert "change sides at 2 edges" in words
     # the node in the middle of a square, moved across one of its edges
-    ring = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0.5, -0.2, 0),
-    ]
+    ring = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.2, 0)]
     [words] = words_of(triangles(ring, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]))
     assert "1 triangles upside down" in words
 
 
-@pytest.mark.mpi
 def test_a_seam_that_is_not_glued_is_told():
     points, cells = rows_of_squares(4)
     shifted = [(x + 1, y, z) for x, y, z in points]
@@ -136,7 +113,6 @@ def test_a_seam_that_is_not_glued_is_told():
     assert "8 boundary edges of 'film' coincide" in words
 
 
-@pytest.mark.mpi
 def test_a_slit_whose_sides_are_named_is_meant():
     film = gx.Membrane(slit_ring(WORLD, 2, 16, 6.0, 10.0), WRINKLING)
     assert list(warnings([film])) == []
@@ -156,7 +132,6 @@ def test_a_film_that_penetrates_itself_is_reported():
     assert list(self_intersections([gx.Membrane(mesh, WRINKLING)])) == []
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "numbers, culprit",
     [
@@ -186,7 +161,6 @@ def test_what_is_suspected_is_told_once(caplog):
     ]
 
 
-@pytest.mark.mpi
 def test_initial_strains_that_cannot_be(comm):
     """Per cent and ppm taken for ratios are named; a length below zero, and stress that a film does
     not bear, are refused."""

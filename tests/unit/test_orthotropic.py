@@ -74,13 +74,7 @@ def compiled(quantity: str, law: gx.Orthotropic, e0, e1, angle: float = 0.0) -> 
     values = np.zeros((n, 1 if quantity == "DENSITY" else 12))
     count = np.array([float(n)])
     pointers = [c.ffi.from_buffer("double[]", a) for a in (values, arguments, count)]
-    function(
-        *pointers,
-        c.ffi.NULL,
-        c.ffi.NULL,
-        c.ffi.NULL,
-        c.ffi.NULL,
-    )
+    function(*pointers, c.ffi.NULL, c.ffi.NULL, c.ffi.NULL, c.ffi.NULL)
     return values
 
 
@@ -320,14 +314,10 @@ def first_axis(film: gx.Membrane) -> np.ndarray:
 SLANTED = (1.0, 2.0, 5.0)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     "direction",
-    [
-        SLANTED,
-        {"film": SLANTED},
-        lambda X: np.repeat(np.array([SLANTED]).T, X.shape[1], axis=1),
-    ],
+    [SLANTED, {"film": SLANTED}, lambda X: np.repeat(np.array([SLANTED]).T, X.shape[1], axis=1)],
     ids=["vector", "groups", "function"],
 )
 def test_direction_is_projected_on_the_film(comm, direction) -> None:
@@ -363,7 +353,7 @@ def test_bad_numbers_get_one_sentence(act, culprit: str) -> None:
     assert_sentence(caught.value, culprit)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("direction", "culprit"),
     [

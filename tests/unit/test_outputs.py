@@ -30,13 +30,7 @@ from tests.small_scenes import run_until
 COMM = MPI.COMM_WORLD
 E = 1e9
 NU = 0.3
-LAW = gx.Miyazaki(
-    E=E,
-    nu=NU,
-    density=1400.0,
-    thickness=1e-4,
-    residual_stiffness=1e-4,
-)
+LAW = gx.Miyazaki(E=E, nu=NU, density=1400.0, thickness=1e-4, residual_stiffness=1e-4)
 G = 9.81
 V0 = np.array([0.5, -0.25, 1.0])
 DT = 1e-3
@@ -48,11 +42,7 @@ def small_sheet() -> gx.Mesh:
 
 
 def falling_film() -> gx.Membrane:
-    return gx.Membrane(
-        small_sheet(),
-        LAW,
-        velocity=lambda x: np.outer(V0, np.ones(x.shape[1])),
-    )
+    return gx.Membrane(small_sheet(), LAW, velocity=lambda x: np.outer(V0, np.ones(x.shape[1])))
 
 
 def strained(
@@ -70,12 +60,7 @@ def strained(
             [sum(w * (s - 1) for w, s in zip(widths, λ, strict=False)), x[1] * (λ[3] - 1), 0 * x[2]]
         )
 
-    return gx.Membrane(
-        sheet(comm, n, n),
-        LAW,
-        order=order,
-        displacement=displacement,
-    )
+    return gx.Membrane(sheet(comm, n, n), LAW, order=order, displacement=displacement)
 
 
 def fall(film: gx.Membrane, outputs: list, steps: int = 5) -> gx.Simulation:
@@ -137,18 +122,14 @@ def test_principal_values_of_a_uniform_strain(
 
 
 def test_direction_is_a_unit_vector_where_the_principal_strains_coincide() -> None:
-    film = gx.Membrane(
-        sheet(COMM, 2, 2),
-        LAW,
-        displacement=lambda x: 1e-3 * x,
-    )
+    film = gx.Membrane(sheet(COMM, 2, 2), LAW, displacement=lambda x: 1e-3 * x)
     system = gx.Scene(film).compile()
     fields = FieldFunctions(system, film, ["direction"])
     fields.update()
     assert np.allclose(np.linalg.norm(fields.functions[0].x.array.reshape(-1, 3), axis=1), 1)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_area_fractions_of_a_prescribed_strain(order: int) -> None:
     film = strained(order)
@@ -157,15 +138,7 @@ def test_area_fractions_of_a_prescribed_strain(order: int) -> None:
 
 
 def test_a_linear_film_is_taut() -> None:
-    film = gx.Membrane(
-        sheet(COMM, 2, 2),
-        gx.Linear(
-            E=E,
-            nu=NU,
-            density=1.0,
-            thickness=1e-4,
-        ),
-    )
+    film = gx.Membrane(sheet(COMM, 2, 2), gx.Linear(E=E, nu=NU, density=1.0, thickness=1e-4))
     assert AreaFractions([film])(gx.Scene(film).compile())[TAUT] == 1
 
 
@@ -176,11 +149,7 @@ def test_a_linear_film_is_taut() -> None:
 def test_fields_hold_the_motion_at_every_due_step(folder: Path) -> None:
     """A free fall: u = V0 t - ½ g t², which the midpoint rule meets exactly."""
     outputs = [
-        gx.outputs.VTU(
-            folder / "motion.pvd",
-            fields=("displacement", "velocity"),
-            every=2,
-        ),
+        gx.outputs.VTU(folder / "motion.pvd", fields=("displacement", "velocity"), every=2),
         gx.outputs.VTU(
             folder / "states.pvd",
             fields=("displacement", "state", "stress1"),
@@ -224,11 +193,7 @@ def test_unknown_field_is_refused_before_anything_is_written(folder: Path) -> No
 
 @pytest.mark.mpi
 def test_a_later_refusal_leaves_an_old_file_as_it_was(folder: Path) -> None:
-    fall(
-        falling_film(),
-        [gx.outputs.VTU(folder / "a.pvd")],
-        steps=1,
-    )
+    fall(falling_film(), [gx.outputs.VTU(folder / "a.pvd")], steps=1)
     COMM.barrier()
     before = (folder / "a_files" / "00001.vtu").stat().st_mtime_ns
     with pytest.raises(gx.InputError):
@@ -242,7 +207,7 @@ def test_a_later_refusal_leaves_an_old_file_as_it_was(folder: Path) -> None:
     assert (folder / "a_files" / "00001.vtu").stat().st_mtime_ns == before
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["VTU", "Probes", "Picture"])
 def test_folder_that_cannot_be_written(folder: Path, kind: str) -> None:
     if COMM.rank == 0:
@@ -309,12 +274,7 @@ def test_a_series_keeps_the_numbers_of_every_step() -> None:
 def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
     """A rigid tank that nothing leaves keeps p V = m R T."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
-    tank = gx.Tank(
-        1e-3,
-        gas=gas,
-        pressure=2e5,
-        temperature=300.0,
-    )
+    tank = gx.Tank(1e-3, gas=gas, pressure=2e5, temperature=300.0)
     run = run_until(
         2 * DT,
         tank,
@@ -339,7 +299,7 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
         run.chamber("bag")
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("probe", "words"),
     [
@@ -485,21 +445,11 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
 def test_picture_of_gas_alone(folder: Path) -> None:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     first, second = (
-        gx.Tank(
-            1e-3,
-            gas=gas,
-            pressure=p,
-            temperature=300.0,
-            name=name,
-        )
+        gx.Tank(1e-3, gas=gas, pressure=p, temperature=300.0, name=name)
         for p, name in ((2e5, "full"), (1e3, "empty"))
     )
     scene = gx.Scene(gx.Orifice(first, second, area=1e-6), gx.PointMass(1.0))
-    run = gx.Simulation(
-        scene,
-        gx.Midpoint(dt=DT),
-        outputs=[gx.plot.Picture(folder / "gas.png")],
-    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[gx.plot.Picture(folder / "gas.png")])
     run.run(until=5 * DT)
     assert (folder / "gas.png").stat().st_size > 10_000
 
@@ -572,17 +522,10 @@ def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
     gx.run.log_to(COMM, folder / "run.log", quiet=True)
     try:
         film = falling_film()
-        events = [
-            gx.At(2 * DT, name="half-way"),
-            gx.At(4 * DT, stop=True, name="enough"),
-        ]
+        events = [gx.At(2 * DT, name="half-way"), gx.At(4 * DT, stop=True, name="enough")]
         run = run_until(1.0, film, dt=DT, events=events)
         log.warning("something is odd")
-        log.warning(
-            "rank %d is odd",
-            COMM.rank,
-            extra={"every_rank": True},
-        )
+        log.warning("rank %d is odd", COMM.rank, extra={"every_rank": True})
     finally:
         for handler in list(log.handlers):
             log.removeHandler(handler)
@@ -590,10 +533,7 @@ def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
     COMM.barrier()
     written = (folder / "run.log").read_text().splitlines()
     measured = [line.split(maxsplit=3)[2:] for line in written[:2]]
-    expected = [
-        ["INFO", "half-way at t = 0.002 s"],
-        ["INFO", "enough at t = 0.004 s"],
-    ]
+    expected = [["INFO", "half-way at t = 0.002 s"], ["INFO", "enough at t = 0.004 s"]]
     assert measured == expected
     assert sum("something is odd" in line for line in written) == 1
     assert run.step == 4

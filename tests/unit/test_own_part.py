@@ -53,21 +53,9 @@ def test_a_port_outside_the_scene_is_refused_on_all_ranks(own: ModuleType, comm)
         scene.compile()
 
 
-def swinging(
-    own: ModuleType,
-    hardening: float = 2e3,
-    dt: float = 1e-2,
-) -> gx.Simulation:
-    places = (
-        (-1.0, 0.0, 0.0),
-        (0.0, 0.2, 0.0),
-        (1.0, 0.0, 0.1),
-    )
-    speeds = (
-        (0.0, 1.0, 0.0),
-        (0.3, 0.0, 2.0),
-        (0.0, -1.0, 0.5),
-    )
+def swinging(own: ModuleType, hardening: float = 2e3, dt: float = 1e-2) -> gx.Simulation:
+    places = ((-1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (1.0, 0.0, 0.1))
+    speeds = ((0.0, 1.0, 0.0), (0.3, 0.0, 2.0), (0.0, -1.0, 0.5))
     masses = [
         gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}")
         for k, (x, v) in enumerate(zip(places, speeds, strict=True))

@@ -45,11 +45,7 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
     return roots[s] ** 2
 
 
-def square_frequencies(
-    clamped: bool,
-    count: int = 6,
-    degree: int = 14,
-) -> np.ndarray:
+def square_frequencies(clamped: bool, count: int = 6, degree: int = 14) -> np.ndarray:
     """ω a² √(ρt/D) of a square plate by the Rayleigh-Ritz method with polynomials."""
     x, weight = legendre.leggauss(degree + 6)
     # A clamped polynomial has double roots at both ends.

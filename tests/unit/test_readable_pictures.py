@@ -35,18 +35,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
     film = gx.Membrane(sheet(COMM, 4, 4), WRINKLING, name="film")
     hook = gx.Ground((1.5, 1.5, 0.0))
     tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="left")
-    rope = gx.connectors.Rope(
-        film.port("top right"),
-        hook,
-        stiffness=1e3,
-        length=1.0,
-    )
-    spring = gx.connectors.Spring(
-        film.port("bottom right"),
-        hook,
-        stiffness=10.0,
-        length=1.6,
-    )
+    rope = gx.connectors.Rope(film.port("top right"), hook, stiffness=1e3, length=1.0)
+    spring = gx.connectors.Spring(film.port("bottom right"), hook, stiffness=10.0, length=1.6)
     fall = gx.Gravity(film, (0.0, 0.0, -9.81))
     folder = tmp_path_factory.mktemp("falls") / "run"
     recording = gx.Recording(folder, every=2, title="A film on ropes")
@@ -177,14 +167,7 @@ def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     contact = np.where(t < 0.5, 1e-4 * t, 0.0)
     curves = {"kinetic": 1.0 + t, "in contact": contact}
     axes = Figure().subplots()
-    _lines(
-        t,
-        curves,
-        dict(zip(curves, LINES, strict=False)),
-        "Energy",
-        "J",
-        axes,
-    )
+    _lines(t, curves, dict(zip(curves, LINES, strict=False)), "Energy", "J", axes)
     assert axes.get_yscale() == "log"
     assert {text.get_text() for text in axes.texts} == {"kinetic", "in contact"}
 

@@ -38,7 +38,7 @@ def middle(folder, films, opacity):
     return image[image.shape[0] // 2, image.shape[1] // 2]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("opacity", [1.0, 0.6])
 def test_layers_shine_through_in_order(comm, folder, opacity):
     """Light that a layer lets through is that of the next one; what nothing keeps back is white."""
@@ -58,19 +58,8 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
         assert np.allclose(both, seen, atol=0.02)
 
 
-@pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
-    tube = gx.Membrane(
-        flat_tube(
-            comm,
-            0.3,
-            0.03,
-            4,
-            compartments=3,
-        ),
-        WRINKLING,
-        name="tube",
-    )
+    tube = gx.Membrane(flat_tube(comm, 0.3, 0.03, 4, compartments=3), WRINKLING, name="tube")
     names, [parts] = groups_of([tube])
     assert names == ["compartment 1", "compartment 2", "compartment 3"]  # they cover top and bottom
     counts = comm.allreduce(np.bincount(parts, minlength=3))

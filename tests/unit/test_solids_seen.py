@@ -74,7 +74,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     if comm.rank == 0:
         read = RunReader(folder / "run")
         shape = read.shape(
-            read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
+            read.record_at(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
         )
         assert (shape.kinds != SOLID).sum() == 8  # of the film
         corners = shape.corners[shape.kinds == SOLID]
@@ -90,16 +90,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
 
 
 def test_a_scene_without_solids_records_none(tmp_path) -> None:
-    film = gx.Membrane(
-        sheet(
-            MPI.COMM_SELF,
-            2,
-            2,
-            0.1,
-            0.1,
-        ),
-        WRINKLING,
-    )
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2, 0.1, 0.1), WRINKLING)
     recording = gx.Recording(tmp_path)
     gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
     assert not (tmp_path / "solids.csv").exists() and RunReader(tmp_path).solids == []

@@ -67,7 +67,7 @@ ORTHOTROPIC = gx.Orthotropic(
 
 
 # The law in C is summed over twenty points of the path.
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(
     ("law", "accuracy"), [(gx.TensionField(**MATERIAL), 1e-7), (ORTHOTROPIC, 0.03)]
 )
@@ -140,7 +140,7 @@ def tether() -> tuple[Any, list[Any], float]:
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", [cable, rope, tether])
 def test_the_tension_of_a_line_is_the_mean_of_the_step(make: Any, tmp_path: Path) -> None:
     part, items, mean = make()
@@ -163,12 +163,7 @@ def test_the_tension_of_a_line_is_the_mean_of_the_step(make: Any, tmp_path: Path
 @pytest.mark.mpi
 def test_the_work_of_the_mean_tension_is_the_change_of_energy() -> None:
     mass = gx.PointMass(1.0, position=(0.3, 0.0, 0.0), comm=COMM, name="mass")
-    rope = gx.connectors.Rope(
-        gx.Ground((0.0, 0.0, 0.0)),
-        mass.port(),
-        stiffness=100.0,
-        length=0.2,
-    )
+    rope = gx.connectors.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), stiffness=100.0, length=0.2)
     scene = gx.Scene(mass, rope)
     position = gx.probes.Position(mass.port(), "x")
     series = gx.Series({"tension": gx.probes.Tension(rope), "x": position, "energy": stored})

@@ -51,12 +51,7 @@ def test_stretch_within_a_cone(m, margin):
     assert (h + margin >= m * radius).all()
     # The random paths enter, leave, cross and avoid the cone.
     ends = set(zip(is_within[0].tolist(), is_within[-1].tolist(), strict=True))
-    expected = {
-        (False, False),
-        (False, True),
-        (True, False),
-        (True, True),
-    }
+    expected = {(False, False), (False, True), (True, False), (True, True)}
     assert ends == expected
 
 

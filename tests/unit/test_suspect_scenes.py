@@ -89,7 +89,6 @@ def along_y(X: np.ndarray, t: float) -> np.ndarray:
     return np.tile([[0.0], [1.0], [0.0]], X.shape[1])
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, -2.0, 0.1), along_y])
 def test_a_clamped_edge_with_a_direction_along_it_is_refused(comm, direction: Any) -> None:
     plate = gx.Plate(sheet(comm, 4, 4), LAW)
@@ -99,7 +98,6 @@ def test_a_clamped_edge_with_a_direction_along_it_is_refused(comm, direction: An
         compiled(gx.Fixed(plate, "left", direction=direction))
 
 
-@pytest.mark.mpi
 def test_a_clamped_edge_may_have_an_oblique_direction(comm) -> None:
     plate = gx.Plate(sheet(comm, 4, 4), LAW)
     compiled(gx.Fixed(plate, "left", direction=(-1.0, 0.5, 1.0)))
@@ -150,7 +148,6 @@ COMPLEX = {
 }
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("given", list(COMPLEX))
 def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
     with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
@@ -190,17 +187,10 @@ def two_cubes(comm: MPI.Intracomm, offset: float, size: float, inside_out: bool)
 def bag(mesh: Mesh) -> gx.Simulation:
     air = gx.IdealGas(R=287.0, gamma=1.4)
     skin = gx.Membrane(mesh, LAW, name="bag")
-    return compiled(
-        gx.Chamber(
-            skin,
-            gas=air,
-            pressure=1.0,
-            temperature=300.0,
-        )
-    )
+    return compiled(gx.Chamber(skin, gas=air, pressure=1.0, temperature=300.0))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("size", [1.0, 0.5])
 def test_a_bag_of_which_one_part_is_inside_out_is_refused(comm, size: float) -> None:
     cubes = two_cubes(comm, 3.0, size, inside_out=True)
@@ -215,7 +205,6 @@ def test_parts_with_normals_on_one_side_add_their_volumes(comm) -> None:
     assert state.volume == pytest.approx(1.125, rel=1e-12)
 
 
-@pytest.mark.mpi
 def test_a_hollow_part_is_no_defect(comm) -> None:
     run = bag(two_cubes(comm, 0.0, 0.5, inside_out=True))
     (state,) = run.chambers.values()

@@ -31,11 +31,7 @@ class Children:
         self.commands: list[list[str]] = []
         self._codes = list(codes)
 
-    def __call__(
-        self,
-        command: Sequence[str],
-        environment: Mapping[str, str] | None = None,
-    ) -> int:
+    def __call__(self, command: Sequence[str], environment: Mapping[str, str] | None = None) -> int:
         self.commands.append(list(command))
         return self._codes.pop(0)
 

@@ -72,7 +72,6 @@ def missed(case, comm, results, quick=False):
     return [one.words for one in found if not one.holds]
 
 
-@pytest.mark.mpi
 def test_units_are_converted_and_the_error_is_relative(comm, folder):
     case = case_of(folder, GOOD) if comm.rank == 0 else None
     case = comm.bcast(case)
@@ -146,6 +145,18 @@ def test_a_curve_is_compared_over_its_range(folder):
     short = compare(measured, Predicted(np.array([10.0, 17.0]), np.array([0.0, 7e-3])))
     assert short.mean_error == math.inf and not short.is_accepted()
     assert compare(measured, None).mean_error == math.inf
+
+
+def test_errors_of_a_curve_through_zero_are_relative_to_its_reference(folder):
+    curve = 'y = {value = [-2, 0, 4], unit = "N"}\nx = {value = [-1, 0, 1], unit = "mm"}'
+    text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nreference = 4")
+    (measured,) = case_of(folder, text).tests[0].measured
+    shifted = compare(measured, Predicted(np.array([-1.8, 0.2, 4.2]), np.array([-1e-3, 0, 1e-3])))
+    assert shifted.errors == pytest.approx(0.05)
+    # Tables show its largest value.
+    assert shifted.y_measured[shifted.middle] == 4.0
+    with pytest.raises(InputError, match="reference is 0; give a number > 0"):
+        case_of(folder, text.replace("reference = 4", "reference = 0"))
 
 
 def test_a_band_is_of_the_signed_error(folder):

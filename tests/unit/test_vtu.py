@@ -37,38 +37,14 @@ def drifting(x: np.ndarray) -> np.ndarray:
     return velocity
 
 
-def recorded(
-    folder: Path,
-    order: int = 1,
-    **options: object,
-) -> gx.Simulation:
+def recorded(folder: Path, order: int = 1, **options: object) -> gx.Simulation:
     """A film and a cable that drift along z; the run is ready to start."""
-    film = gx.Membrane(
-        sheet(WORLD, 3, 2),
-        LAW,
-        order=order,
-        velocity=drifting,
-        name="the film",
-    )
-    curve = line(
-        WORLD,
-        [(0, 0, 1), (1, 0, 1)],
-        3,
-    )
-    cable = gx.Cable(
-        curve,
-        gx.CableLaw(1e5, 0.1),
-        velocity=drifting,
-        name="cable",
-    )
+    film = gx.Membrane(sheet(WORLD, 3, 2), LAW, order=order, velocity=drifting, name="the film")
+    curve = line(WORLD, [(0, 0, 1), (1, 0, 1)], 3)
+    cable = gx.Cable(curve, gx.CableLaw(1e5, 0.1), velocity=drifting, name="cable")
     fields = {"the film": ("stress1", "displacement", "state", "direction")}
     recording = gx.Recording(folder, fields, every=2)
-    return gx.Simulation(
-        gx.Scene(film, cable),
-        gx.Midpoint(dt=DT),
-        outputs=[recording],
-        **options,
-    )
+    return gx.Simulation(gx.Scene(film, cable), gx.Midpoint(dt=DT), outputs=[recording], **options)
 
 
 KINDS = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 6)]
@@ -235,26 +211,11 @@ def test_the_recipe_for_pyvista_runs(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_an_export_has_all_parts_of_the_scene(tmp_path: Path) -> None:
     if WORLD.size > 1:
         pytest.skip("one rank is enough")
-    film = gx.Membrane(
-        sheet(WORLD, 3, 2),
-        LAW,
-        velocity=drifting,
-        name="the/film",
-    )
-    ball = gx.PointMass(
-        1.0,
-        (0.0, 0.0, 1.0),
-        comm=WORLD,
-        velocity=(0.0, 0.0, SPEED),
-    )
+    film = gx.Membrane(sheet(WORLD, 3, 2), LAW, velocity=drifting, name="the/film")
+    ball = gx.PointMass(1.0, (0.0, 0.0, 1.0), comm=WORLD, velocity=(0.0, 0.0, SPEED))
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=WORLD)
     box = gx.contact.Box(centre=(0.0, 0.0, 3.0), sizes=(0.1, 0.2, 0.3))
-    scene = gx.Scene(
-        film,
-        ball,
-        hub,
-        gx.Contact(film, box, distance=1e-3, stiffness=1e3),
-    )
+    scene = gx.Scene(film, ball, hub, gx.Contact(film, box, distance=1e-3, stiffness=1e3))
     recording = gx.Recording(tmp_path / "run", every=2)
     gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[recording]).run(until=4 * DT)
     run = gx.plot.RunReader(tmp_path / "run")

@@ -26,6 +26,8 @@ read it.
     x = {value = [...], unit = "mm"}  of a curve
     range = [25, 125]                 of x, in its unit, in which a curve is compared
     labels = ["La", "Lb"]             of values that are not a curve (optional)
+    reference = 39.5                  in the unit of y: errors are relative to it, and not to each
+                                      measured value, for curves through zero (optional)
     tolerance = 0.05                  asked of the mean relative error, or
     accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
     quick_accepted = [0.0, 0.3]       the same, or of the mean relative error, of the quick form
@@ -75,6 +77,7 @@ class Measured:
         x_unit: of `x`.
         x_range: part of the abscissa in which curves are compared.
         labels: names of the values.
+        reference: what errors are relative to, in `unit`; not a number for each measured value.
         accepted: smallest and largest relative error that is accepted.
         quick_accepted: the same on the mesh of the quick form.
         is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
@@ -89,6 +92,7 @@ class Measured:
     x_unit: str
     x_range: tuple[float, float]
     labels: tuple[str, ...]
+    reference: float
     accepted: tuple[float, float]
     quick_accepted: tuple[float, float]
     is_mean_of_sizes: bool
@@ -399,7 +403,7 @@ def _measured(where: str, data: Any) -> Measured:
     """One entry of `tests.measured`."""
     entry = _mapping(where, data, "each of measured")
     known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted"}
-    known |= {"quick_accepted", "peer_error"}
+    known |= {"reference", "quick_accepted", "peer_error"}
     _check_keys(where, entry, known)
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
@@ -440,8 +444,12 @@ def _measured(where: str, data: Any) -> Measured:
             x,
             y,
         )
+    reference = math.nan
+    if "reference" in entry:
+        reference = _number(f"{here}: reference", entry["reference"])
+        check(reference > 0, f"{here}: reference is {reference:g}; give a number > 0.")
     check(
-        len(compared) > 0 and bool((compared != 0).all()),
+        len(compared) > 0 and ("reference" in entry or bool((compared != 0).all())),
         f"{here}: y has zeros or no values; relative errors need values that are not zero.",
     )
     labels = entry.get("labels", [])
@@ -472,6 +480,7 @@ def _measured(where: str, data: Any) -> Measured:
         x_unit=x_unit,
         x_range=x_range,
         labels=tuple(_words(f"{here}: labels", label) for label in labels),
+        reference=reference,
         accepted=accepted,
         quick_accepted=_pair(here, entry, "quick_accepted", default=accepted),
         is_mean_of_sizes="accepted" not in entry,

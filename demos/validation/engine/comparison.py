@@ -62,8 +62,11 @@ class Comparison:
 
     @property
     def errors(self) -> Array:
-        """Relative errors (n,)."""
-        return (self.y_predicted - self.y_measured) / np.abs(self.y_measured)
+        """Errors (n,), relative to the reference of the case or else to each measured value."""
+        sizes = np.abs(self.y_measured)
+        if math.isfinite(self.measured.reference):
+            sizes = np.full(len(sizes), self.measured.reference)
+        return (self.y_predicted - self.y_measured) / sizes
 
     @property
     def mean_error(self) -> float:
@@ -88,7 +91,10 @@ class Comparison:
 
     @property
     def middle(self) -> int:
-        """Index of the value that tables show: the middle of the range of a curve."""
+        """Index of the value that tables show: the middle of the range of a curve, or the largest
+        value where errors are relative to a reference, as curves may be zero in the middle."""
+        if math.isfinite(self.measured.reference):
+            return int(np.abs(self.y_measured).argmax())
         return len(self.y_measured) // 2
 
 

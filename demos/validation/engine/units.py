@@ -9,10 +9,14 @@ from gossamer_fx.records.plot.measured_series import unit_factor
 DIMENSIONS = {
     "1": "1, %",
     "rad": "rad, deg",
-    "rad/s": "rad/s",
+    "rad/s": "rad/s, rpm",
     "m2": "m2",
     "m": "m, mm, um, in",
+    "m3": "m3, cm3",
+    "m3/s": "m3/s, cm3/s",
     "s": "s",
+    "1/s": "1/s",
+    "m/s": "m/s, mm/s",
     "kg": "kg, g",
     "kg/m": "kg/m",
     "kg m2": "kg m2",
@@ -24,7 +28,10 @@ DIMENSIONS = {
     "N m2": "N m2",
     "N/m": "N/m, kN/m",
     "N/rad": "N/rad",
+    "N s/m": "N s/m",
     "Pa": "Pa, kPa, MPa, GPa, bar, psi",
+    "K": "K",
+    "W/K": "W/K",
 }
 
 

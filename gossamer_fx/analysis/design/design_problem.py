@@ -240,8 +240,7 @@ class DesignProblem:
         self._scale_of_value = max(abs(self.value(self.start)), TINY)
         self.history = [self.value(self.start)]
         # The log of an iteration also says how large the problem is.
-        count = len(self.gathered(self.start))
-        LOGGER.info("%s: %d numbers, value %.9g", who, count, self.history[0])
+        LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
 
     def _variable(self, name: str, values: Array, columns: Any) -> DesignVariable:
         """The part of the vector that varies one parameter from its values (k,), or the amounts of
@@ -268,31 +267,20 @@ class DesignProblem:
         """Scaled numbers of this rank at the start."""
         return np.concatenate([variable.first() for variable in self.variables])
 
-    def gathered(self, x: Array) -> Array:
-        """The numbers (m,) of all ranks, the same on each, from those (n,) of this rank: SciPy's
-        methods need the whole vector.  Collective."""
-        wholes = []
-        for variable, part in self.parts(x):
-            if variable.is_distributed:
-                wholes += self.comm.allgather(part)
-            else:
-                wholes.append(part)
-        return np.concatenate(wholes)
-
-    def own(self, numbers: Array) -> Array:
-        """The numbers (n,) of this rank, from those (m,) of all ranks.  Collective."""
-        own = []
-        begin = 0
+    @property
+    def size(self) -> int:
+        """Numbers of all ranks."""
+        total = 0
         for variable in self.variables:
-            before = 0
-            total = variable.size
             if variable.is_distributed:
-                sizes = self.comm.allgather(variable.size)
-                before = sum(sizes[: self.comm.rank])
-                total = sum(sizes)
-            own.append(numbers[begin + before : begin + before + variable.size])
-            begin += total
-        return np.concatenate(own)
+                total += self.comm.allreduce(variable.size)
+            else:
+                total += variable.size
+        return total
+
+    def distributed(self) -> list[str]:
+        """Names of the parameters whose numbers are distributed over ranks."""
+        return [variable.name for variable in self.variables if variable.is_distributed]
 
     def parts(self, x: Array) -> Iterator[tuple[DesignVariable, Array]]:
         """The parameters, and the numbers of each in the vector of this rank."""

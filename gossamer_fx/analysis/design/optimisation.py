@@ -1,10 +1,9 @@
 """Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of
-SciPy.
+SciPy and of PETSc.
 
 The parameters are divided by their size, so that their changes are comparable.  In each evaluation
 of an equilibrium the parameters of the compiled scene are set, the equilibrium is found again from
 the last one, and one transposed system is solved for the result and one for each constraint.
-All ranks run the method alike, with the numbers of all ranks.
 """
 
 from __future__ import annotations
@@ -30,7 +29,9 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 
-Method = Literal["L-BFGS-B", "SLSQP"]
+# Methods of SciPy, and the bounded quasi-Newton methods of PETSc's TAO.
+Method = Literal["L-BFGS-B", "SLSQP", "blmvm", "bqnls"]
+TAO_METHODS = ("blmvm", "bqnls")
 
 
 @check_arguments
@@ -75,7 +76,7 @@ class Optimum:
         parameters: values by name; of a field those of this rank.
         iterations: of the method.
         converged: whether the method ended by its tolerance.
-        message: how it ended, in words of SciPy.
+        message: how it ended, in words of SciPy or TAO.
         values: the result after each iteration, that of the start first.
         amounts: of the columns of each basis, by name of the field.
 
@@ -113,8 +114,10 @@ def minimise(
     It finds a local minimum near the start.  A field has a number for each of its entries, or with
     a basis the amounts of a few given changes of it.
 
-    Methods are "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`.  A field that is
-    distributed over ranks is gathered on each.
+    Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton
+    methods "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which
+    are never gathered. Without a name it is "L-BFGS-B", with limits "SLSQP", of fields on several
+    ranks "blmvm".
 
     Args:
         equilibrium: its scene is changed; `find` is called by the minimisation.
@@ -134,7 +137,8 @@ def minimise(
 
     Raises:
         InputError: a name that the scene has not, bounds or a basis of something else, no file to
-            restart from, or limits with L-BFGS-B.
+            restart from, a method of SciPy with a field on several ranks, or limits with a method
+            of TAO.
         NoEquilibrium: parameters without an equilibrium.
 
     Example:
@@ -180,14 +184,15 @@ def minimise_runs(
     """Change parameters of a run so that a result of it gets least; each evaluation makes a new
     run.
 
-    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`.
+    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`, or by "blmvm" or
+    "bqnls" of PETSc's TAO.
 
     Args:
         evaluate: function of the values of the parameters by name, arrays (k,), that makes a scene
             with them, records a run and returns `gx.analysis.gradient(tape, of=..., by=...)`.
         start: first values by name, numbers or arrays.
         bounds: for parameters by name the smallest and the largest value.
-        method: "L-BFGS-B", or "SLSQP" for a few parameters.
+        method: see above; for fields on several ranks one of TAO.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
         record: file to which the parameters are written after each iteration (JSON), see
@@ -241,14 +246,31 @@ def _search(
     tolerance: float,
 ) -> Optimum:
     """Choose the method, minimise, and leave the source at the minimum.  Without a name it is SLSQP
-    with limits, else L-BFGS-B.  Collective."""
-    if method is None:
-        method = "SLSQP" if limits else "L-BFGS-B"
+    with limits, blmvm for fields on several ranks, else L-BFGS-B.  Collective."""
+    who = problem.who
+    distributed = problem.distributed()
+    if method is None and limits:
+        method = "SLSQP"
+    elif method is None:
+        method = "blmvm" if distributed else "L-BFGS-B"
+    with_tao = method in TAO_METHODS
     check(
         method == "SLSQP" or not limits,
-        f"{problem.who}: '{method}' takes no limits; leave method out, or give bounds only.",
+        f"{who}: '{method}' takes no limits; leave method out, or give bounds only.",
     )
-    # Imported here, as most scenes do not need it.
+    check(
+        with_tao or not distributed,
+        f"{who}: '{', '.join(distributed)}' is a field, "
+        f"which is distributed over {problem.comm.size} ranks; "
+        "use method='blmvm' without limits, give a basis, or use one rank.",
+    )
+    # Two libraries, since SciPy's methods need the whole vector on each rank.
+    if with_tao:
+        # Loaded here: SciPy does without.
+        from gossamer_fx.analysis.design.tao_minimisation import tao_minimise
+
+        ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)
+        return _optimum(problem, *ended)
     from scipy import optimize
 
     options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}
@@ -256,35 +278,36 @@ def _search(
         # The scaled gradient may fall far below one before the value stands still.
         options["gtol"] = 0.0
     # Without bounds L-BFGS-B takes its first step without a projection.
-    low, high = (problem.gathered(bound) for bound in problem.bounds(bounds))
+    low, high = problem.bounds(bounds)
     found = optimize.minimize(
-        lambda z: _on_all(problem, problem.scaled(problem.own(z))),
-        problem.gathered(problem.start),
+        problem.scaled,
+        problem.start,
         jac=True,
         method=method,
         bounds=optimize.Bounds(low, high) if bounds else None,
         constraints=_constraints(problem, limits),
         options=options,
-        callback=lambda z: problem.note(problem.own(z)),
+        callback=problem.note,
     )
-    x = problem.own(found.x)
+    return _optimum(problem, found.x, int(found.nit), bool(found.success), str(found.message))
+
+
+def _optimum(
+    problem: DesignProblem, x: Array, iterations: int, converged: bool, message: str
+) -> Optimum:
+    """What was found at scaled numbers x (n,) of this rank; the source gets the parameters.
+    Collective."""
     # The last evaluation of a line search need not be the best one.
     problem.move_to(x)
     return Optimum(
         value=problem.value(x),
         parameters=problem.parameters(x),
-        iterations=int(found.nit),
-        converged=bool(found.success),
-        message=str(found.message),
+        iterations=iterations,
+        converged=converged,
+        message=message,
         values=problem.history,
         amounts=problem.amounts(x),
     )
-
-
-def _on_all(problem: DesignProblem, found: tuple[float, Array]) -> tuple[float, Array]:
-    """A value, and its derivatives by the numbers of all ranks in place of those of this one.
-    Collective."""
-    return found[0], problem.gathered(found[1])
 
 
 def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[str, Any]]:
@@ -307,13 +330,8 @@ def _constraint(
     problem: DesignProblem, kind: str, objective: Objective, factor: float, value: float
 ) -> dict[str, Any]:
     """factor (J - value) is zero, or not negative."""
-
-    def at(z: Array) -> tuple[float, Array]:
-        """J and its derivatives by the numbers z (m,) of all ranks."""
-        return _on_all(problem, problem.evaluate(objective, problem.own(z)))
-
     return {
         "type": kind,
-        "fun": lambda z: factor * (at(z)[0] - value),
-        "jac": lambda z: factor * at(z)[1],
+        "fun": lambda x: factor * (problem.evaluate(objective, x)[0] - value),
+        "jac": lambda x: factor * problem.evaluate(objective, x)[1],
     }

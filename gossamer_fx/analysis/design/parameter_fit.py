@@ -344,14 +344,14 @@ def _check(
         count == len(y),
         f"{who}: there are {count} results and {len(y)} measured values; give as many.",
     )
-    distributed = [variable.name for variable in problem.variables if variable.is_distributed]
+    distributed = problem.distributed()
     check(
         not distributed,
         f"{who}: '{', '.join(distributed)}' is a field, "
         f"which is distributed over {problem.comm.size} ranks; give a basis, or use one rank.",
     )
     check(
-        len(problem.start) <= len(y),
-        f"{who}: {len(problem.start)} numbers are fitted to {len(y)} results; "
+        problem.size <= len(y),
+        f"{who}: {problem.size} numbers are fitted to {len(y)} results; "
         "fit fewer, or measure more.",
     )

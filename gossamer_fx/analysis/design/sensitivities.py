@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gossamer_fx.analysis.sensitivity.objectives import CrossingTime as CrossingTime
-from gossamer_fx.analysis.sensitivity.objectives import EnclosedVolume as EnclosedVolume
-from gossamer_fx.analysis.sensitivity.objectives import Energy as Energy
-from gossamer_fx.analysis.sensitivity.objectives import Functional as Functional
-from gossamer_fx.analysis.sensitivity.objectives import Integral as Integral
 from gossamer_fx.analysis.sensitivity.objectives import Objective
-from gossamer_fx.analysis.sensitivity.results import Derivative as Derivative
-from gossamer_fx.analysis.sensitivity.results import Gradient as Gradient
+from gossamer_fx.analysis.sensitivity.results import Gradient
 from gossamer_fx.analysis.sensitivity.static import StaticGradients
-from gossamer_fx.analysis.sensitivity.tape import RunTape as RunTape
+from gossamer_fx.analysis.sensitivity.tape import RunTape
 from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import check_arguments

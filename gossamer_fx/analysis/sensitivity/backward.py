@@ -108,7 +108,7 @@ class BackwardSteps:
         self._Bμ = numbering.vector()
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
-        self._irreversible = [kind for kind in self._system.differentiable if not kind.reversible]
+        self._irreversible = [one for one in self._system.differentiable if not one.reversible]
         # Only what such forces need.
         self._by_position = numbering.vector() if self._irreversible else None
         self._by_velocity = numbering.vector() if self._irreversible else None
@@ -117,14 +117,14 @@ class BackwardSteps:
     def start(self) -> None:
         """Begin a new pass from the last step to the first."""
         self.scalars.start()
-        for kind in self._system.differentiable:
-            kind.start_adjoint()
+        for compiled in self._system.differentiable:
+            compiled.start_adjoint()
 
     def add_energy_by_history(self, share: float) -> None:
         """Add a share of the derivative of the stored energy by history variables; the system
         stands in the state.  Collective."""
-        for kind in self._system.differentiable:
-            kind.add_energy_by_history(share)
+        for compiled in self._system.differentiable:
+            compiled.add_energy_by_history(share)
 
     # ---- the step itself -------------------------------------------------------------------------
 
@@ -180,8 +180,8 @@ class BackwardSteps:
         times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
         system = self._system
         self.repeat(start, end)
-        for kind in system.differentiable:
-            kind.add_end_derivatives(a)
+        for compiled in system.differentiable:
+            compiled.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)
@@ -246,8 +246,8 @@ class BackwardSteps:
             return None, None
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
-        for kind in self._irreversible:
-            kind.add_start_derivatives(self.μ, self._by_position, self._by_velocity)
+        for compiled in self._irreversible:
+            compiled.add_start_derivatives(self.μ, self._by_position, self._by_velocity)
         return self._by_position, self._by_velocity
 
     def clear(self, vector: PETSc.Vec) -> None:

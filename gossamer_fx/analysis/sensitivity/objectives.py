@@ -203,9 +203,9 @@ class Energy:
     def forms(self, system: System) -> list[ufl.Form]:
         """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
         found = []
-        for kind in system.differentiable:
+        for compiled in system.differentiable:
             for body in system.coordinates:
-                found += kind.energy_forms(body)
+                found += compiled.energy_forms(body)
         return found
 
 

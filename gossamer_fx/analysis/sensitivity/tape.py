@@ -151,8 +151,8 @@ class RunTape:
     def restore(self, state: RecordedState) -> None:
         """Make a recorded state that of the system.  Collective."""
         self.system.restore(state.q, state.v, state.time)
-        for kind, saved in zip(self.system.differentiable, state.histories, strict=True):
-            kind.load_history(saved)
+        for compiled, saved in zip(self.system.differentiable, state.histories, strict=True):
+            compiled.load_history(saved)
         for scalars, history in zip(self.system.scalar_unknowns, state.scalars, strict=True):
             scalars.set_history(history)
 
@@ -161,10 +161,10 @@ class RunTape:
         system = self.system
         active_sets = []
         if h > 0:
-            active_sets = [kind.save_active_set() for kind in system.active_sets]
+            active_sets = [compiled.save_active_set() for compiled in system.active_sets]
         q = np.array(system.q0.array_r)
         v = np.array(system.v0.array_r)
-        histories = [kind.save_history() for kind in system.differentiable]
+        histories = [compiled.save_history() for compiled in system.differentiable]
         return RecordedState(
             index=index,
             time=system.time,

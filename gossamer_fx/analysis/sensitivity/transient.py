@@ -101,8 +101,8 @@ class TransientGradients:
         growth = growth_of(self.norms)
         self._warn(growth, duration)
         notes: list[str] = []
-        for kind in system.differentiable:
-            notes += kind.gradient_notes()
+        for compiled in system.differentiable:
+            notes += compiled.gradient_notes()
         return collected(
             value=value,
             unit=objective.unit,
@@ -186,8 +186,8 @@ class TransientGradients:
         """Add what forces that depend on the masses of bodies give for densities and thicknesses.
         The mass of a body is v·M v of the unit velocity v along x."""
         system = self._system
-        for kind in system.differentiable:
-            for body, by_mass in kind.derivatives_by_mass().items():
+        for compiled in system.differentiable:
+            for body, by_mass in compiled.derivatives_by_mass().items():
                 unit = system.numbering.vector()
                 rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
                 rows[:, 0] = 1.0

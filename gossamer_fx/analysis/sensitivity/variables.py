@@ -73,10 +73,10 @@ class AdjointFields:
     def residual_forms(self) -> list[ufl.Form]:
         expressions: dict[fem.Function, Any] = {}
         found = []
-        for kind in self._system.differentiable:
-            expressions.update(kind.expressions())
+        for compiled in self._system.differentiable:
+            expressions.update(compiled.expressions())
             for body, μ in self.of.items():
-                found += kind.residual_forms(body, μ)
+                found += compiled.residual_forms(body, μ)
         if expressions:
             found = [ufl.replace(form, expressions) for form in found]
         return found
@@ -84,9 +84,9 @@ class AdjointFields:
     def inertia_forms(self) -> list[ufl.Form]:
         """μ·M z of all masses that are forms."""
         found = []
-        for kind in self._system.differentiable:
+        for compiled in self._system.differentiable:
             for body, μ in self.of.items():
-                found += kind.kinetic_forms(body, self.inertia[body], μ)
+                found += compiled.kinetic_forms(body, self.inertia[body], μ)
         return found
 
 
@@ -200,8 +200,8 @@ class PointVariable(Variable):
         """Count the values of a parameter of terms without forms, each with its compiled kind."""
         self._uses = uses
         entries = [parameter.entry or 0 for _, _, parameter in uses]
-        kind, term, first = uses[0]
-        self._width = len(kind.get_number(term, str(first.source)))
+        compiled, term, first = uses[0]
+        self._width = len(compiled.get_number(term, str(first.source)))
         super().__init__(name, unit, False, (max(entries) + 1) * self._width)
 
     def _part(self, parameter: Parameter) -> slice:
@@ -211,23 +211,24 @@ class PointVariable(Variable):
 
     def get(self) -> Array:
         values = np.zeros(len(self.sum))
-        for kind, term, parameter in self._uses:
-            values[self._part(parameter)] = kind.get_number(term, str(parameter.source))
+        for compiled, term, parameter in self._uses:
+            values[self._part(parameter)] = compiled.get_number(term, str(parameter.source))
         return values
 
     def set(self, values: Array) -> None:
-        for kind, term, parameter in self._uses:
-            kind.set_number(term, str(parameter.source), values[self._part(parameter)])
+        for compiled, term, parameter in self._uses:
+            compiled.set_number(term, str(parameter.source), values[self._part(parameter)])
 
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
-        for kind, term, parameter in self._uses:
-            self.sum[self._part(parameter)] -= kind.work_by_number(term, str(parameter.source), μ)
+        for compiled, term, parameter in self._uses:
+            work = compiled.work_by_number(term, str(parameter.source), μ)
+            self.sum[self._part(parameter)] -= work
 
     def energy_derivative(self) -> Array:
         """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
         found = np.zeros(len(self.sum))
-        for kind, term, parameter in self._uses:
-            found[self._part(parameter)] += kind.energy_by_number(term, str(parameter.source))
+        for compiled, term, parameter in self._uses:
+            found[self._part(parameter)] += compiled.energy_by_number(term, str(parameter.source))
         return found
 
 
@@ -335,25 +336,25 @@ def find_variables(
 def refuse_unknown_kinds(system: System) -> None:
     """Raise `InputError` if the derivatives of some forces of a scene are unknown, with the name of
     the first.  Collective."""
-    for kind in system.compiled:
-        if isinstance(kind, Differentiable):
-            words = kind.without_gradient()
+    for compiled in system.compiled:
+        if isinstance(compiled, Differentiable):
+            words = compiled.without_gradient()
         else:
             words = (
-                f"'{brought_by(system, kind)}' has no gradient, "
+                f"'{brought_by(system, compiled)}' has no gradient, "
                 "as the derivatives of its forces are not known; leave it out of the scene"
             )
         check_on_all(system.comm, not words, f"gradient: {words}.")
 
 
-def brought_by(system: System, kind: object) -> str:
+def brought_by(system: System, compiled: object) -> str:
     """The first item of a scene that has a term of a compiled kind: its name, else its class; that
     of the kind if no item has one."""
     for item in system.items:
         for term in system.terms_of(item):
-            if type(kind) is term.compiler:
+            if type(compiled) is term.compiler:
                 return str(getattr(item, "name", type(item).__name__))
-    return type(kind).__name__
+    return type(compiled).__name__
 
 
 def _find(
@@ -410,10 +411,9 @@ def _find(
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
     uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
-        kind = next(
-            kind for kind in system.compiled if type(kind) is term.compiler and kind.has(term)
-        )
-        uses.append((kind, term, parameter))
+        of_kind: list[Any] = system.compiled_as(term.compiler)
+        compiled = next(one for one in of_kind if one.has(term))
+        uses.append((compiled, term, parameter))
     return PointVariable(name, unit, uses)
 
 
@@ -443,11 +443,11 @@ def _has_shape(item: object) -> bool:
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
     """The variable of the stress-free positions [m] of the nodes of a body; refused if a part of
     the scene measures the stress-free shape in another way than by forms."""
-    for kind in system.compiled:
-        if not (isinstance(kind, Differentiable) and kind.has_shape_derivative):
+    for compiled in system.compiled:
+        if not (isinstance(compiled, Differentiable) and compiled.has_shape_derivative):
             raise InputError(
                 "gradient: "
-                f"'{brought_by(system, kind)}' is measured on the mesh when the scene is made, "
+                f"'{brought_by(system, compiled)}' is measured on the mesh when the scene is made, "
                 f"so that there is no derivative by '{name}'; leave it out of the scene."
             )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

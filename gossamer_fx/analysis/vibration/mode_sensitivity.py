@@ -113,16 +113,16 @@ class Frequency:
             self._shapes[body] = φ
             self._numbers[body] = (factor, ω2)
             own = []
-            for kind in system.differentiable:
-                for form in kind.residual_forms(body, φ):
+            for compiled in system.differentiable:
+                for form in compiled.residual_forms(body, φ):
                     # The derivative of a load that does not follow the body is empty.
                     stiffness = expand_derivatives(ufl.derivative(form, q, φ))
                     if not stiffness.empty():
                         own.append(factor * stiffness)
             w = ufl.TestFunction(body.space)
             self._by_position[body] = [compile_form(ufl.derivative(one, q, w)) for one in own]
-            for kind in system.differentiable:
-                own += [-factor * ω2 * form for form in kind.kinetic_forms(body, φ, φ)]
+            for compiled in system.differentiable:
+                own += [-factor * ω2 * form for form in compiled.kinetic_forms(body, φ, φ)]
             self._forms += own
         return self._forms
 
@@ -161,10 +161,10 @@ class Frequency:
 
 def _check_made_of_forms(system: System) -> None:
     """Raise `InputError` if forces act on or between points."""
-    for kind in system.compiled:
+    for compiled in system.compiled:
         check(
-            isinstance(kind, Differentiable) and kind.forces_are_forms,
-            f"Frequency: the scene has {type(kind).__name__}, "
+            isinstance(compiled, Differentiable) and compiled.forces_are_forms,
+            f"Frequency: the scene has {type(compiled).__name__}, "
             "whose second derivatives are not known; leave out what acts on points.",
         )
 

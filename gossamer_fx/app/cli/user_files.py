@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -159,6 +160,9 @@ def guarded[T](
 
 def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
     """Say something on the first rank that comes here, and end the program on all."""
+    # All ranks may come at once, as after Ctrl-C: the first one ends the others before they speak.
+    if comm.rank > 0:
+        time.sleep(0.5)
     print(f"gossamer: {words}", file=sys.stderr, flush=True)
     # Other ranks may be waiting for this one, and an exception would not end them.
     if comm.size > 1:

@@ -41,7 +41,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.mechanics.bodies.tabulated_cable import Corners, TabulatedBars
+from gossamer_fx.mechanics.bodies.piecewise_force import Corners, TabulatedBars
 from gossamer_fx.mechanics.terms.point_energies import PathDensity
 
 # A fall of D over the force that counts as round-off, as where both curves are one straight line.

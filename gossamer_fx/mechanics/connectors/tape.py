@@ -233,11 +233,8 @@ def _density(law: BarLaw, lengths: Array) -> PointDensity:
     if _is_green(law):
         return OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
     # Imported here: a scene without tables does not load them.
-    from gossamer_fx.mechanics.bodies.tabulated_cable import (
-        TabulatedBars,
-        TabulatedCable,
-        linear_corners,
-    )
+    from gossamer_fx.mechanics.bodies.piecewise_force import TabulatedBars, linear_corners
+    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 
     if isinstance(law, CableLaw):
         return TabulatedBars(linear_corners(law), lengths)

@@ -397,8 +397,8 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
-    for kind in system.shown:
-        found = kind.cell_values(function.name, body)
+    for compiled in system.shown:
+        found = compiled.cell_values(function.name, body)
         if found is None:
             continue
         cells, values = found
@@ -423,8 +423,8 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     index_map = body.block.index_map
     at_nodes = la.vector(index_map)
     at_nodes.array[:] = 0
-    for kind in system.shown:
-        found = kind.node_values(function.name, body)
+    for compiled in system.shown:
+        found = compiled.node_values(function.name, body)
         if found is None:
             continue
         global_nodes, values = found

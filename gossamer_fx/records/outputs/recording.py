@@ -3,7 +3,8 @@
     run.json           the scene, the arguments of its items, versions, how the run was made and how
                        it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
-    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
+    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas, and
+                       mass flow of each opening
     states.csv         fractions of area of the films that are taut and wrinkled, as means over a
                        step, as the tensions
     points.csv         positions of the bodies without a mesh, if there are any
@@ -51,10 +52,10 @@ from gossamer_fx.records.outputs.output import (
     replace_file,
 )
 from gossamer_fx.records.outputs.run_file import FORMAT, file_name
-from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.records.outputs.solid_poses import PoseComponent, as_data, moves, solids_of
 from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.probes.points import GAS, GasState
+from gossamer_fx.records.probes.points import GAS, GasFlow, GasState, gas_flows
 from gossamer_fx.solve.view import StateView
 
 # The third state of a film is slack; its area is the remainder.
@@ -280,13 +281,18 @@ class Recording:
     ) -> Iterator[tuple[str, TableOutput]]:
         """Yield the tables by their file names; those without columns are left out.
 
-        These are tables of gas states, area fractions of films, positions of points, frames of
+        These are tables of gas states, area fractions of films, positions of points, poses of
         solids, the user's probes, ends of connectors, tensions, and the energy balance.
         """
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
             for quantity in GAS:
                 gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
+        flows = gas_flows(run.system)
+        items: Sequence[Any] = run.scene.items
+        for item in items:
+            if item.name in flows:
+                gas[f"{item.name} flow"] = GasFlow(item)
         points: dict[str, Probe] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):
@@ -296,7 +302,7 @@ class Recording:
             "probes.csv": self.probes,
             "gas.csv": gas,
             "points.csv": points,
-            "solids.csv": self._frame_columns(),
+            "solids.csv": self._pose_columns(),
         }
         for name, probes in columns.items():
             if probes:
@@ -324,7 +330,7 @@ class Recording:
             )
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
-    def _frame_columns(self) -> dict[str, Probe]:
+    def _pose_columns(self) -> dict[str, Probe]:
         """Columns of solids.csv: probes of the origin [m] and axes [-] of each solid that moves.
 
         A solid is a rigid shape in pictures, e.g. of a rigid body or an obstacle; each has twelve
@@ -336,7 +342,9 @@ class Recording:
             # Solids may have the same name; the number makes the columns unique.
             for i, vector in enumerate(("", "d1", "d2", "d3")):
                 for j, axis in enumerate("xyz"):
-                    columns[f"{number} {solid.name} {vector}{axis}"] = FramePart(solid, 3 * i + j)
+                    columns[f"{number} {solid.name} {vector}{axis}"] = PoseComponent(
+                        solid, 3 * i + j
+                    )
         return columns
 
     def _write(self, run: StateView, status: str) -> None:

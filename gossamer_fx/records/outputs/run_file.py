@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,59 +25,38 @@ _MAX_INTEGER = 2**63
 # Characters of a value in a message: the file may contain a text of any length.
 _MAX_SHOWN = 60
 
-
-@dataclass(frozen=True)
-class Each:
-    """Kind of an object whose keys are free, and whose values are all of one kind."""
-
-    kind: Any
-
-
-@dataclass(frozen=True)
-class Several:
-    """Kind of a list whose elements are all of one kind; of a fixed length if `count` is given."""
-
-    kind: Any
-    count: int | None = None
-
-
-@dataclass(frozen=True)
-class Row:
-    """Kind of a list whose elements have different kinds."""
-
-    kinds: tuple[Any, ...]
-
-
-NUMBER = (int, float)
-_ANYTHING = object
+# The kind of a value is a type, where float stands for any number and object for anything; a
+# dictionary of kinds by key, or {str: kind} for free keys; [kind] for a list of any length; or a
+# tuple of the kinds of a list of fixed length.
+_POINT = (float, float, float)
 
 _SOLID = {
-    "X": Several(Several(NUMBER, 3)),
-    "triangles": Several(Several(int, 3)),
-    "lines": Several(Several(int, 2)),
+    "X": [_POINT],
+    "triangles": [(int, int, int)],
+    "lines": [(int, int)],
     "moves": bool,
 }
 _BODY = {
     "kind": str,
     "nodes": int,
     "unknowns": int,
-    "mass": NUMBER,
-    "box": Several(Several(NUMBER, 3), 2),
+    "mass": float,
+    "box": (_POINT, _POINT),
     "cells?": int,
     "order?": int,
-    "groups?": Several(str),
-    "area?": NUMBER,
-    "length?": NUMBER,
-    "law?": Row((str, Each(_ANYTHING))),
+    "groups?": [str],
+    "area?": float,
+    "length?": float,
+    "law?": (str, {str: object}),
 }
 _PRESTRESS = {
     "unit": str,
-    "asked": NUMBER,
-    "mean": NUMBER,
-    "least": NUMBER,
-    "largest": NUMBER,
+    "asked": float,
+    "mean": float,
+    "least": float,
+    "largest": float,
 }
-_CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
+_CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), float)
 # Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older
 # versions.
 _RUN = {
@@ -89,40 +67,43 @@ _RUN = {
     "scene": {
         "unknowns": int,
         "ranks": int,
-        "bodies": Each(_BODY),
-        "section frames?": Several(str),
-        "roles": Each(int),
-        "items": Each(str),
-        "chambers": Each(_CHAMBER),
-        "energies": Each(NUMBER),
-        "momentum": Several(NUMBER, 3),
-        "angular momentum": Several(NUMBER, 3),
+        "bodies": {str: _BODY},
+        "section frames?": [str],
+        "roles": {str: int},
+        "items": {str: str},
+        "chambers": {str: _CHAMBER},
+        "energies": {str: float},
+        "momentum": _POINT,
+        "angular momentum": _POINT,
     },
-    "arguments?": Each(Each(_ANYTHING)),
+    "arguments?": {str: {str: object}},
     "kind": str,
-    "axis": {"name": str, "unit": str, "at": NUMBER, "until": NUMBER},
-    "method": Each(_ANYTHING),
-    "fields": Each(Several(str)),
-    "groups?": Several(str),
-    "solids?": Several(_SOLID),
-    "versions": Each(str),
-    "captions": Several(str),
-    "result?": Each(_ANYTHING),
-    "prestress?": Each(_PRESTRESS),
+    "axis": {"name": str, "unit": str, "at": float, "until": float},
+    "method": {str: object},
+    "fields": {str: [str]},
+    "groups?": [str],
+    "solids?": [_SOLID],
+    "versions": {str: str},
+    "captions": [str],
+    "result?": {str: object},
+    "prestress?": {str: _PRESTRESS},
     "statistics": {
         "steps": int,
         "rejected": int,
         "iterations": int,
-        "iterations a step": NUMBER,
-        "seconds": NUMBER,
-        "seconds of compilation": NUMBER,
+        "iterations a step": float,
+        "seconds": float,
+        "seconds of compilation": float,
         "at rest?": bool,
-        "energy error?": NUMBER,
-        "energy defect?": NUMBER,
-        "largest energy?": NUMBER,
-        "mass error?": NUMBER,
+        "energy error?": float,
+        "energy defect?": float,
+        "largest energy?": float,
+        "mass error?": float,
     },
 }
+
+# What a value of a kind is called in messages.
+_WORDS = {bool: "true or false", str: "a text", int: "an integer", float: "a number"}
 
 
 def read_run_file(folder: Path) -> dict[str, Any]:
@@ -157,57 +138,38 @@ def read_run_file(folder: Path) -> dict[str, Any]:
     return dict(about)
 
 
-def _check_kind(
-    path: Path,
-    where: str,
-    value: Any,
-    kind: Any,
-) -> None:
+def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
     """Raise `InputError` unless a value of a JSON file has the expected structure."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
+        if str in kind:
+            for name, inner in value.items():
+                _check_kind(path, f"{where} of {name!r}", inner, kind[str])
+            return
         for key, inner in kind.items():
             name = key.removesuffix("?")
             check(name in value or key != name, f"'{path}': {where} has no '{name}'; {_REMEDY}")
             if name in value:
                 _check_kind(path, f"'{name}'", value[name], inner)
-    elif isinstance(kind, Each):
-        _refuse_unless(isinstance(value, dict), path, where, value, "an object")
-        for name, inner in value.items():
-            _check_kind(path, f"{where} of {name!r}", inner, kind.kind)
-    elif isinstance(kind, Several):
+    elif isinstance(kind, list | tuple):
         _refuse_unless(isinstance(value, list), path, where, value, "a list")
-        right_length = kind.count is None or len(value) == kind.count
-        _refuse_unless(right_length, path, where, value, f"a list of {kind.count}")
-        for inner in value:
-            _check_kind(path, where, inner, kind.kind)
-    elif isinstance(kind, Row):
-        right_length = isinstance(value, list) and len(value) == len(kind.kinds)
-        _refuse_unless(right_length, path, where, value, f"a list of {len(kind.kinds)}")
-        for inner, inner_kind in zip(value, kind.kinds, strict=True):
+        kinds = kind
+        if isinstance(kind, list):
+            kinds = kind * len(value)
+        _refuse_unless(len(value) == len(kinds), path, where, value, f"a list of {len(kinds)}")
+        for inner, inner_kind in zip(value, kinds, strict=True):
             _check_kind(path, where, inner, inner_kind)
-    elif kind is bool or kind is str:
-        words = "a text"
-        if kind is bool:
-            words = "true or false"
-        _refuse_unless(isinstance(value, kind), path, where, value, words)
-    elif kind is not _ANYTHING:
-        # In Python, bool is a subclass of int.
-        is_number = isinstance(value, kind) and not isinstance(value, bool)
-        fits = is_number and (isinstance(value, float) or abs(value) < _MAX_INTEGER)
-        words = "a number"
-        if kind is int:
-            words = "an integer"
-        _refuse_unless(fits, path, where, value, words)
+    elif kind in _WORDS:
+        types = (int, float) if kind is float else kind
+        fits = isinstance(value, types)
+        if kind is int or kind is float:
+            # In Python, bool is a subclass of int.
+            is_large = isinstance(value, int) and abs(value) >= _MAX_INTEGER
+            fits = fits and not isinstance(value, bool) and not is_large
+        _refuse_unless(fits, path, where, value, _WORDS[kind])
 
 
-def _refuse_unless(
-    right: bool,
-    path: Path,
-    where: str,
-    value: Any,
-    expected: str,
-) -> None:
+def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: str) -> None:
     """Raise `InputError` unless a value of a run.json is right."""
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:

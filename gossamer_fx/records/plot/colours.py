@@ -129,7 +129,9 @@ def colouring(run: RunReader, field: str) -> Colouring:
         return Colouring(key, group_table(len(run.groups)))
     if field == "state" or (not run.films and field not in LINE_FIELDS):
         return by_state(bool(run.films))
-    samples = [values.mean(axis=1) for frame in sampled(run) for values in run.values(field, frame)]
+    samples = [
+        values.mean(axis=1) for record in sampled(run) for values in run.values(field, record)
+    ]
     found = scale(field, samples)
     return Colouring(found, found.table)
 

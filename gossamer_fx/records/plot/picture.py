@@ -172,16 +172,16 @@ class Picture(DrawnRun):
 
     def _views(self, run: RunReader) -> Views | None:
         """The shapes to draw; None for a run without recorded states."""
-        frames = self._frames(run)
-        if not frames:
+        records = self._records(run)
+        if not records:
             return None
         # Without films the shapes of cables and masses are drawn in one colour.
         colours = by_state(False)
         if run.films:
             colours = colouring(run, self.colour)
-        return field_views(run, self.colour, colours, frames, self.view)
+        return field_views(run, self.colour, colours, records, self.view)
 
-    def _frames(self, run: RunReader) -> list[int]:
+    def _records(self, run: RunReader) -> list[int]:
         """Indices of the states to draw: those that were asked for, and the last one of a stopped
         run."""
         count = len(run.times)

@@ -113,10 +113,10 @@ def field(
         bool(len(times)),
         "There are no times of which to draw a picture; give one or more in seconds.",
     )
-    frames = [run.frame(time) for time in times]
-    views = field_views(run, field, colouring(run, field), frames, view or View())
+    records = [run.record_at(time) for time in times]
+    views = field_views(run, field, colouring(run, field), records, view or View())
     width = WIDTH
-    if len(frames) == 1:
+    if len(records) == 1:
         aspect = views.size[0] / views.size[1]
         width = min(max(_ANIMATION_HEIGHT * aspect, _MIN_PICTURE_WIDTH), WIDTH)
     write_page(file_to_write(path), _title(run, field), views, width=width)
@@ -160,8 +160,8 @@ def strip_views(run: RunReader, field: str, count: int, view: View) -> Views:
     run.require_fields()
     evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
     # A run may have fewer records than pictures were asked for.
-    frames = np.unique(evenly.astype(int)).tolist()
-    return field_views(run, field, colouring(run, field), frames, view)
+    records = np.unique(evenly.astype(int)).tolist()
+    return field_views(run, field, colouring(run, field), records, view)
 
 
 def _title(run: RunReader, field: str) -> str:
@@ -239,7 +239,7 @@ def field_views(
     run: RunReader,
     field: str,
     colours: Colouring,
-    frames: Sequence[int],
+    records: Sequence[int],
     view: View,
 ) -> Views:
     """Pictures of the scene in recorded states, coloured by a field.
@@ -248,30 +248,30 @@ def field_views(
         captions, size [m], key, and a function that draws the pictures at a number of pixels per
         metre.
     """
-    shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
+    shapes = [run.shape(record, field, colours.kinds) for record in records]
     camera = aim(shapes, view)
     return Views(
-        captions=captions(run, frames, camera.zooms),
+        captions=captions(run, records, camera.zooms),
         size=camera.size,
         draw=lambda scale: render(camera, shapes, scale, colours.table),
         key=colours.key,
     )
 
 
-def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> list[str]:
+def captions(run: RunReader, records: Sequence[int], zooms: Sequence[float]) -> list[str]:
     """Captions: times of recorded states, and the enlargement of pictures relative to the scale
     bar.
 
     Args:
-        frames: indices of the states in `run.times` [s].
+        records: indices of the states in `run.times` [s].
     """
     found = []
-    for frame, zoom in zip(frames, zooms, strict=True):
+    for record, zoom in zip(records, zooms, strict=True):
         enlarged = ""
         if zoom > _SAME_SCALE:
             # Spaces at which a long caption is not broken into lines
             enlarged = f", {zoom:.2g}\u00a0times\u00a0larger"
-        words = run.caption(frame)
+        words = run.caption(record)
         found.append(f"{words}{enlarged}")
     return found
 
@@ -373,7 +373,7 @@ def animate(
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)
-    frames = np.unique([run.frame(time) for time in times])
+    frames = np.unique([run.record_at(time) for time in times])
     colours = colouring(run, field)
     view = replace(view or View(), zoom=False)
     camera = _camera_for_all(run, field, colours, view)
@@ -391,7 +391,7 @@ def _camera_for_all(
     view: View,
 ) -> Camera:
     """A camera for one picture at a time, which sees the whole run, or follows each shape."""
-    shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
+    shapes = [run.shape(record, field, colours.kinds) for record in sampled(run)]
     if not view.follow:
         # A camera that stands still sees all points of the run as those of one shape.
         shapes = [Shape(time=0.0, dots=np.concatenate([shape.points for shape in shapes]))]

@@ -24,7 +24,7 @@ from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
-from gossamer_fx.records.outputs.solid_frames import REST, placed
+from gossamer_fx.records.outputs.solid_poses import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
 from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
@@ -39,7 +39,7 @@ _REQUIRED = {"ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissip
 _FINE = 12000
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
 _LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
-_VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
+_VECTOR_PARTS = 12  # numbers of a pose in solids.csv: origin and three axes
 
 
 @check_arguments
@@ -82,7 +82,7 @@ class RunReader:
         self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
-        self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
+        self._poses = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
         self._connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
@@ -125,28 +125,28 @@ class RunReader:
         return str(self.about["kind"])
 
     @check_arguments
-    def caption(self, frame: int, decimals: int | None = None) -> str:
+    def caption(self, record: int, decimals: int | None = None) -> str:
         """Words below a recorded state: those of an equilibrium or a mode, or else its time.
 
         Args:
-            frame: number of the state, see `frame`.
+            record: number of the state, see `record_at`.
             decimals: of the time; default: four digits.
         """
-        self._check_frame(frame)
+        self._check_record(record)
         if len(self._captions) == len(self.times):
-            return self._captions[frame]
+            return self._captions[record]
         factor, unit = scaled_axis(self.axis, self.times)
-        value = self.times[frame] / factor
+        value = self.times[record] / factor
         number = f"{value:.4g}"
         if decimals is not None:
             number = f"{value:.{decimals}f}"
         return f"{self.axis.symbol} = {number} {unit}".rstrip()
 
-    def _check_frame(self, frame: int) -> None:
+    def _check_record(self, record: int) -> None:
         """Raise `InputError` unless a state was recorded under this number."""
         check(
-            0 <= frame < len(self.times),
-            f"The run in '{self.folder}' has {len(self.times)} states; {frame} is none of them.",
+            0 <= record < len(self.times),
+            f"The run in '{self.folder}' has {len(self.times)} states; {record} is none of them.",
         )
 
     # ---- numbers ---------------------------------------------------------------------------------
@@ -222,7 +222,7 @@ class RunReader:
     # ---- shapes ----------------------------------------------------------------------------------
 
     @check_arguments
-    def frame(self, time: float) -> int:
+    def record_at(self, time: float) -> int:
         """The number of the recorded state that is nearest to a time, in `times`.
 
         Args:
@@ -254,7 +254,7 @@ class RunReader:
         first_time = 0.0
         if len(self.times):
             first_time = float(self.times[0])
-        self.frame(first_time)
+        self.record_at(first_time)
 
     def known_fields(self) -> list[str]:
         """Names of the fields of films or, where there are only lines, of lines; without the
@@ -288,29 +288,29 @@ class RunReader:
         )
 
     @check_arguments
-    def values(self, field: str, frame: int) -> list[Array]:
+    def values(self, field: str, record: int) -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
         vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
 
         Args:
-            frame: number of the recorded state, see `frame`.
+            record: number of the recorded state, see `record_at`.
             field: name of a field; bodies that did not record it are left out.
 
         Raises:
             InputError: there is no such state, or a file of fields is missing or damaged.
         """
-        self._check_frame(frame)
+        self._check_record(record)
         found = []
         bodies = self.films
         if field in LINE_FIELDS:
             bodies = list(self.fields)
         for name in bodies:
             if field in self.fields[name]:
-                segment, step = self.bodies[name].at(frame)
+                segment, step = self.bodies[name].at(record)
                 found.append(segment.at_corners(field, step))
         if field == "tension":
             for name in self._lines_with_means():
-                mean = self._mean_tension(name, float(self.times[frame]))
+                mean = self._mean_tension(name, float(self.times[record]))
                 found.append(np.full((1, 2), mean))
         return found
 
@@ -350,7 +350,7 @@ class RunReader:
         of_name = {name: self._mean_tension(name, time) for name in set(names)}
         return np.array([of_name[name] for name in names])
 
-    def film_corners(self, frame: int) -> list[Array]:
+    def film_corners(self, record: int) -> list[Array]:
         """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
         to the last bit.
 
@@ -359,15 +359,15 @@ class RunReader:
         """
         found = []
         for name in self.films:
-            segment, step = self.bodies[name].at(frame)
+            segment, step = self.bodies[name].at(record)
             found.append(segment.joined_positions(step)[segment.vertices])
         return found
 
-    def shape(self, frame: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
+    def shape(self, record: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
         """The scene in a recorded state, as triangles, lines and dots [m] with colours.
 
         Args:
-            frame: number of the state, see `frame`.
+            record: number of the state, see `record_at`.
             field: by which films are coloured; where a film does not have it, values are not
                 numbers.
             kinds: function that returns rows of a table of colours for values (n,) of the field on
@@ -382,7 +382,7 @@ class RunReader:
         lines: list[Array] = [np.zeros((0, 2, 3))]
         line_kinds: list[Integers] = [np.zeros(0, dtype=np.int64)]
         for name, body in self.bodies.items():
-            segment, step = body.at(frame)
+            segment, step = body.at(record)
             points = segment.positions(step)[segment.pieces]
             if not body.is_film:
                 lines.append(points)
@@ -390,7 +390,7 @@ class RunReader:
                     at_ends = segment.at_corners(field, step)
                     line_kinds.append(kinds(at_ends.mean(axis=1)))
                 else:
-                    time = float(self.times[frame])
+                    time = float(self.times[record])
                     line_kinds.append(self._line_kinds([name] * len(points), field, time, kinds))
                 continue
             corners.append(points)
@@ -407,7 +407,7 @@ class RunReader:
         of_triangles = [of_films]
         corners = [fine[0]]
         normals = [fine[1]]
-        time = float(self.times[frame])
+        time = float(self.times[record])
         for X, solid in zip(self.solid_points(time), self.solids, strict=True):
             surface = X[solid.triangles]
             corners.append(surface)
@@ -442,9 +442,9 @@ class RunReader:
 
     def solid_points(self, time: float) -> list[Array]:
         """Points (n, 3) of each of the solids at a time [m]."""
-        frames = iter(_at_time(self._frames, time).reshape(-1, 4, 3))
+        poses = iter(_at_time(self._poses, time).reshape(-1, 4, 3))
         return [
-            placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
+            placed(solid.X, next(poses, REST) if solid.moves else REST) for solid in self.solids
         ]
 
 
@@ -484,7 +484,7 @@ def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Arra
 class RecordedSolid:
     """A solid from run.json: points X (n, 3) [m], triangles, lines, and whether it moves.
 
-    The frames of solids that move are in solids.csv, in the same order.
+    The poses of solids that move are in solids.csv, in the same order.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
@@ -500,15 +500,15 @@ class RecordedBody:
     def __init__(self, folder: Path, name: str) -> None:
         records = read_records(folder / f"{file_name(name)}.pvd")
         self.segments = [RecordedMesh(one) for one in records]
-        self._frames = [
+        self._located = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))
         ]
         self.times: Array = np.concatenate([segment.times for segment in self.segments])
         self.is_film: bool = self.segments[0].is_film
 
-    def at(self, frame: int) -> tuple[RecordedMesh, int]:
+    def at(self, record: int) -> tuple[RecordedMesh, int]:
         """The mesh of a recorded state, and the number of the state among those of the mesh."""
-        return self._frames[frame]
+        return self._located[record]
 
 
 class RecordedMesh:

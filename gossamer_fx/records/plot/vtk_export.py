@@ -97,12 +97,12 @@ def _check_own(folder: Path) -> None:
         )
 
 
-def _parts(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
+def _parts(run: RunReader, record: int) -> Iterator[tuple[str, Grid]]:
     """The items of the scene in a recorded state by name, with arrays in SI units."""
     for name, body in run.bodies.items():
-        segment, step = body.at(frame)
+        segment, step = body.at(record)
         yield name, segment.grid(step)
-    time = float(run.times[frame])
+    time = float(run.times[record])
     points = run.solid_points(time)
     for name, kind, dimension in (("solids", "triangles", 2), ("solid lines", "lines", 1)):
         cells: list[Integers] = [np.zeros((0, dimension + 1), dtype=np.int64)]

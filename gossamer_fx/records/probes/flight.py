@@ -210,8 +210,8 @@ def resultant(run: StateView, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3)."""
     total = np.zeros((2, 3))
     found = 0
-    for kind in run.system.compiled:
-        resultants = kind.resultants()
+    for compiled in run.system.compiled:
+        resultants = compiled.resultants()
         if load in resultants:
             total += resultants[load]
             found += 1

@@ -32,7 +32,8 @@ Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10
 without smoothing; large patches with affine functions replace the hierarchy of levels.
 
 Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
-matrix has about 30 times fewer rows than A.
+matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks; the
+V-cycle does.
 
 Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
 number.
@@ -46,6 +47,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.solve.solvers import factorisation
@@ -56,6 +58,21 @@ Indices = npt.NDArray[np.integer]
 # Largest number of nodes in a patch.  Of 30 to 400, this one has the shortest time of a linear
 # solve.
 NODES_PER_PATCH = 100
+
+# Coarse unknowns up to which the coarse matrix is factorised.  With 17 thousand (300 thousand
+# unknowns) a step of a sheet takes 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle
+# on one rank, 10.7 and 9.1 s on two.
+MAX_UNKNOWNS_FACTORISED = 20_000
+
+# Largest number of nodes in a patch of the V-cycle's coarse level.
+NODES_PER_LARGE_PATCH = 6400
+
+# Levels of fill of the V-cycle's smoother, an incomplete factorisation, and its Chebyshev
+# iterations before and after the coarse level.  A sheet of 300 thousand unknowns takes 5.6 Krylov
+# iterations for one of Newton's, with one plain iteration 6.8, with the coarse matrix factorised
+# 4.6; on eight ranks and 20 thousand unknowns 11.2, 12.7 and 10.8.
+SMOOTHER_LEVELS = 2
+SMOOTHER_ITERATIONS = 2
 
 # Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
 # or straight in their direction, up to a thirtieth of its extent.
@@ -76,18 +93,39 @@ class CoarseSpace:
         self._P = prolongation(system)
         self._scalar_matrix: PETSc.Mat | None = None
         self._coarse_matrix: PETSc.Mat | None = None
-        self._solver = PETSc.PC().create(system.comm)
-        factorisation.choose(self._solver)
+        self._to_large_patches: PETSc.Mat | None = None
+        coarse_unknowns = self._P.getSize()[1]
+        if coarse_unknowns > MAX_UNKNOWNS_FACTORISED:
+            large = prolongation(system, NODES_PER_LARGE_PATCH)
+            self._to_large_patches = self._P.transposeMatMult(large)
+        self._solver = self._new_solver()
         self._r = self._P.createVecRight()
         self._z = self._P.createVecRight()
 
+    def _new_solver(self) -> PETSc.PC:
+        """A factorisation of the coarse matrix, or a V-cycle if it is large."""
+        solver = PETSc.PC().create(self._P.comm)
+        if self._to_large_patches is None:
+            factorisation.choose(solver)
+        else:
+            _choose_multigrid(solver, self._to_large_patches)
+        return solver
+
+    def recover(self) -> None:
+        """Become usable again after a matrix that was not finite."""
+        self._solver.destroy()
+        self._solver = self._new_solver()
+
     def set_up(self, A: PETSc.Mat) -> None:
-        """Compute and factorise Pᵀ A P; A has the same pattern at every call."""
+        """Compute Pᵀ A P and set up its solver; A has the same pattern at every call."""
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
         self._solver.setOperators(self._coarse_matrix)
-        factorisation.set_up(self._solver)
+        if self._to_large_patches is None:
+            factorisation.set_up(self._solver)
+        else:
+            self._solver.setUp()
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Set z to (3)."""
@@ -96,10 +134,45 @@ class CoarseSpace:
         self._P.mult(self._z, z)
 
 
-def prolongation(system: System) -> PETSc.Mat:
+def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
+    """Make a preconditioner one V-cycle with two levels and incomplete factorisations as smoother.
+
+    `interpolation` (coarse unknowns, unknowns of large patches) is Pᵀ P2.  PETSc's options of the
+    V-cycle have the prefix `gx_coarse_`.
+    """
+    prefix = PREFIX + "coarse_"
+    several_ranks = pc.comm.size > 1
+    choices: dict[str, str | int] = {
+        "pc_mg_galerkin": "both",
+        "mg_levels_ksp_type": "chebyshev",
+        "mg_levels_ksp_max_it": SMOOTHER_ITERATIONS,
+    }
+    smoother = "mg_levels_"
+    if several_ranks:
+        choices["mg_levels_pc_type"] = "asm"
+        choices["mg_levels_pc_asm_overlap"] = 1
+        smoother = "mg_levels_sub_"
+    choices[smoother + "pc_type"] = "ilu"
+    choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
+    options = PETSc.Options(prefix)
+    for key, value in choices.items():
+        if not options.hasName(key):
+            options[key] = value
+    pc.setOptionsPrefix(prefix)
+    pc.setType("mg")
+    pc.setMGLevels(2)
+    pc.setMGInterpolation(1, interpolation)
+    factorisation.choose(pc.getMGCoarseSolve().getPC())
+    pc.setFromOptions()
+
+
+def prolongation(system: System, nodes_per_patch: int = NODES_PER_PATCH) -> PETSc.Mat:
     """The prolongation P (unknowns, coarse unknowns), whose orthonormal columns are affine
-    functions on patches of nodes.  Rows of fixed coordinates, and of bodies without nodes such as
-    rigid bodies, are zero; rows are distributed as the unknowns are.  Collective."""
+    functions on patches of at most `nodes_per_patch` nodes.
+
+    Rows of fixed coordinates, and of bodies without nodes such as rigid bodies, are zero; rows are
+    distributed as the unknowns are.  Collective.
+    """
     numbering = system.numbering
     is_free = np.ones(numbering.size_local)
     is_free[system.supports.held] = 0
@@ -113,7 +186,7 @@ def prolongation(system: System) -> PETSc.Mat:
         owned = system.block(body).owned
         has_nodes_here = owned.stop > owned.start
         if has_nodal_unknowns(body) and has_nodes_here:
-            rows, columns, values, functions = basis(body, is_free[owned])
+            rows, columns, values, functions = basis(body, is_free[owned], nodes_per_patch)
             all_rows.append(rows + owned.start)
             all_columns.append(columns + count)
             all_values.append(values)
@@ -140,7 +213,9 @@ def prolongation(system: System) -> PETSc.Mat:
     )
 
 
-def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]:
+def basis(
+    body: MeshBody, is_free: Array, nodes_per_patch: int
+) -> tuple[Indices, Indices, Array, int]:
     """The part of one body in the prolongation P: rows, columns and values (k,), counted from the
     start of the body, and the number of columns.
 
@@ -151,7 +226,7 @@ def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]
     n = body.block.index_map.size_local
     s = body.block.size
     X = body.space.tabulate_dof_coordinates()[:n]
-    patch = patches(body, X)
+    patch = patches(body, X, nodes_per_patch)
     f = affine_functions(X, patch)
     g = f[:, None, :] * is_free.reshape(n, s, 1)
     coefficients, is_kept = orthonormalise(f, g, patch)
@@ -213,16 +288,16 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
     return V * scale[..., None, :], is_kept
 
 
-def patches(body: MeshBody, X: Array) -> Indices:
+def patches(body: MeshBody, X: Array, nodes_per_patch: int = NODES_PER_PATCH) -> Indices:
     """Divide the nodes of this rank, at undeformed positions X (n, 3) [m], into connected patches
-    of at most 100 nodes: their numbers (n,), without gaps.
+    of at most `nodes_per_patch` nodes: their numbers (n,), without gaps.
 
     Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that
     are not connected by cells within it are then separated, such as the two films of a flat pillow.
     """
     n = len(X)
     boxes: list[Indices] = [np.arange(n)]
-    while len(boxes) * NODES_PER_PATCH < n:
+    while len(boxes) * nodes_per_patch < n:
         halves: list[Indices] = []
         for box in boxes:
             halves += _halves(box, X)

@@ -121,6 +121,7 @@ class TwoLevel:
         factorised."""
         self._local.reset()
         self._local.setFailedReason(PETSc.PC.FailedReason.NOERROR)
+        self._coarse.recover()
         self._step = None
 
     def _choose_fill(self, levels: int) -> None:

@@ -140,7 +140,7 @@ class System:
             for compiled in kind.compile(cast("list[Never]", alike), self)
         ]
         self._find_facets()
-        self.losses = {name: 0.0 for kind in self.compiled for name in kind.losses}
+        self.losses = {name: 0.0 for compiled in self.compiled for name in compiled.losses}
 
     def _mark_positions(self) -> Array:
         marks = []
@@ -232,15 +232,15 @@ class System:
         """Assemble mass matrix, constant stiffness and loads again in place, whose coefficients of
         forms the caller has changed, and update what follows from coordinates, as strains.
         Collective."""
-        for kind in self.differentiable:
-            kind.parameters_changed()
+        for compiled in self.differentiable:
+            compiled.parameters_changed()
         self.M.zeroEntries()
         for mass in self.compiled:
             mass.add_mass(self.M)
         self.M.assemble()
         self.increment.mass_changed()
-        for kind in self.differentiable:
-            kind.masses_changed()
+        for compiled in self.differentiable:
+            compiled.masses_changed()
         if self.K is not None:
             self.K.zeroEntries()
             for stiffness in self.compiled:
@@ -268,10 +268,10 @@ class System:
         self.set_end(self.q0)
         for at in self.coordinates.values():
             at.q0.x.array[:] = at.q1.x.array
-        for kind in self.compiled:
-            kind.exchange_ends()
-        for kind in self.compiled:
-            kind.begin_step(t + self.rule.alpha * self.h)
+        for compiled in self.compiled:
+            compiled.exchange_ends()
+        for compiled in self.compiled:
+            compiled.begin_step(t + self.rule.alpha * self.h)
         end_vector = self._scratch
         end_vector.array[:] = end
         self.set_end(end_vector)
@@ -285,17 +285,17 @@ class System:
         outside it raises an error of PETSc.
         """
         pattern = self.numbering.matrix()
-        for kind in self.compiled:
-            kind.add_mass(pattern)
-        for kind in self.compiled:
-            kind.add_stiffness(pattern)
+        for compiled in self.compiled:
+            compiled.add_mass(pattern)
+        for compiled in self.compiled:
+            compiled.add_stiffness(pattern)
         self._add_tangents(pattern)
         # All that rows of fixed coordinates keep is the diagonal.
         pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
         pattern.assemble()
         self.M = pattern.duplicate()
         self.A = pattern.duplicate()
-        has_stiffness = any(kind.has_constant_stiffness for kind in self.compiled)
+        has_stiffness = any(compiled.has_constant_stiffness for compiled in self.compiled)
         self.K = pattern.duplicate() if has_stiffness else None
         # c M + α K, with the factor c [1/s²] of the inertia and the weight α [-] of the end of a
         # step in the point at which forces act: it is the same for all tangents of steps of one
@@ -304,12 +304,12 @@ class System:
         self._base_inertia = 0.0
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        for kind in self.compiled:
-            kind.add_mass(self.M)
+        for compiled in self.compiled:
+            compiled.add_mass(self.M)
         self.M.assemble()
         if self.K is not None:
-            for kind in self.compiled:
-                kind.add_stiffness(self.K)
+            for compiled in self.compiled:
+                compiled.add_stiffness(self.K)
             self.K.assemble()
         self.coupled_tangent = Tangent(self.A, self.active_sets)
 
@@ -328,16 +328,16 @@ class System:
         """Start a step of length h [s] with recorded active sets of this rank, one for each kind of
         contact, instead of a search.  Collective."""
         self.h = h
-        for kind, saved in zip(self.active_sets, active_sets, strict=True):
-            kind.load_active_set(saved)
+        for compiled, saved in zip(self.active_sets, active_sets, strict=True):
+            compiled.load_active_set(saved)
         return self.begin_without_search(h)
 
     def begin_without_search(self, h: float) -> Array:
         """Start a step of length h [s] with the present active sets."""
         self.h = h
         t = self.time + self.rule.alpha * h
-        for kind in self.compiled:
-            kind.begin_step(t)
+        for compiled in self.compiled:
+            compiled.begin_step(t)
         guesses = [scalars.begin_step(h, t) for scalars in self.scalar_unknowns]
         return np.concatenate([np.zeros(0), *guesses])
 
@@ -351,7 +351,7 @@ class System:
 
     def inadmissible(self) -> str:
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
-        found += [kind.inadmissible() for kind in self.compiled]
+        found += [compiled.inadmissible() for compiled in self.compiled]
         # All checks are made before the first message is chosen: they are collective.
         return next(filter(None, found), "")
 
@@ -377,15 +377,15 @@ class System:
         if base is not None:
             self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
-        for kind in self.compiled:
-            kind.update(base is not None)
+        for compiled in self.compiled:
+            compiled.update(base is not None)
 
     def set_end(self, q: PETSc.Vec) -> None:
         """Set q1 = q, with its true strains."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
-        for kind in self.compiled:
-            kind.update(False)
+        for compiled in self.compiled:
+            compiled.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Evaluate the residual of the step at the present iterate.  Collective."""
@@ -398,8 +398,8 @@ class System:
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
-        for kind in self.compiled:
-            kind.add_forces(r)
+        for compiled in self.compiled:
+            compiled.add_forces(r)
         with r as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
@@ -422,18 +422,18 @@ class System:
             active_set.activate_present()
         if self.K is not None:
             self.K.mult(self.q0, out)
-        for kind in self.compiled:
-            if not kind.is_external_load and not isinstance(kind, Multipliers):
-                kind.add_forces(out)
+        for compiled in self.compiled:
+            if not compiled.is_external_load and not isinstance(compiled, Multipliers):
+                compiled.add_forces(out)
         return out
 
     def load_forces(self) -> PETSc.Vec:
         """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed
         coordinates."""
         out = self.numbering.vector()
-        for kind in self.compiled:
-            if kind.is_external_load:
-                kind.add_forces(out)
+        for compiled in self.compiled:
+            if compiled.is_external_load:
+                compiled.add_forces(out)
         with out as values:
             values[self.supports.held] = 0.0
         return out
@@ -455,8 +455,8 @@ class System:
         G = self.A.duplicate()
         # The Coriolis force couples components that the tangent may not couple.
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-        for kind in self.compiled:
-            kind.add_gyroscopic(G, spin)
+        for compiled in self.compiled:
+            compiled.add_gyroscopic(G, spin)
         G.assemble()
         return G
 
@@ -511,9 +511,9 @@ class System:
         totals. The step must have been solved: nothing is checked here.  Collective."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
-        self.supplied_energy += sum(kind.supplied() for kind in self.compiled)
-        for kind in self.compiled:
-            for name, loss in zip(kind.losses, kind.dissipated(), strict=True):
+        self.supplied_energy += sum(compiled.supplied() for compiled in self.compiled)
+        for compiled in self.compiled:
+            for name, loss in zip(compiled.losses, compiled.dissipated(), strict=True):
                 self.losses[name] += float(loss)
         for scalars in self.scalar_unknowns:
             scalars.commit()
@@ -545,15 +545,15 @@ class System:
 
     def _take_time(self) -> None:
         """Terms that depend on time take that of the accepted state."""
-        for kind in self.compiled:
-            kind.take_time(self.time)
+        for compiled in self.compiled:
+            compiled.take_time(self.time)
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
         for at in self.coordinates.values():
             at.q0.x.array[:] = at.q1.x.array
-        for kind in self.compiled:
-            kind.commit()
+        for compiled in self.compiled:
+            compiled.commit()
 
     # ---- the energy balance ----------------------------------------------------------------------
 
@@ -568,11 +568,11 @@ class System:
         qp = q.T @ p
         # Sums over positions; the moment is summed over directors, too.
         momenta = np.stack([self.position_marks @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
-        for kind in self.compiled:
-            momenta += kind.momenta()
+        for compiled in self.compiled:
+            momenta += compiled.momenta()
         stored: dict[str, float] = {}
-        for kind in self.compiled:
-            for name, energy in kind.energies().items():
+        for compiled in self.compiled:
+            for name, energy in compiled.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
         kinetic = self.v0.array_r @ self._momenta.array_r / 2
 
@@ -651,7 +651,7 @@ class System:
     # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        forms = [form for kind in self.compiled for form in kind.tangent_forms(body)]
+        forms = [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
@@ -659,8 +659,8 @@ class System:
         unknowns."""
         for body, at in self.coordinates.items():
             at.assemble(A, self.tangent_forms(body), self.block(body))
-        for kind in self.compiled:
-            kind.add_tangents(A)
+        for compiled in self.compiled:
+            compiled.add_tangents(A)
         for scalars in self.scalar_unknowns:
             scalars.add_tangents(A)
 

@@ -27,7 +27,7 @@ class Tangent:
         collect garbage together."""
         for C in self._couplings:
             C.destroy()
-        self._couplings = [C for kind in self._active_sets for C in kind.coupling_matrices(None)]
+        self._couplings = [C for pairs in self._active_sets for C in pairs.coupling_matrices(None)]
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
         """Set out = (A + Σ C) z."""
@@ -53,7 +53,7 @@ class Tangent:
         if not self._couplings:
             return self.A
         self._diagonal = self.A.getDiagonal(self._diagonal)
-        strong = [C for kind in self._active_sets for C in kind.coupling_matrices(self._diagonal)]
+        strong = [C for pairs in self._active_sets for C in pairs.coupling_matrices(self._diagonal)]
         total = self._sum(strong)
         for C in strong:
             C.destroy()

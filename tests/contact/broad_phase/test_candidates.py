@@ -60,13 +60,7 @@ def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
     x = (middle + rng.normal(scale=0.05, size=(TRIANGLES, 3, 3))).reshape(-1, 3)
     velocities = np.repeat(rng.normal(scale=0.3, size=(TRIANGLES, 3)), 3, axis=0)
     margin = rng.uniform(0.01, 0.03, len(x))
-    bounds = TrajectoryBounds(
-        TURN,
-        x,
-        velocities,
-        margin,
-        duration=0.2,
-    )
+    bounds = TrajectoryBounds(TURN, x, velocities, margin, duration=0.2)
     found, _ = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
     known = set(found.identifier.tolist())
 
@@ -96,20 +90,8 @@ def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
 def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     films = [
         gx.Membrane(
-            sheet(
-                MPI.COMM_SELF,
-                6,
-                6,
-                0.3,
-                0.3,
-            ),
-            gx.Miyazaki(
-                E=1e9,
-                nu=0.3,
-                density=1400.0,
-                thickness=1e-4,
-                residual_stiffness=1e-6,
-            ),
+            sheet(MPI.COMM_SELF, 6, 6, 0.3, 0.3),
+            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6),
             name=f"film {k}",
             displacement=lambda X, k=k: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + 3e-3 * k]),
             velocity=lambda X: spin * np.vstack([-(X[1] - 0.15), X[0] - 0.15, 0 * X[0]]),

@@ -9,24 +9,14 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import GROUP_COUNT, group_boxes
-from tests.contact.scenes import ARM, contact_set_of, film, simulate
+from tests.contact.scenes import ARM, contact_set_of, simulate, two_films
 
 CELLS = 24  # along a side of each film
 
 
 def falling(comm):
     """A wide film that falls on another one; the activation distance is a fortieth of a cell."""
-    lower = film(comm, CELLS, size=1.0, name="lower")
-    upper = film(
-        comm,
-        CELLS,
-        size=1.0,
-        height=1.5e-3,
-        velocity=(0.2, 0.1, -2.0),
-        turn=0.1,
-        name="upper",
-        at=(0.01, 0.005),
-    )
+    lower, upper = two_films(comm, height=1.5e-3, turn=0.1, n=CELLS, size=1.0)
     return simulate([gx.Contact(lower, upper, distance=1e-3)], until=4e-4)
 
 

@@ -23,13 +23,7 @@ def overlaps(surface: CollisionPrimitives, x: np.ndarray, reach: float) -> Overl
     """Return the pairs whose boxes, half of the reach [m] larger, overlap."""
     vertices = np.arange(len(surface.vertices), dtype=np.int32)
     edges = np.arange(len(surface.edges), dtype=np.int32)
-    return find_overlaps(
-        surface,
-        x - reach / 2,
-        x + reach / 2,
-        vertices,
-        edges,
-    )
+    return find_overlaps(surface, x - reach / 2, x + reach / 2, vertices, edges)
 
 
 def keys_of(pairs: OverlappingPairs) -> list[tuple[int, int, int]]:
@@ -57,27 +51,9 @@ def test_ranks_find_together_what_one_finds() -> None:
     whole = keys_of(overlaps(surface, x, 0.02))
     parts = []
     for rank in range(3):
-        vertices = np.arange(
-            rank,
-            len(surface.vertices),
-            3,
-            dtype=np.int32,
-        )
-        edges = np.arange(
-            rank,
-            len(surface.edges),
-            3,
-            dtype=np.int32,
-        )
-        parts += keys_of(
-            find_overlaps(
-                surface,
-                x - 0.01,
-                x + 0.01,
-                vertices,
-                edges,
-            )
-        )
+        vertices = np.arange(rank, len(surface.vertices), 3, dtype=np.int32)
+        edges = np.arange(rank, len(surface.edges), 3, dtype=np.int32)
+        parts += keys_of(find_overlaps(surface, x - 0.01, x + 0.01, vertices, edges))
     assert sorted(parts) == sorted(whole)
 
 

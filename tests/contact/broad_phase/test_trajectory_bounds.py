@@ -54,13 +54,7 @@ def test_bounds_hold_while_points_are_within_their_margins() -> None:
     x = rng.uniform(size=(50, 3))
     velocities = rng.normal(scale=0.3, size=(50, 3))
     margin = rng.uniform(0.01, 0.03, 50)
-    bounds = TrajectoryBounds(
-        TURN,
-        x,
-        velocities,
-        margin,
-        duration=0.2,
-    )
+    bounds = TrajectoryBounds(TURN, x, velocities, margin, duration=0.2)
     assert bounds.hold(drifted(TURN, x + 0.1 * velocities, 0.6), 0.6)
     # After their duration the relative velocities are over.
     assert bounds.hold(drifted(TURN, x + 0.2 * velocities, 0.75), 0.75)

@@ -41,11 +41,7 @@ def wrapped_cable(pull, shift=0.0):
     cable = gx.Cable(
         line(MPI.COMM_SELF, points, 1), gx.CableLaw(EA=2500.0, line_density=LINE_DENSITY)
     )
-    drum = gx.contact.Cylinder(
-        start=(shift, -0.05, 0.0),
-        end=(shift, 0.05, 0.0),
-        radius=RADIUS,
-    )
+    drum = gx.contact.Cylinder(start=(shift, -0.05, 0.0), end=(shift, 0.05, 0.0), radius=RADIUS)
     contact = gx.Contact(
         cable,
         drum,

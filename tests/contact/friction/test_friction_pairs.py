@@ -86,23 +86,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: in
 
     blocks = np.zeros((16 * COUNT, 9))
     rub.add_tangents(step, np.ones(4 * COUNT), blocks)
-    K = (
-        blocks.reshape(
-            COUNT,
-            4,
-            4,
-            3,
-            3,
-        )
-        .transpose(
-            0,
-            1,
-            3,
-            2,
-            4,
-        )
-        .reshape(COUNT, 12, 12)
-    )
+    K = blocks.reshape(COUNT, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(COUNT, 12, 12)
     # Balances truncation and round-off for positions of unit size.
     difference = 1e-7
     numeric = np.zeros_like(K)

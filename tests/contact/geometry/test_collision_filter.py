@@ -35,17 +35,12 @@ def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
     )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("n, order", [(4, 1), (6, 1), (3, 2)])
 def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
     """The mesh of the second is the same on the line, finer without a common multiple, or of order
     two."""
-    lower = leaf(
-        comm,
-        order=order,
-        name="lower",
-        n=4 if order == 1 else 2,
-    )
+    lower = leaf(comm, order=order, name="lower", n=4 if order == 1 else 2)
     upper = leaf(
         comm,
         # The films turn towards each other by 0.03 rad and meet near their free edges first.
@@ -82,19 +77,8 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
 
 @pytest.mark.mpi
 def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
-    lower = leaf(
-        comm,
-        spin=-20.0,
-        angle=-0.03,
-        name="lower",
-    )
-    upper = leaf(
-        comm,
-        6,
-        angle=0.03,
-        spin=20.0,
-        name="upper",
-    )
+    lower = leaf(comm, spin=-20.0, angle=-0.03, name="lower")
+    upper = leaf(comm, 6, angle=0.03, spin=20.0, name="upper")
     contact = gx.Contact(lower, upper, distance=2e-3)
     seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
     run = simulate(
@@ -113,13 +97,7 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
     """The third film is tied to the second, and this to the first; the cable is tied to the
     third."""
     films = [
-        leaf(
-            comm,
-            n,
-            angle=2 * math.pi * k / 3,
-            name=f"film {k}",
-        )
-        for k, n in enumerate((2, 3, 5))
+        leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))
     ]
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (0, 0.1, 0)], 4),
@@ -130,22 +108,12 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         gx.Tie(b, a, group_a="left", group_b="left")
         for a, b in ((films[0], films[1]), (films[1], films[2]))
     ]
-    contact = gx.Contact(
-        *films,
-        cable,
-        distance=1e-3,
-        radius={"cable": 1e-3},
-    )
+    contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
     run = simulate(
         [
             contact,
             *ties,
-            gx.Tie(
-                cable,
-                films[2],
-                group_a=None,
-                group_b="left",
-            ),
+            gx.Tie(cable, films[2], group_a=None, group_b="left"),
             gx.RigidMotion(spin=(1.0, 5.0, 2.0)),
         ],
         1e-3,
@@ -179,3 +147,23 @@ def test_films_joined_at_a_point_hang_together_there():
     with pytest.raises(gx.InputError, match="touch something at the start"):
         gx.Scene(contact).compile()
     gx.Scene(contact, joint).compile()
+
+
+@pytest.mark.mpi
+def test_edges_of_films_that_are_tied_share_the_area_of_one_edge(comm):
+    """The rope on the same line touches at another distance, and has its own area."""
+    films = [leaf(comm, angle=2 * math.pi * k / 3, name=f"film {k}") for k in range(3)]
+    rope = gx.Cable(
+        line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1)
+    )
+    ties = [gx.Tie(film, films[0], group_a="left", group_b="left") for film in films[1:]]
+    ties.append(gx.Tie(rope, films[0], group_a=None, group_b="left"))
+    contact = gx.Contact(*films, rope, distance=1e-3, radius={rope.name: 1e-3})
+    mesh = contact_set_of(simulate([contact, *ties], 1e-4)).mesh
+    edges = mesh.known.edges
+    is_own = edges.owner == comm.rank
+    count = comm.allreduce(int(is_own.sum()))
+    # Four edges of the line belong to three films, and are four edges together.
+    assert comm.allreduce(float(edges.share[is_own].sum())) == pytest.approx(count - 2 * 4)
+    of_rope = mesh.body[mesh.surface.edges[: len(edges), 0]] == len(films)
+    assert (edges.share[of_rope] == 1).all()

@@ -12,30 +12,15 @@ from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows
 @pytest.mark.mpi
 def test_rows_are_numbered_in_their_order_on_any_number_of_ranks(comm):
     rng = np.random.default_rng(comm.rank)
-    rows = np.unique(
-        rng.integers(
-            0,
-            9,
-            size=(20, 2),
-        ),
-        axis=0,
-    )
-    found = DistributedRows(
-        comm,
-        rows,
-        bound=9,
-    )
+    rows = np.unique(rng.integers(0, 9, size=(20, 2)), axis=0)
+    found = DistributedRows(comm, rows, bound=9)
     everything = np.concatenate(comm.allgather(rows))
     distinct = np.unique(everything, axis=0)
     assert found.count == len(distinct)
     assert np.array_equal(distinct[found.numbers], rows)
     # A row has the lowest rank that has it.
     of_rank = np.repeat(np.arange(comm.size), comm.allgather(len(rows)))
-    for row, owner in zip(
-        rows,
-        found.owners,
-        strict=True,
-    ):
+    for row, owner in zip(rows, found.owners, strict=True):
         assert owner == of_rank[(everything == row).all(axis=1)].min()
 
 
@@ -43,11 +28,7 @@ def test_rows_are_numbered_in_their_order_on_any_number_of_ranks(comm):
 def test_values_of_a_row_are_summed_over_the_ranks_that_have_it(comm):
     # Each rank has the rows from its number on; row k is on k + 1 ranks, or on all.
     rows = np.arange(comm.rank, 6)[:, None]
-    found = DistributedRows(
-        comm,
-        rows,
-        bound=6,
-    )
+    found = DistributedRows(comm, rows, bound=6)
     sums = found.sums(np.full(len(rows), 1.0))
     assert sums.tolist() == [min(k + 1, comm.size) for k in range(comm.rank, 6)]
 
@@ -57,11 +38,7 @@ def test_a_rank_without_rows_takes_part(comm):
     rows = np.zeros((0, 2), dtype=np.int64)
     if comm.rank == comm.size - 1:
         rows = np.array([[3, 1], [3, 2]])
-    found = DistributedRows(
-        comm,
-        rows,
-        bound=4,
-    )
+    found = DistributedRows(comm, rows, bound=4)
     assert found.count == 2
     assert found.numbers.tolist() == list(range(len(rows)))
 
@@ -69,11 +46,7 @@ def test_a_rank_without_rows_takes_part(comm):
 @pytest.mark.mpi
 def test_answers_come_back_in_the_order_of_the_questions(comm):
     rng = np.random.default_rng(comm.rank)
-    ranks = rng.integers(
-        0,
-        comm.size,
-        size=50,
-    )
+    ranks = rng.integers(0, comm.size, size=50)
     exchange = RankExchange(comm, ranks)
     asked = 100 * comm.rank + np.arange(50)
     received = exchange.send(asked)

@@ -51,11 +51,7 @@ def test_answers_of_intersections_are_those_of_the_header() -> None:
     assert c.lib.UNSURE == intersections.UNSURE
 
 
-@pytest.mark.parametrize(
-    "path",
-    C_FILES,
-    ids=lambda path: path.name,
-)
+@pytest.mark.parametrize("path", C_FILES, ids=lambda path: path.name)
 def test_each_file_compiles_by_itself_without_a_warning(path: Path, tmp_path: Path) -> None:
     """A header compiles as a file that includes it, and nothing else."""
     compiler = shlex.split(sysconfig.get_config_var("CC"))[0]
@@ -69,11 +65,7 @@ def test_each_file_compiles_by_itself_without_a_warning(path: Path, tmp_path: Pa
         assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize(
-    "path",
-    C_FILES,
-    ids=lambda path: path.name,
-)
+@pytest.mark.parametrize("path", C_FILES, ids=lambda path: path.name)
 def test_functions_fit_on_a_screen_and_names_are_ascii(path: Path) -> None:
     start = 0
     in_comment = False

@@ -14,12 +14,7 @@ from tests.contact.random_pairs import make_degenerate, table_of
 KINDS = (PointTriangle.number, EdgeEdge.number)
 
 
-def stopped(
-    pairs: PairTable,
-    x0: np.ndarray,
-    x1: np.ndarray,
-    radius: np.ndarray,
-) -> set[int]:
+def stopped(pairs: PairTable, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray) -> set[int]:
     """Return the pairs that do not keep a tenth of their gap."""
     gap = np.sqrt(closest_points(pairs, x0)[0]) - radius
     return set(

@@ -31,16 +31,8 @@ DEGENERATE = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind, x, squared_distance",
-    DEGENERATE.values(),
-    ids=DEGENERATE,
-)
-def test_degenerate_pairs(
-    kind: int,
-    x: list[list[float]],
-    squared_distance: float,
-) -> None:
+@pytest.mark.parametrize("kind, x, squared_distance", DEGENERATE.values(), ids=DEGENERATE)
+def test_degenerate_pairs(kind: int, x: list[list[float]], squared_distance: float) -> None:
     found, _ = closest_points(table_of(kind, 1), np.array(x, float))
     # Round-off of one square.
     assert found[0] == pytest.approx(squared_distance, rel=1e-14)
@@ -66,13 +58,7 @@ def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyP
     """Of pairs that stay far they are computed when they are asked for, and then known."""
     pairs, x, _ = near_pairs(PointTriangle.number, 40)
     zeros = np.zeros(40)
-    candidates = CandidatePairs(
-        pairs.kind,
-        pairs.points,
-        np.arange(40),
-        zeros,
-        zeros,
-    )
+    candidates = CandidatePairs(pairs.kind, pairs.points, np.arange(40), zeros, zeros)
     computed = []
 
     def counted(table, x):

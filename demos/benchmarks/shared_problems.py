@@ -1,10 +1,18 @@
-"""The plates that are compared, as numbers (SI or any consistent units)."""
+"""Numbers that the scripts of several programs have in common (SI or any consistent units).
+
+It uses numpy only, as it also runs in environments without dolfinx; so does `contact_scene.py`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+# The fabric of the square airbag, a balanced plain weave: as stiff as the isotropic film along its
+# yarns, and soft in shear [Pa].  Balanced, so that a quarter of the airbag has planes of symmetry
+# with the yarns along the edges and along the diagonals.
+MODULI = {"E1": 588e6, "E2": 588e6, "nu12": 0.2, "G12": 20e6}
 
 
 @dataclass(frozen=True)
@@ -19,13 +27,10 @@ class Shape:
 
 
 CASES = {
-    "strip": Shape(E=1.2e6, thickness=0.1, load=4.0, deflection=6.6996),  # elastica, PL²/EI = 4
-    "slit ring": Shape(
-        E=21e6,
-        thickness=0.03,
-        load=0.8,
-        deflection=17.528,
-    ),  # Sze, Liu & Lo 2004, outer corner
+    # The elastica for PL²/EI = 4.
+    "strip": Shape(E=1.2e6, thickness=0.1, load=4.0, deflection=6.6996),
+    # The outer corner of Sze, Liu & Lo (2004).
+    "slit ring": Shape(E=21e6, thickness=0.03, load=0.8, deflection=17.528),
 }
 
 

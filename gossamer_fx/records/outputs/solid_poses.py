@@ -18,12 +18,12 @@ REST = np.vstack([np.zeros(3), np.eye(3)])
 def solids_of(system: System) -> list[Solid]:
     """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
     solids: list[Solid] = []
-    for kind in system.shown:
-        solids += kind.solids()
+    for compiled in system.shown:
+        solids += compiled.solids()
     return solids
 
 
-def frame_of(solid: Solid, system: System) -> Array:
+def pose_of(solid: Solid, system: System) -> Array:
     """Origin [m] and axes [-] of a solid in the accepted state, (4, 3); the same on every rank.
 
     A solid is a rigid shape in pictures: on a rigid body, with a prescribed motion, or at rest.
@@ -34,17 +34,17 @@ def frame_of(solid: Solid, system: System) -> Array:
     if solid.on is not None:
         # One rank has the body's only node, and all others an empty array.
         own = system.state[solid.on].coordinates().copy()
-        frames = np.concatenate(system.comm.allgather(own))
-        return np.asarray(frames[0])
+        poses = np.concatenate(system.comm.allgather(own))
+        return np.asarray(poses[0])
     origin: Array = np.zeros(3)
     if solid.motion is not None:
         origin = np.asarray(solid.motion(system.time), dtype=float)
     return np.vstack([REST[:1] + origin, REST[1:]])
 
 
-def placed(X: Array, frame: Array) -> Array:
-    """Positions in space (n, 3) [m] of points X in a frame (4, 3)."""
-    return frame[0] + X @ frame[1:]
+def placed(X: Array, pose: Array) -> Array:
+    """Positions in space (n, 3) [m] of points X of a solid with a pose (4, 3)."""
+    return pose[0] + X @ pose[1:]
 
 
 def moves(solid: Solid) -> bool:
@@ -70,18 +70,18 @@ def as_data(solid: Solid) -> dict[str, Any]:
     }
 
 
-class FramePart:
-    """A component of a solid's frame, as a probe.
+class PoseComponent:
+    """A component of a solid's pose, its origin and axes, as a probe.
 
     Args:
-        part: index of the component in the frame (4, 3), row by row.
+        index: of the component in the pose (4, 3), row by row.
     """
 
-    def __init__(self, solid: Solid, part: int) -> None:
+    def __init__(self, solid: Solid, index: int) -> None:
         self._solid = solid
-        self._part = part
+        self._index = index
 
     def __call__(self, run: StateView) -> float:
         """The component in the state of a run."""
-        frame = frame_of(self._solid, run.system)
-        return float(frame.ravel()[self._part])
+        pose = pose_of(self._solid, run.system)
+        return float(pose.ravel()[self._index])
