@@ -48,7 +48,7 @@ SHORTENING = 0.995  # length of a tie over the distance of its ends
 PRESSURE = 3e3  # Pa
 INFLATED = 0.2  # time at which the ring has its pressure, and from which motions are compared [s]
 DURATION = 0.3  # s
-STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4)  # s
+STEPS = (5e-3, 2.5e-3, 1e-3, 5e-4, 1e-4)  # s
 
 
 def circle(radius: float, count: int, height: float = 0.0) -> Points:

@@ -21,6 +21,8 @@ the hub.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +42,8 @@ MASS = 0.02  # at the end of a cord [kg]
 SPIN = 10.0  # of the hub at the start [rad/s]
 CORD_RADIUS = 1e-4  # m
 CONTACT_DISTANCE = 4e-4  # m
+# From the drum to the middle of a wound cell [m]: one per cent outside of contact.
+STANDOFF = CORD_RADIUS + 1.01 * CONTACT_DISTANCE
 LINE_DENSITY = 1e-4  # of a cord [kg/m]
 EA = 5e3  # of a cord [N]
 # The tension of the cords reduces their gap by a hundredth of the contact distance at this
@@ -55,9 +59,92 @@ def wound(cells: int) -> tuple[float, float, float]:
     """Radius of a cord's corners, its length [m] and the angle of a cell [rad]: its cells lie
     outside of contact."""
     step = WOUND_PART * math.pi / cells
-    # The middle of a cell is the nearest to the cylinder: one per cent outside of contact.
-    corners = (RADIUS + CORD_RADIUS + 1.01 * CONTACT_DISTANCE) / math.cos(step / 2)
+    # The middle of a cell is the nearest to the cylinder.
+    corners = (RADIUS + STANDOFF) / math.cos(step / 2)
     return corners, cells * 2 * corners * math.sin(step / 2), step
+
+
+@dataclass(frozen=True)
+class WoundCord:
+    """A cord wound on a hub with the axis z, with a mass at its end.
+
+    Args:
+        comm: the communicator.
+        hub: what it is knotted to.
+        number: of the cord, for names.
+        knot: angle of its knot [rad]; it is wound clockwise from there.
+        corners: radius of its corners [m].
+        step: angle of a cell [rad].
+        cells: their number.
+        height: of the cord [m].
+        mass: at its end [kg].
+        law: of the cord.
+    """
+
+    comm: MPI.Intracomm
+    hub: gx.RigidBody
+    number: int
+    knot: float
+    corners: float
+    step: float
+    cells: int
+    height: float
+    mass: float
+    law: gx.TensionOnly
+
+    def _at(self, angle: Array) -> Array:
+        height = self.height + 0 * angle
+        return np.vstack([self.corners * np.cos(angle), self.corners * np.sin(angle), height])
+
+    def _corner(self, k: int) -> tuple[float, float, float]:
+        x, y, z = self._at(np.array([self.knot - k * self.step]))[:, 0].tolist()
+        return x, y, z
+
+    @cached_property
+    def cord(self) -> gx.Cable:
+        """The cord, of straight cells."""
+        length = self.cells * 2 * self.corners * math.sin(self.step / 2)
+
+        def wind(X: Array) -> Array:
+            return self._at(self.knot - X[0] / length * self.cells * self.step) - X
+
+        mesh = line(self.comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], self.cells)
+        return gx.Cable(mesh, self.law, name=f"cord {self.number}", displacement=wind)
+
+    @cached_property
+    def tip(self) -> gx.PointMass:
+        """The mass."""
+        return gx.PointMass(
+            self.mass, self._corner(self.cells), name=f"mass {self.number}", comm=self.comm
+        )
+
+    @cached_property
+    def root(self) -> gx.Port:
+        """The knot, a point of the hub."""
+        return self.hub.port(self._corner(0))
+
+    def items(self) -> list[object]:
+        """All that a scene needs of it but contact."""
+        k = self.number
+        cord = self.cord
+        return [
+            cord,
+            self.tip,
+            gx.constraints.BallJoint(cord.port("start"), self.root, name=f"knot {k}"),
+            gx.constraints.BallJoint(cord.port("end"), self.tip.port(), name=f"end {k}"),
+            gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k}"),
+        ]
+
+
+def on_drum(cords: list[WoundCord], obstacle: gx.contact.Cylinder) -> gx.Contact:
+    """Contact of cords with the drum that they are wound on."""
+    return gx.Contact(
+        *(one.cord for one in cords),
+        obstacle,
+        distance=CONTACT_DISTANCE,
+        stiffness=CONTACT_STIFFNESS,
+        radius=dict.fromkeys((one.cord.name for one in cords), CORD_RADIUS),
+    )
 
 
 def inertia(cells: int) -> float:
@@ -85,41 +172,16 @@ def build(
 
     Steps [s] are as long as `largest` at most, the first one `dt`.
     """
-    R, length, step = wound(cells)
+    R, _, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub", comm=comm)
-    cords: list[gx.Cable] = []
-    items: list[object] = [hub]
-    for k in range(2):
-
-        def wind(X: Array, first: float = math.pi * k) -> Array:
-            angle = first - X[0] / length * cells * step
-            return np.vstack([R * np.cos(angle), R * np.sin(angle), 0 * angle]) - X
-
-        mesh = line(comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], cells)
-        law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
-        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=wind)
-        end = math.pi * k - cells * step
-        place = (R * math.cos(end), R * math.sin(end), 0.0)
-        tip = gx.PointMass(MASS, place, name=f"mass {k + 1}", comm=comm)
-        start = math.pi * k
-        root = hub.port((R * math.cos(start), R * math.sin(start), 0.0))
-        items += [
-            cord,
-            tip,
-            gx.constraints.BallJoint(cord.port("start"), root, name=f"knot {k + 1}"),
-            gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"),
-            gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k + 1}"),
-        ]
-        cords.append(cord)
-    contact = gx.Contact(
-        *cords,
-        drum(hub, RADIUS, -0.02, 0.02),
-        distance=CONTACT_DISTANCE,
-        stiffness=CONTACT_STIFFNESS,
-        radius=dict.fromkeys((c.name for c in cords), CORD_RADIUS),
-    )
-    scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
+    law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
+    cords = [
+        WoundCord(comm, hub, k + 1, math.pi * k, R, step, cells, 0.0, MASS, law) for k in range(2)
+    ]
+    items = [item for cord in cords for item in cord.items()]
+    contact = on_drum(cords, drum(hub, RADIUS, -0.02, 0.02))
+    scene = gx.Scene(hub, *items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
     probes = {
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "penetrations": gx.probes.Penetrations(contact),

@@ -31,6 +31,31 @@ def test_means_over_long_steps_do_not_alternate(comm, caplog) -> None:
         assert "Damping with a stiffness_factor" in warnings[0]
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(("dt", "alternates"), [(0.1, True), (5e-3, False)])
+def test_ropes_that_are_taut_at_every_other_end_are_named_once(
+    comm, caplog, dt: float, alternates: bool
+) -> None:
+    """A mass between two ropes, with a period of 63 ms."""
+    mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=comm)
+    ropes = [
+        gx.connectors.Rope(
+            gx.Ground((side, 0.0, 0.0)), mass.port(), stiffness=1e4, length=1.0, name=f"rope {side}"
+        )
+        for side in (-1, 1)
+    ]
+    tensions = gx.Series({rope.name: gx.probes.Tension(rope) for rope in ropes})
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        gx.Simulation(gx.Scene(*ropes), gx.Midpoint(dt=dt), outputs=[tensions]).run(until=20 * dt)
+    said = [
+        record.getMessage()
+        for record in caplog.records
+        if "of ropes their damping" in record.message
+    ]
+    assert len(said) == (2 if alternates and comm.rank == 0 else 0)
+    assert tensions["rope 1"].max() > 0
+
+
 def test_means_are_those_of_a_step_five_times_shorter() -> None:
     found = {}
     for dt in (5e-3, 1e-3):

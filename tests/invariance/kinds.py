@@ -450,7 +450,6 @@ def orbit(at: Description) -> Made:
 
 NO_TRIANGLES = {"renumbered": "the nodes of lines are numbered along them"}
 NO_FILM = {"split": "no body that could be cut", **NO_TRIANGLES}
-TWO_EDGES = {"split": "pairs of edges count their areas, and a cut edge is two of them"}
 NO_BENDING = {"split": "a tie carries no bending"}
 
 KINDS = (
@@ -475,8 +474,8 @@ KINDS = (
     Kind("crease", crease, 2e-4, 6, 1e-8, {"split": "the crease is the line of the cut"}),
     Kind("plate", plate, 1e-3, 4, 1e-8, NO_BENDING),
     Kind("gas inlet", gas_inlet, 1e-4, 6, 1e-9, {"split": "the film of a chamber is whole"}),
-    Kind("films in contact", films_in_contact, 1e-4, 6, 1e-8, TWO_EDGES),
-    Kind("films that rub", films_that_rub, 1e-4, 6, 1e-8, TWO_EDGES),
+    Kind("films in contact", films_in_contact, 1e-4, 6, 1e-8),
+    Kind("films that rub", films_that_rub, 1e-4, 6, 1e-8),
     Kind("friction on an obstacle", friction_on_an_obstacle, 1e-4, 6, 1e-9),
     Kind("cable net", cable_net, 0.0, 0, 1e-7, NO_TRIANGLES),
     Kind("boom", boom, 1e-3, 6, 1e-9, NO_TRIANGLES),

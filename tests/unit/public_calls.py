@@ -240,6 +240,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("constraints.FixedJoint", a=A, b=B)
     add("loads.Force", port=P, force=z)
     add("Frame", origin=Q, directors=(Q, Q, Q))
+    add("probes.GasFlow", opening=gx.Orifice(tank, gx.gas.Ambient(), area=1e-6))
     add("probes.GasState", chamber=tank, quantity="pressure")
     add("GeneralizedAlpha", dt=1e-3)
     add("Gravity", body=film, g=z)

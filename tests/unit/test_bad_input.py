@@ -118,6 +118,16 @@ def test_every_argument_of_another_kind_is_one_sentence(calls: dict[str, Call]) 
     assert written == {name: path.stat().st_mtime_ns for name, path in files_of(calls).items()}
 
 
+def test_every_probe_asks_for_a_run(calls: dict[str, Call]) -> None:
+    probes = {name: attrgetter(name)(gx) for name in calls if name.startswith("probes.")}
+    assert len(probes) > 20
+    for name, probe in probes.items():
+        with pytest.raises(
+            gx.InputError, match=r"run is 3\.0; give a Simulation or an Equilibrium"
+        ):
+            probe(**calls[name])(3.0)
+
+
 def files_of(calls: dict[str, Call]) -> dict[str, Path]:
     """Files in the folder of the outputs, but for the log, which a quiet call may open."""
     folder = calls["Ledger"]["path"].parent

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -199,6 +200,45 @@ def test_graph_of_five_chambers_keeps_mass_and_energy():
     assert pressures(states) == pytest.approx(np.full(5, 0.4 * energy / sum(volumes)), rel=1e-4)
     temperatures = [s.temperature for s in states]
     assert min(temperatures) > 150 and max(temperatures) < 1260
+
+
+def test_recorded_flows_are_those_of_the_balance(tmp_path: Path):
+    """Summed over the steps they are the mass that each end gains or loses, also after a restart,
+    whose first row has the flow of the step before."""
+
+    def scene():
+        source = tank(0.01, 3e5, 300.0, "source")
+        vessel = tank(0.02, 1e5, 350.0, "vessel")
+        between = gx.Orifice(vessel, source, area=2e-6, name="between")
+        leak = gx.Orifice(vessel, gx.gas.Ambient(), area=lambda t: 1e-6 * t, name="leak")
+        return gx.Scene(between, leak), gx.probes.GasFlow(leak)
+
+    dt = 0.1
+    folder = tmp_path / "run"
+    first, _ = scene()
+    saved = gx.Checkpoints(folder / "checkpoints")
+    run = gx.Simulation(
+        first, gx.Midpoint(dt=dt), outputs=[gx.Recording(folder)], checkpoints=saved
+    )
+    run.run(until=0.5)
+    second, leak = scene()
+    again = gx.Simulation(
+        second, gx.Midpoint(dt=dt), outputs=[gx.Recording(folder)], restart=folder / "checkpoints"
+    )
+    assert leak(again) == leak(run) > 0
+    again.run(until=1.0)
+    rows = gx.plot.RunReader(folder).table("gas.csv")
+    from_source = -dt * rows["between flow"]
+    into_air = dt * rows["leak flow"]
+    assert len(from_source) == 11
+    for flow, tank_name, sign in (
+        (from_source, "source", -1),
+        (from_source - into_air, "vessel", 1),
+    ):
+        change = np.diff(rows[f"{tank_name} mass"])
+        assert sign * flow[1:] == pytest.approx(change, rel=1e-9, abs=1e-15)
+    with pytest.raises(gx.InputError, match="'leak' is not in the scene"):
+        leak(start(tank(1.0, 1e5, 300.0, "alone"), dt=dt)[0])
 
 
 def test_chain_through_a_chamber_without_volume_to_speak_of():

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Inputs
 from demos.validation.models import everting_tube, leaking_vessel, prestressed_film, tape_spring
 from demos.validation.models.capstan import helix, tangent
+from demos.validation.models.despinner import closed_form
 from demos.validation.models.fabric_bulge import LAWS, SLACK_LOAD, Disc
 from demos.validation.models.hanging_kite import (
     PulleyEnergy,
@@ -23,6 +24,7 @@ from demos.validation.models.hanging_kite import (
     wall_stiffness,
 )
 from demos.validation.models.inflated_cantilever import Cantilever
+from demos.validation.models.skinned_beam import LoadedWing, Wing, sweep
 from demos.validation.models.tape_spring import FirstGuess, Tape, cells_along
 
 
@@ -321,3 +323,45 @@ def test_a_tube_everts_by_the_balance_of_its_gas(comm):
     rests = travel < 0
     assert rests.any() and abs(found.quantities["travel"].y[rests]).max() < 1e-4
     assert abs(found.details["energy error"]) < 1e-12
+
+
+def test_masses_that_leave_a_hub_keep_energy_and_momentum():
+    """Masses at rest on the hub at first, then moving around the axis only."""
+    I, R, m, L, start = 0.0063, 0.0762, 0.108, 0.1651, 13.2  # noqa: E741
+    rate = closed_form(I, R, m, L, start)
+    whole = I + m * R**2
+    speed = (whole * start - I * rate) / (m * (R + L))
+    assert I * rate**2 + m * speed**2 == pytest.approx(whole * start**2)
+    assert rate == pytest.approx(6.7 * math.pi / 30, rel=0.02)
+
+
+@pytest.mark.mpi
+def test_a_taut_skin_adds_its_bending_stiffness(comm):
+    """A small load bends the wing by F L³/(3 (EI + E t ∮z² ds)), whatever the skin's tension."""
+    skin = gx.TensionField(E=5e9, nu=0.0, density=1400.0, thickness=12e-6)
+    wing = Wing(
+        stations=np.linspace(0.0, 0.55, 7),
+        bending=np.full(6, 4.4),
+        torsion=np.full(6, 6.5),
+        in_plane=3000.0,
+        axial=1e7,
+        shear=3e6,
+        masses=np.full(6, 1e-3),
+        chord=0.1,
+        axis=0.44,
+        relative_thickness=0.18,
+        skin=skin,
+        skin_strain=0.01,
+    )
+    loaded = LoadedWing(wing, comm, arm=0.044, gravity=9.81, around=6, along=4)
+    deflection, _ = sweep(loaded, np.array([0.0, 0.05]))
+    contour = wing.contour(6)
+    following = np.roll(contour, -1, axis=0)
+    lengths = np.linalg.norm(following - contour, axis=1)
+    z0, z1 = contour[:, 1], following[:, 1]
+    second_moment = (lengths * (z0**2 + z0 * z1 + z1**2) / 3).sum()
+    stiffness = 4.4 + 5e9 * 12e-6 * second_moment
+    assert stiffness > 1.08 * 4.4
+    # Triangles of constant strain have a shear that adds 1 % to the stiffness, with one cell
+    # between ribs 15 %.
+    assert deflection[1] == pytest.approx(0.05 * 9.81 * 0.55**3 / (3 * stiffness), rel=0.02)

@@ -9,7 +9,7 @@ from gossamer_fx.records.plot.measured_series import unit_factor
 DIMENSIONS = {
     "1": "1, %",
     "rad": "rad, deg",
-    "rad/s": "rad/s",
+    "rad/s": "rad/s, rpm",
     "m2": "m2",
     "m": "m, mm, um, in",
     "m3": "m3, cm3",

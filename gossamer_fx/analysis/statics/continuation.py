@@ -49,7 +49,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
-from gossamer_fx.analysis.statics.prestress import PrestressOfScene
+from gossamer_fx.analysis.statics.prestress import PrestressOfScene, likely_tensions
 from gossamer_fx.analysis.statics.remedies import (
     PressedFilm,
     collapsing_pressures,
@@ -404,8 +404,12 @@ class Search:
         with external as values:
             values[system.supports.held] = 0.0
         load, _ = system.imbalance(external)
+        tensions = self.prestress.tensions()
+        if not load and not tensions:
+            # Only obstacles and supports that move press on films, up to what these bear.
+            tensions = likely_tensions(system)
         for active_set in system.active_sets:
-            active_set.set_static_load(load, self.prestress.tensions())
+            active_set.set_static_load(load, tensions)
 
     def _measure_scene(self) -> float:
         """Largest coordinate of the initial state [m]: the size of the scene and its distance from

@@ -22,7 +22,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.core.forms.strain_path import gradient
 from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
@@ -45,6 +45,9 @@ MIXED_SIGNS = 0.5
 
 # Parts that the representation of a result names; of more only the one with the smallest share.
 MAX_NAMED_PARTS = 3
+
+# Strain at which the tension of a part without prestress counts: few films bear more.
+LIKELY_STRAIN = 1e-2
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
 
@@ -190,6 +193,25 @@ class _PrestressOfPart:
         vector = fem.assemble_vector(form)
         vector.scatter_reverse(la.InsertMode.add)
         return np.asarray(vector.array[: self._cells]).copy()
+
+
+def likely_tensions(system: System) -> dict[str, float]:
+    """The mean tension of each film [N/m], cable and beam [N] that is strained by a hundredth along
+    its first direction, by their names; the same on every rank.  Collective."""
+    tensions = {}
+    for body in system.bodies:
+        if not is_on_mesh(body):
+            continue
+        part: Any = body.full
+        mesh = part.space.mesh
+        strain = np.zeros(part.measure(fem.Function(part.space)).ufl_shape)
+        strain[0] = LIKELY_STRAIN
+        stress = gradient(part.density, fem.Constant(mesh, strain))
+        densities = (stress[0], constant(mesh, 1.0))
+        own_sums = [fem.assemble_scalar(compile_form(one * part.dx)) for one in densities]
+        total, size = system.comm.allreduce(np.array(own_sums))
+        tensions[body.name] = float(total / size)
+    return tensions
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:

@@ -133,9 +133,10 @@ class Kind:
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """Let a class or function check its arguments when it is called, before it acts; a decorator.
 
-    Of a class the arguments of its constructor are checked.  A subclass with another constructor
-    needs the decorator, too.  All arguments have annotations.  One that is missing, unknown, or not
-    of the type and in the range of its annotation raises `InputError`.
+    Of a class the arguments of its constructor are checked, and the run that its objects are called
+    with, if they are probes.  A subclass with another constructor needs the decorator, too.  All
+    arguments have annotations.  One that is missing, unknown, or not of the type and in the range
+    of its annotation raises `InputError`.
 
     Example:
         >>> from gossamer_fx.core.checks.arguments import check_arguments
@@ -148,6 +149,11 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """
     if isinstance(thing, type):
         thing.__init__ = _checking(thing.__init__)  # type: ignore[misc]
+        call = next(
+            (vars(base)["__call__"] for base in thing.__mro__ if "__call__" in vars(base)), None
+        )
+        if call is not None and "run" in call.__annotations__:
+            thing.__call__ = _reading_a_run(call)  # type: ignore[method-assign]
         return typing.cast(T, thing)
     return typing.cast(T, _checking(thing))
 
@@ -205,6 +211,21 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                     f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
                 )
         return function(*bound.args, **bound.kwargs)
+
+    return call
+
+
+def _reading_a_run(probe: Callable[[Any, Any], float]) -> Callable[[Any, Any], float]:
+    """Wrap the call of a probe, which users may make by themselves, so that it refuses what is not
+    a run or an equilibrium."""
+
+    @functools.wraps(probe)
+    def call(self: Any, run: Any) -> float:
+        if not hasattr(run, "system"):
+            raise InputError(
+                f"{type(self).__name__}: run is {_shown(run)}; give {_DESCRIPTIONS['State']}."
+            )
+        return probe(self, run)
 
     return call
 

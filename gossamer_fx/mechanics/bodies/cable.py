@@ -111,16 +111,20 @@ class CableLaw(BarLaw):
         return e[0] if self.strain == "green" else engineering_strain(e)
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """Of engineering strains x the whole path: with the mean force EA x_m and Δε = λ_m Δx, the
-        stress S = EA x_m/λ_m has S Δε = ΔW exactly."""
-        if self.strain == "green":
+        """The whole path.  Of Green strains its stress is the mean force EA ε_m.  Of engineering
+        strains x, with the mean force EA x_m and Δε = λ_m Δx, the stress S = EA x_m/λ_m has S Δε =
+        ΔW exactly."""
+        if self.quadratic:
             return []
         return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
 
     def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
-        x0 = engineering_strain(e0)
-        x1 = engineering_strain(e1)
-        return ufl.as_vector([c.EA * self._mean(x0, x1) / (1 + (x0 + x1) / 2)])
+        x0 = self._stretched_by(e0)
+        x1 = self._stretched_by(e1)
+        force = c.EA * self._mean(x0, x1)
+        if self.strain == "engineering":
+            force /= 1 + (x0 + x1) / 2
+        return ufl.as_vector([force])
 
     def _mean(self, x0: Expr, x1: Expr) -> Expr:
         """The strain that bears, averaged over the path from x0 to x1."""

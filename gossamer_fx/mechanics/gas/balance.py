@@ -112,9 +112,11 @@ class Passage:
 
 @dataclass
 class Rates:
-    """Sums over all openings and walls: mass flow [kg/s] and enthalpy flow with heat [W] into each
-    chamber (n,), and from all boundaries and walls."""
+    """Mass flow [kg/s] through each opening (m,), from its end a to its end b; and sums over all
+    openings and walls: mass flow [kg/s] and enthalpy flow with heat [W] into each chamber (n,), and
+    from all boundaries and walls."""
 
+    openings: list[float]
     mass: Array
     energy: Array
     mass_supplied: float = 0.0
@@ -195,10 +197,12 @@ class Balance:
         energy: list[Number] = [0.0] * n
         mass_supplied: Number = 0.0
         energy_supplied: Number = 0.0
+        openings: list[float] = []
         states = _states(*self._flow_state(y, V))
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
             mass_flow, energy_flow = self._flows(passage, *at_ends)
+            openings.append(mass_flow.real)
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
                 if isinstance(end, int):
                     mass[end] += sign * mass_flow.real
@@ -206,7 +210,7 @@ class Balance:
                 else:
                     mass_supplied -= sign * mass_flow.real
                     energy_supplied -= sign * energy_flow.real
-        rates = Rates(np.array(mass), np.array(energy), mass_supplied, energy_supplied)
+        rates = Rates(openings, np.array(mass), np.array(energy), mass_supplied, energy_supplied)
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
             heat = self._heat(wall, k, weight, y, V)
             rates.energy[k] += heat

@@ -109,6 +109,8 @@ class GasNetwork(ScalarUnknowns):
         # Energy [J] and mass [kg] from boundaries and walls since the start
         self._supplied = 0.0
         self._mass_supplied = 0.0
+        # Mass flows [kg/s] through the openings in the last accepted step
+        self._flows = [0.0] * len(self._passages)
 
     def _make_balance(self, kind: type[Balance]) -> Balance:
         """The equations of all chambers."""
@@ -313,6 +315,7 @@ class GasNetwork(ScalarUnknowns):
         self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
+        self._flows = rates.openings
 
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
         """Count the gas that holds the pressure of a chamber, and the heat that holds its
@@ -381,6 +384,10 @@ class GasNetwork(ScalarUnknowns):
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
 
+    def flows(self) -> dict[str, float]:
+        names = [passage.opening.name for passage in self._passages]
+        return dict(zip(names, self._flows, strict=True))
+
     def get_history(self) -> dict[str, Any]:
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
@@ -390,6 +397,7 @@ class GasNetwork(ScalarUnknowns):
             "chambers": chambers,
             "supplied": self._supplied,
             "mass supplied": self._mass_supplied,
+            "flows": self._flows,
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -401,6 +409,7 @@ class GasNetwork(ScalarUnknowns):
         self._accepted_magnitude = self._magnitudes()
         self._supplied = state["supplied"]
         self._mass_supplied = state["mass supplied"]
+        self._flows = state["flows"]
 
     # ---- chambers --------------------------------------------------------------------------------
 

@@ -358,15 +358,19 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
                     found[term.name] += float(share)
         return found
 
-    def stresses(self, term: PointStoredEnergy, rule: StressRule) -> tuple[Array, Array]:
-        """Stresses (r, m) of a term in the last accepted step by a rule, and the measures (r, m) of
-        the configuration in which they act, of the r tuples of ports that this rank evaluates
-        (`point_measures.evaluated_here`).  Collective."""
+    def stresses(
+        self, term: PointStoredEnergy, rule: StressRule, *, at_start: bool = False
+    ) -> tuple[Array, Array]:
+        """Measures (r, m) and stresses (r, m) of a term in the last accepted step by a rule, or at
+        its start, of the r tuples of ports that this rank evaluates
+        (`point_measures.evaluated_here`).  The measures are those of the configuration in which the
+        stresses act.  Collective."""
         stencil, i = self._find(term)
         k = self._stencils.index(stencil)
         of_step = Stencil(stencil.at, stencil.density, dissipates=False, rule=rule)
         of_step.keep(self._gather(self._system.previous)[k])
-        stresses, measures = of_step.stresses(self._gather(self._system.q0)[k])
+        end = self._system.previous if at_start else self._system.q0
+        stresses, measures = of_step.stresses(self._gather(end)[k])
         rows = stencil.at.owner == i
         return measures[rows], stresses[rows]
 

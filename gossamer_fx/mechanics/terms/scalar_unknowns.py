@@ -114,6 +114,10 @@ class ScalarUnknowns(HistoryVariables):
         """What outputs and probes may read of it, by name: the gas of chambers."""
         return {}
 
+    def flows(self) -> Mapping[str, float]:
+        """Mass flows [kg/s] of gas through openings by name, means of the last accepted step."""
+        return {}
+
     # ---- equilibria and vibrations ---------------------------------------------------------------
 
     @property

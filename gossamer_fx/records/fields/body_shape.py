@@ -14,8 +14,11 @@ Nothing is stored for them during a run.
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakSet
 
 import ufl
 from dolfinx import fem
@@ -31,6 +34,17 @@ from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.thermal_expansion import ThermalCurvature
+
+LOG = logging.getLogger("gossamer_fx")
+
+# The ends of steps alternate if more than this share of the area of a film, or of the ropes of a
+# connector, is taut at one end of a step only, in so many records in a row.  A front that moves
+# through a film changes less.
+ALTERNATING_SHARE = 0.5
+ALTERNATING_RECORDS = 3
+
+# Films and connectors of which it was said.
+_warned: WeakSet[Any] = WeakSet()
 
 # Stresses and what follows from them: the mean over the last step, or the value at its end.
 At = Literal["mean", "end"]
@@ -170,3 +184,42 @@ class BodyShape:
             self._reconstruct(self.q_start, self._before.coordinates().ravel())
         if self._curvature is not None:
             self._curvature.set(self._curvature.difference, self._system.time)
+
+
+class AlternationWatch:
+    """Warns once of a film or connector that is taut at one end of a step only, again and again.
+
+    Args:
+        part: the film or connector.
+        share_of_it: what a share is of, e.g. "of its area is".
+    """
+
+    def __init__(self, part: Any, share_of_it: str) -> None:
+        self._part = part
+        self._share_of_it = share_of_it
+        self._records = 0  # in a row, of which more than half of the part alternates
+        self._last_time = -math.inf
+
+    def see(self, system: System, share: float) -> None:
+        """Take the share that is taut at one end of the last step only, the same on every rank."""
+        if system.time == self._last_time:
+            return
+        self._last_time = system.time
+        self._records = self._records + 1 if share > ALTERNATING_SHARE else 0
+        if self._records < ALTERNATING_RECORDS or self._part in _warned:
+            return
+        _warned.add(self._part)
+        if system.comm.rank == 0:
+            LOG.warning(
+                "'%s': more than %.0f %% %s taut at one end of a step only, in %d records in a row "
+                "until t = %.6g s: the step of %.3g s does not resolve the motion, which nothing "
+                "damps.  Means over steps, which are recorded unless at='end', do not alternate; a "
+                "shorter step, or Damping with a stiffness_factor near the step (of ropes their "
+                "damping), removes the oscillation.",
+                self._part.name,
+                100 * ALTERNATING_SHARE,
+                self._share_of_it,
+                self._records,
+                system.time,
+                system.h,
+            )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
-from weakref import WeakSet
 
 import numpy as np
 import ufl
@@ -15,22 +13,11 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.records.fields.body_shape import PATH_POINTS, At, BodyShape
+from gossamer_fx.records.fields.body_shape import PATH_POINTS, AlternationWatch, At, BodyShape
 from gossamer_fx.solve.system.system import System
-
-LOG = logging.getLogger("gossamer_fx")
 
 # Numbers of the states by name.
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
-
-
-# The ends of steps alternate if more than this share of the area of a film is taut at one end of a
-# step only, in so many records in a row.  A front that moves through a film changes less.
-ALTERNATING_SHARE = 0.5
-ALTERNATING_RECORDS = 3
-
-# Films of which it was said.
-_warned: WeakSet[Membrane] = WeakSet()
 
 
 def film_state(shape: BodyShape) -> Expr:
@@ -107,7 +94,7 @@ class AreaFractions:
         areas = np.array([of_film.measure() for of_film in self._compiled])
         areas = system.comm.allreduce(areas)
         for of_film, row in zip(self._compiled, areas, strict=True):
-            of_film.watch(row)
+            of_film.alternation.see(system, row[-1] / row[:-1].sum())
         of_states = areas[:, : len(STATES)].sum(axis=0)
         return of_states / of_states.sum()
 
@@ -118,11 +105,8 @@ class _FilmAreas:
     def __init__(self, system: System, film: Membrane, at: At) -> None:
         """Compile the area in a state, and that which is taut at one end of a step only;
         collective."""
-        self._system = system
-        self._film = film
+        self.alternation = AlternationWatch(film, "of its area is")
         self._shape = BodyShape(system, film, at)
-        self._records = 0  # in a row, of which more than half of the film alternates
-        self._last_time = -np.inf
         dx = self._shape.body.dx
         mesh = self._shape.body.space.mesh
         # One form with a constant serves the three states.
@@ -148,27 +132,3 @@ class _FilmAreas:
         if self._changed is not None:
             changed = float(fem.assemble_scalar(self._changed))
         return [*areas, changed]
-
-    def watch(self, areas: Array) -> None:
-        """Warn once if more than half of the film alternates, by its areas on all ranks."""
-        if self._system.time == self._last_time:
-            return
-        self._last_time = self._system.time
-        share = areas[-1] / areas[:-1].sum()
-        self._records = self._records + 1 if share > ALTERNATING_SHARE else 0
-        if self._records < ALTERNATING_RECORDS or self._film in _warned:
-            return
-        _warned.add(self._film)
-        if self._system.comm.rank == 0:
-            LOG.warning(
-                "'%s': more than %.0f %% of its area is taut at one end of a step only, in %d "
-                "records in a row until t = %.6g s: the step of %.3g s does not resolve the "
-                "motion, which nothing damps.  Means over steps, which are recorded unless "
-                "at='end', do not alternate; a shorter step, or Damping with a stiffness_factor "
-                "near the step, removes the oscillation.",
-                self._film.name,
-                100 * ALTERNATING_SHARE,
-                self._records,
-                self._system.time,
-                self._system.h,
-            )

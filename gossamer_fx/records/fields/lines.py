@@ -221,12 +221,15 @@ class LineForces:
         lengths: distances (n,) [m] of the two ends.
         natural_lengths: (n,) [m]; of a tether with a brake those in this state.
         weights: shares (n,) of the lines in the mean of the connector, whose sum is one.
+        alternating: share of the lines that are taut at one end of the last step only; zero of
+            those that bear compression, and of the ropes on reels.
     """
 
     tensions: Array
     lengths: Array
     natural_lengths: Array
     weights: Array
+    alternating: float = 0.0
 
     @property
     def strains(self) -> Array:
@@ -270,7 +273,7 @@ def _of_stored_energy(
         natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
     here = evaluated_here(term.measure.ports)
-    own_values = np.zeros((2, count))
+    own_values = np.zeros((3, count))
     offset = np.broadcast_to(term.measure.c, (count, 1))[here, 0]
 
     def length(quadratic_part: Array) -> Array:
@@ -289,14 +292,18 @@ def _of_stored_energy(
         out=np.zeros(len(here)),
         where=acting_length > 0,
     )
-    at_end, _ = compiled.stresses(term, EndPoint())
+    at_end, stress_at_end = compiled.stresses(term, EndPoint())
     own_values[1, here] = length(at_end[:, 0] - offset)
-    tensions, lengths = system.comm.allreduce(own_values)
+    if not system.rule.acts_at_end:
+        _, stress_at_start = compiled.stresses(term, EndPoint(), at_start=True)
+        # Springs are never without any stress.
+        own_values[2, here] = (stress_at_end[:, 0] == 0) != (stress_at_start[:, 0] == 0)
+    tensions, lengths, alternates = system.comm.allreduce(own_values)
     weights = np.full(count, 1 / count)
     if is_tape:
         # Bars are parts of one line, and count by their lengths; ropes are lines by themselves.
         weights = natural / natural.sum()
-    return LineForces(tensions, lengths, natural, weights)
+    return LineForces(tensions, lengths, natural, weights, float(weights @ alternates))
 
 
 def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
@@ -328,4 +335,5 @@ def _joined(parts: list[LineForces]) -> LineForces:
         lengths=np.concatenate([part.lengths for part in parts]),
         natural_lengths=np.concatenate([part.natural_lengths for part in parts]),
         weights=weights / weights.sum(),
+        alternating=float(np.mean([part.alternating for part in parts])),
     )

@@ -3,7 +3,8 @@
     run.json           the scene, the arguments of its items, versions, how the run was made and how
                        it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
-    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
+    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas, and
+                       mass flow of each opening
     states.csv         fractions of area of the films that are taut and wrinkled, as means over a
                        step, as the tensions
     points.csv         positions of the bodies without a mesh, if there are any
@@ -54,7 +55,7 @@ from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.solid_poses import PoseComponent, as_data, moves, solids_of
 from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.probes.points import GAS, GasState
+from gossamer_fx.records.probes.points import GAS, GasFlow, GasState, gas_flows
 from gossamer_fx.solve.view import StateView
 
 # The third state of a film is slack; its area is the remainder.
@@ -287,6 +288,11 @@ class Recording:
         for name, state in run.chambers.items():
             for quantity in GAS:
                 gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
+        flows = gas_flows(run.system)
+        items: Sequence[Any] = run.scene.items
+        for item in items:
+            if item.name in flows:
+                gas[f"{item.name} flow"] = GasFlow(item)
         points: dict[str, Probe] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):

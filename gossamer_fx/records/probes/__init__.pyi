@@ -13,6 +13,7 @@ from .lines import Tension as Tension
 from .points import AngularVelocity as AngularVelocity
 from .points import AreaFraction as AreaFraction
 from .points import Displacement as Displacement
+from .points import GasFlow as GasFlow
 from .points import GasState as GasState
 from .points import JointForce as JointForce
 from .points import Position as Position

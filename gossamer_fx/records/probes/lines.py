@@ -12,7 +12,7 @@ from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
-from gossamer_fx.records.fields.body_shape import At, BodyShape
+from gossamer_fx.records.fields.body_shape import AlternationWatch, At, BodyShape
 from gossamer_fx.records.fields.lines import LineForces, line_forces
 from gossamer_fx.solve.system.system import System
 
@@ -55,6 +55,7 @@ class _AlongLine:
         self.which = which
         self.at: At = at
         self._of_connector = of_connector
+        self._alternation = AlternationWatch(line, "of it is")
         if isinstance(line, Curve):
             self._values = _ForSystem(lambda system: GaussValues(system, line, of_body, at))
 
@@ -63,6 +64,7 @@ class _AlongLine:
         if isinstance(self.line, Curve):
             return self._along_body(run.system)
         lines = line_forces(run.system, self.line, self.at)
+        self._alternation.see(run.system, lines.alternating)
         values = self._of_connector(lines)
         if self.which == "least":
             return float(values.min())

@@ -11,6 +11,7 @@ from gossamer_fx.core.algebra.point_measures import attach, is_evaluated_here
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At
@@ -21,7 +22,7 @@ from gossamer_fx.solve.view import StateView
 
 # The gas package is imported for its types only: most scenes with probes have no gas.
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.gas.contract import Volume
+    from gossamer_fx.mechanics.gas.contract import Opening, Volume
     from gossamer_fx.mechanics.gas.ring import Ring
 
 # Components of a vector by name
@@ -100,6 +101,7 @@ class Displacement(Position):
         return super().__call__(run) - float(start[AXES[self.axis]])
 
 
+@check_arguments
 class Velocity(Position):
     """Component [m/s] of the velocity of a point.
 
@@ -170,6 +172,41 @@ class GasState:
             "mass": state.mass,
         }
         return float(values[self.quantity])
+
+
+@check_arguments
+class GasFlow:
+    """Mass flow [kg/s] of gas through an opening, from its end `a` to `b`: mean of the last step.
+
+    Args:
+        opening: an orifice of the scene.
+
+    Raises:
+        InputError: when called, the opening is not in the scene.
+
+    Example:
+        >>> flow = gx.probes.GasFlow(valve)
+    """
+
+    unit = "kg/s"
+
+    def __init__(self, opening: Opening) -> None:
+        self.opening = opening
+
+    def __call__(self, run: HasSystem) -> float:
+        """The flow [kg/s], which is what the balance of both ends counts in the last step."""
+        flows = gas_flows(run.system)
+        name = self.opening.name
+        check(name in flows, f"'{name}' is not in the scene; add it, or remove its probe.")
+        return flows[name]
+
+
+def gas_flows(system: System) -> dict[str, float]:
+    """Mass flows [kg/s] through all openings by name, means of the last step."""
+    found: dict[str, float] = {}
+    for scalars in system.scalar_unknowns:
+        found |= scalars.flows()
+    return found
 
 
 @check_arguments

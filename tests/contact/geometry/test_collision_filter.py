@@ -147,3 +147,23 @@ def test_films_joined_at_a_point_hang_together_there():
     with pytest.raises(gx.InputError, match="touch something at the start"):
         gx.Scene(contact).compile()
     gx.Scene(contact, joint).compile()
+
+
+@pytest.mark.mpi
+def test_edges_of_films_that_are_tied_share_the_area_of_one_edge(comm):
+    """The rope on the same line touches at another distance, and has its own area."""
+    films = [leaf(comm, angle=2 * math.pi * k / 3, name=f"film {k}") for k in range(3)]
+    rope = gx.Cable(
+        line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1)
+    )
+    ties = [gx.Tie(film, films[0], group_a="left", group_b="left") for film in films[1:]]
+    ties.append(gx.Tie(rope, films[0], group_a=None, group_b="left"))
+    contact = gx.Contact(*films, rope, distance=1e-3, radius={rope.name: 1e-3})
+    mesh = contact_set_of(simulate([contact, *ties], 1e-4)).mesh
+    edges = mesh.known.edges
+    is_own = edges.owner == comm.rank
+    count = comm.allreduce(int(is_own.sum()))
+    # Four edges of the line belong to three films, and are four edges together.
+    assert comm.allreduce(float(edges.share[is_own].sum())) == pytest.approx(count - 2 * 4)
+    of_rope = mesh.body[mesh.surface.edges[: len(edges), 0]] == len(films)
+    assert (edges.share[of_rope] == 1).all()

@@ -22,8 +22,9 @@ from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.core.model.body import Attached, Body, Port
-from gossamer_fx.mechanics.contact.arrays import Int64Array
-from gossamer_fx.mechanics.contact.geometry.surface_share import SurfacePoints
+from gossamer_fx.mechanics.contact.arrays import Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows
+from gossamer_fx.mechanics.contact.geometry.surface_share import SurfacePoints, SurfaceTables
 from gossamer_fx.mechanics.terms.assembly import Assembly
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
@@ -38,19 +39,44 @@ class TiedLabels:
     Attributes:
         numbers: of the tied points (t,), ascending.
         labels: numbers (t, w) of points that stand for what each is connected to.
+        coincident: number (t,) of the first of the points that are tied node to node.
     """
 
     numbers: Int64Array
     labels: Int64Array
+    coincident: Int64Array
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
         """Return the labels of points; two points with one in common are connected and form no
         contact pair. `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w),
         which are numbers of points; those of a point that is not tied are its own number."""
-        row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
-        is_tied = self.numbers[row] == numbers
+        row, is_tied = self._rows(numbers)
         own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
         return np.where(is_tied[:, None], self.labels[row], own)
+
+    def edge_shares(self, surface: SurfaceTables, radii: Array, comm: MPI.Intracomm) -> Array:
+        """Return the share (e,) of each edge in the area of all edges with which it coincides, as
+        their ends are tied node to node; of an edge that is alone, 1.  Collective.
+
+        A rope on a film does not touch at the same distance, and does not coincide with its edges.
+        `radii`: of the bodies [m] (b,)."""
+        edges = surface.edges
+        row, is_tied = self._rows(edges.points)
+        ends = np.sort(np.where(is_tied, self.coincident[row], edges.points), axis=1)
+        body = surface.points.body[surface.point_indices(edges.points[:, 0])]
+        radius = np.unique(radii, return_inverse=True)[1][body]
+        keys = np.column_stack([ends, radius])
+        # Two ranks know an edge on their boundary; the owner counts its area.
+        own_area = np.where(edges.owner == comm.rank, edges.area, 0.0)
+        last = comm.allreduce(int(ends.max(initial=0)), op=MPI.MAX)
+        area = DistributedRows(comm, keys, last + 1).sums(own_area)
+        # Cables without a radius have no area.
+        return np.divide(edges.area, area, out=np.ones(len(area)), where=area > 0)
+
+    def _rows(self, numbers: Int64Array) -> tuple[Int64Array, MaskArray]:
+        """Return where points with some numbers stand in this table, and which of them do."""
+        row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
+        return row, self.numbers[row] == numbers
 
 
 def tied_labels(
@@ -84,7 +110,12 @@ def tied_labels(
         connected = further
     # The point with the lowest number stands for all that are one: no other point has this label.
     _, first = np.unique(label, return_index=True)
-    return TiedLabels(numbers, numbers[first][_padded(connected[label], label)])
+    coincident = numbers[first]
+    return TiedLabels(
+        numbers,
+        labels=coincident[_padded(connected[label], label)],
+        coincident=coincident[label],
+    )
 
 
 def _ties(

@@ -70,6 +70,7 @@ class CollisionMesh:
         body: number (m,) of the body or obstacle of each point.
         area: area [m²] (m,) for which each point stands.
         edge_area: area [m²] (e,) for which each edge stands.
+        edge_share: of each edge (e,) in the area of all with which it is tied to coincide.
         radius: of points [m] (m,).
         walls: planes, and insides of obstacles.
         frames: the first point (k,) of each obstacle's frame; -1: it has none.
@@ -111,6 +112,8 @@ class CollisionMesh:
             system,
         )
         own = self.share.surface
+        if self._tied is not None:
+            own.edges.share[:] = self._tied.edge_shares(own, self._radii, self.comm)
         # An obstacle has no mesh; its points and edges stand for as much area as those of bodies.
         self._mean_area = self._mean(own.points, self.share.point_count)
         self._mean_edge_area = self._mean(own.edges, self.share.edge_count)
@@ -147,6 +150,7 @@ class CollisionMesh:
         self.edge_area = np.concatenate(
             [known.edges.area, np.full(len(solids.edges), self._mean_edge_area)]
         )
+        self.edge_share = np.concatenate([known.edges.share, np.ones(len(solids.edges))])
         body_vertices: Int32Array = np.arange(body_count, dtype=np.int32)
         # Two obstacles never form a pair.
         is_fixed: ByteArray = (np.arange(point_count) >= body_count).astype(np.uint8)
@@ -324,10 +328,16 @@ class CollisionMesh:
         """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
         stands. Both sides of a film are covered twice, by its points and by those of the other
         film, so that each takes a half.  The areas of edges and points overlap in the same way.
+
+        Where a film is cut and tied, two edges stand for one: with shares that add up to one, their
+        pairs with another edge stand for as much area as before the cut.
         `primitives`: indices (n, 2) of the two primitives of each pair."""
         area: Array = self.area[points[:, 0]] * 0.5
         edges = SIDES[kind] == Sides.EDGE_EDGE
-        area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
+        first, second = primitives[edges].T
+        of_first = self.edge_area[first] * self.edge_share[second]
+        of_second = self.edge_area[second] * self.edge_share[first]
+        area[edges] = (of_first + of_second) / 4
         return area
 
     def body_densities(self, system: ContactAssembly) -> Array:

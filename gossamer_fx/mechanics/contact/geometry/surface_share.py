@@ -90,10 +90,13 @@ class SurfaceEdges(SurfacePrimitives):
     Attributes:
         points: numbers (n, 2) of their ends.
         area: area [m²] (n,) for which each stands.
+        share: of each (n,) in the area of all edges with which it is tied to coincide; 1: it is
+            alone.
     """
 
     points: Int64Array
     area: Array
+    share: Array
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,7 @@ def _surface_of(
         owner=edge_rows.owners,
         points=first[0] + rows.numbers[ends],
         area=edge_rows.sums(edge_area),
+        share=np.ones(len(ends)),
     )
     triangles = SurfaceTriangles(
         number=first[2] + triangle_rows.numbers,
