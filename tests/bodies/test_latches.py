@@ -53,6 +53,11 @@ def test_two_bars_lose_a_quarter_of_a_joule() -> None:
     assert run.totals.losses["latch"] == pytest.approx(0.25, rel=1e-9)
 
 
+def test_generalised_alpha_refuses_a_latch() -> None:
+    with pytest.raises(gx.InputError, match="has a latch, .* use Midpoint"):
+        gx.Simulation(gx.Scene(two_bars()), gx.GeneralizedAlpha(dt=0.07))
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("stop", [0.21, 1.0, 2.5])
 def test_a_restart_knows_whether_it_is_latched(folder: Path, stop: float) -> None:
