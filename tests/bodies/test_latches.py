@@ -54,7 +54,7 @@ def test_two_bars_lose_a_quarter_of_a_joule() -> None:
 
 
 def test_generalised_alpha_refuses_a_latch() -> None:
-    with pytest.raises(gx.InputError, match="has a latch, .* use Midpoint"):
+    with pytest.raises(gx.InputError, match=r"has a latch, .* use Midpoint"):
         gx.Simulation(gx.Scene(two_bars()), gx.GeneralizedAlpha(dt=0.07))
 
 
