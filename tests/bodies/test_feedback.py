@@ -16,6 +16,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.control.feedback import _HeldTorque, _Thrust, _WheelTorque
 
 COMM = MPI.COMM_WORLD
 X = (1.0, 0.0, 0.0)
@@ -189,6 +190,38 @@ def test_axis_of_an_idle_wheel_precesses() -> None:
     # The gyroscopic torque does no work.
     assert run.totals.supplied == pytest.approx(0.0, abs=1e-14)
     assert abs(run.energy_error) < 1e-12
+
+
+def test_wheel_under_generalised_alpha() -> None:
+    """The exchange of momentum of the midpoint rule, to the order of that method."""
+    errors = []
+    for dt in (0.05, 0.025):
+        body = gx.RigidBody(1.0, (0.5, 0.5, 0.5), spin=(0.4, 0.0, 0.0), comm=COMM)
+        wheel = gx.control.ReactionWheel(body.frame(), Z, inertia=0.02, spin=10.0)
+        feedback = gx.control.Feedback(
+            [lambda run: 0.0], lambda t, values: 0.02, [wheel], period=PERIOD
+        )
+        run = gx.Simulation(gx.Scene(feedback), gx.GeneralizedAlpha(dt=dt))
+        run.run(until=2.0)
+        assert feedback.spins(run)["reaction wheel"] == pytest.approx(10.0 - 0.04 / 0.02)
+        errors.append(np.abs(run.totals.angular_momentum - run.first.angular_momentum).max())
+    assert errors[1] < 0.01
+    assert errors[1] < errors[0] / 1.8
+
+
+@pytest.mark.parametrize("law", [_HeldTorque(), _Thrust(1), _WheelTorque(0.02, 3.0)])
+def test_tangents_of_actuators(law: Any) -> None:
+    """Against central differences, whose error is that of round-off, 1e-16 over 1e-6."""
+    rng = np.random.default_rng(1)
+    n = 6 if isinstance(law, _Thrust) else 12
+    law.hold(0.0, rng.standard_normal(len(law.command)))
+    law.begin(0.3, 0.05, rng.standard_normal(n), np.zeros(n))
+    X = rng.standard_normal(n)
+    ε = 1e-6
+    columns = [(law.force(X + ε * e) - law.force(X - ε * e)) / (2 * ε) for e in np.eye(n)]
+    largest = np.abs(columns).max()
+    assert largest > 0.1
+    assert law.tangent(X) == pytest.approx(np.array(columns).T, abs=1e-7 * largest)
 
 
 # ---- state, repeated steps and refusals ----------------------------------------------------------
