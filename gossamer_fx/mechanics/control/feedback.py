@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
@@ -453,8 +454,7 @@ class Feedback:
         where = f"Feedback '{self.name}' at t = {t:.6g} s"
         values = []
         for k, measure in enumerate(self.measures):
-            # Called at once, so that the closure has this measure.
-            value = ask_numbers(run.comm, f"{where}, measure {k + 1}", lambda m=measure: m(run))
+            value = ask_numbers(run.comm, f"{where}, measure {k + 1}", partial(measure, run))
             values.append(float(value))
         size = controller.delayed.shape[1]
 
