@@ -325,24 +325,24 @@ Actuator = BodyTorque | Thruster | ReactionWheel
 class _Controller(HistoryVariables):
     """The law of a feedback at work: its samples, delayed commands and discrete state."""
 
-    def __init__(self, delayed: Array, state: Array) -> None:
+    def __init__(self, state: Array) -> None:
         self.start: float | None = None  # time of the first sample [s]; None before
         self.samples = 0
-        self.delayed = delayed  # commands (delay, n) that are yet to act, the next one first
+        self.delayed: list[Array] = []  # commands (n,) that are yet to act, the next one first
         self.state = state
 
     def get_history(self) -> dict[str, Any]:
         return {
             "start": self.start,
             "samples": self.samples,
-            "delayed": self.delayed.ravel().tolist(),
+            "delayed": [command.tolist() for command in self.delayed],
             "state": self.state.tolist(),
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.start = state["start"]
         self.samples = state["samples"]
-        self.delayed = np.reshape(state["delayed"], self.delayed.shape)
+        self.delayed = [np.array(command) for command in state["delayed"]]
         self.state = np.array(state["state"])
 
 
@@ -419,9 +419,7 @@ class Feedback:
             yield from bodies_of(actuator.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        size = sum(actuator.commands for actuator in self.actuators)
-        state = np.array(self.state, dtype=float)
-        controller = _Controller(np.zeros((self.delay, size)), state)
+        controller = _Controller(np.array(self.state, dtype=float))
         for actuator in self.actuators:
             yield actuator._load(controller)
 
@@ -456,7 +454,7 @@ class Feedback:
         for k, measure in enumerate(self.measures):
             value = ask_numbers(run.comm, f"{where}, measure {k + 1}", partial(measure, run))
             values.append(float(value))
-        size = controller.delayed.shape[1]
+        size = sum(actuator.commands for actuator in self.actuators)
 
         def answer() -> Array:
             if not len(controller.state):
@@ -470,13 +468,15 @@ class Feedback:
             return np.concatenate([np.ravel(command), np.ravel(state)])
 
         answered = ask_numbers(run.comm, where, answer, (size + len(controller.state),))
-        queue = np.vstack([controller.delayed, answered[:size]])
+        controller.delayed.append(answered[:size])
+        command = np.zeros(size)
+        if len(controller.delayed) > self.delay:
+            command = controller.delayed.pop(0)
         start = 0
         for load, actuator in zip(self._loads(run), self.actuators, strict=True):
             actuation = cast("_Actuation", load.law)
-            actuation.hold(t, queue[0, start : start + actuator.commands])
+            actuation.hold(t, command[start : start + actuator.commands])
             start += actuator.commands
-        controller.delayed = queue[1:]
         controller.state = answered[size:]
         controller.samples += 1
 
