@@ -469,7 +469,7 @@ class Feedback:
 
         answered = ask_numbers(run.comm, where, answer, (size + len(controller.state),))
         controller.delayed.append(answered[:size])
-        command = np.zeros(size)
+        command: Array = np.zeros(size)
         if len(controller.delayed) > self.delay:
             command = controller.delayed.pop(0)
         start = 0
