@@ -42,6 +42,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.records.outputs.output import Probe
@@ -184,6 +185,11 @@ def build(
 
     It tells angles, torques and the displacement of the corner A.
     """
+    check(
+        law in ("pd", "sliding") and stepper in STEPPERS,
+        f"law is {law!r} and stepper {stepper!r}; "
+        f"give pd or sliding, and one of {', '.join(STEPPERS)}.",
+    )
     model = antenna(comm, cells, elements, order)
     centre = model.film.port_at((0, 0, 0))
     corner = model.film.port_at(model.points[0])

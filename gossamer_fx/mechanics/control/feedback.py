@@ -365,7 +365,7 @@ class Feedback:
     With a `state` it is called as `law(t, values, state)`, and returns commands and the next state.
     Commands are constant from sample to sample, and zero before the first one acts.
 
-    A restart has the same commands and state; a function with a memory of its own has not.
+    A restart has the same commands and state, but not what a function keeps elsewhere.
 
     Args:
         measures: probes, e.g. `gx.probes.AngularVelocity`; functions of the run that return the
