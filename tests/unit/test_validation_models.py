@@ -341,14 +341,14 @@ EVERTING_FILM = {
     "pressure": {"value": 5, "unit": "kPa"},
     "tip_speed": {"value": 1, "unit": "m/s"},
     "travel": {"value": 0.6, "unit": "1"},
-    "cells_around": {"value": 3, "unit": "1"},
+    "cells_around": {"value": 12, "unit": "1"},
     "cells_along": {"value": 5, "unit": "1"},
     "step": {"value": 8e-5, "unit": "s"},
 }
 
 
 def test_the_first_shape_of_an_everting_film_keeps_lengths_along_it_and_is_on_its_rod():
-    shape = everting_film.Shape(radius=1.0, core=0.4, around=4, along=8)
+    shape = everting_film.Shape(radius=1.0, core=0.4, around=16, along=8)
     X = np.stack([np.ones(4001), np.zeros(4001), np.linspace(0, shape.length, 4001)])
     x = X + shape.displacement(X)
     lengths = np.linalg.norm(np.diff(x, axis=1), axis=0)
@@ -357,6 +357,10 @@ def test_the_first_shape_of_an_everting_film_keeps_lengths_along_it_and_is_on_it
     # The wall goes back to the height 0, outside of the tail.
     assert x[2, -1] == pytest.approx(0.0, abs=1e-12)
     assert (np.diff(x[0]) >= 0).all()
+    # The second side stays in its plane of symmetry.
+    X[:2] = [[math.cos(shape.angle)], [math.sin(shape.angle)]]
+    x = X + shape.displacement(X)
+    assert np.array(shape.normal) @ x == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.mpi

@@ -1,15 +1,17 @@
 """The film of an everting tube: a tail inside is drawn through the tip and turned inside out.
 
-A quarter of the tube is a tension field whose mesh is the open cylinder, of radius R.  At first its
-first part, the tail, lies on a rod of radius r in the axis of the tube, where it is slack around;
-the rest is the wall of the tube, and half a torus joins both.  Gas presses on the wall from inside
+A wedge of the tube, one cell wide between planes of symmetry, is a tension field whose mesh is a
+strip of the open cylinder, of radius R.  At first its first part, the tail, lies on a rod of radius
+r in the axis of the tube, where it is slack around; the rest is the wall of the tube, and half a
+torus joins both.  Gas presses on the wall from inside
 and on the tail from outside, which contact keeps off the rod.  The end of the tail is let out at a
 steady speed.  With the areas A and a of wall and tail, the work of the gas in a travel s of the tip
 is p (A - a) s, and the tension T of the tail takes up 2 T s, since the tail moves twice as far:
 
     T = p (A - a)/2                                                                             (1)
 
-Nothing but film, pressure and contact is in the model, in time; (1) and the ratio of the motions
+The wedge keeps the film axisymmetric: in a wider part the slack tail folds into pleats of the size
+of the cells.  Nothing but film, pressure and contact is in the model, in time; (1) and the ratio of the motions
 are what it has to find.  Damping of the taut film makes the oscillations of the start decay.
 With A and a from the radii that the model finds, (1) leaves out what the film itself takes up:
 strain energy of new wall, less than p R/(E t) of the work, and the loss by damping.
@@ -56,10 +58,11 @@ class Shape:
     Args:
         radius: R [m].
         core: radius of the rod [m].
-        around: cells around a quarter.
+        around: cells around the tube, of which one is in the wedge.
         along: cells over a length R.
 
     Attributes:
+        angle: of the wedge [rad].
         length: of the film along a meridian [m].
         cell: length of a cell along it [m].
         middle: mean of the radii of wall and tail [m].
@@ -68,6 +71,7 @@ class Shape:
     def __init__(self, radius: float, core: float, around: int, along: int) -> None:
         self.radius = radius
         self.around = around
+        self.angle = 2 * math.pi / around
         self._tail_radius = core + FIRST_GAP * DISTANCE * radius
         # Of the circle in which the torus is turned.
         self.middle = (radius + self._tail_radius) / 2
@@ -77,30 +81,27 @@ class Shape:
         self.cell = self.length / (self._rings - 1)
 
     def mesh(self, comm: MPI.Intracomm) -> gx.Mesh:
-        """The cylinder about the z axis: "tail" and "base" are its ends, "x side" and "y side" its
-        edges in the planes x = 0 and y = 0."""
+        """The strip about the z axis: "tail" and "base" are its ends, "first side" its edge in the
+        plane y = 0, and "second side" the other one."""
 
         def arrays() -> tuple[Array, Array, dict[str, Array]]:
-            angle = np.linspace(0.0, math.pi / 2, self.around + 1)
+            angle = np.array([0.0, self.angle])
             ring = self.radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-            # Exactly in the planes of symmetry.
-            ring[0, 1] = ring[-1, 0] = 0.0
             points = np.repeat(ring[None], self._rings, axis=0)
             points[:, :, 2] = np.linspace(0.0, self.length, self._rings)[:, None]
             number = np.arange(points.shape[0] * points.shape[1]).reshape(points.shape[:2])
             triangles = []
             for i in range(self._rings - 1):
-                for j in range(self.around):
-                    a, b = number[i, j : j + 2]
-                    d, c = number[i + 1, j : j + 2]
-                    # Normals to the axis, and diagonals that alternate.
-                    if (i + j) % 2:
-                        triangles += [(a, c, b), (a, d, c)]
-                    else:
-                        triangles += [(a, d, b), (b, d, c)]
+                a, b = number[i]
+                d, c = number[i + 1]
+                # Normals to the axis, and diagonals that alternate.
+                if i % 2:
+                    triangles += [(a, c, b), (a, d, c)]
+                else:
+                    triangles += [(a, d, b), (b, d, c)]
             lines = {
-                "x side": number[:, -1],
-                "y side": number[:, 0],
+                "first side": number[:, 0],
+                "second side": number[:, 1],
                 "tail": number[0],
                 "base": number[-1],
             }
@@ -124,10 +125,14 @@ class Shape:
         return np.stack([X[0] * share, X[1] * share, z]) - X
 
     @property
+    def normal(self) -> tuple[float, float, float]:
+        """Of the plane of the second side."""
+        return (-math.sin(self.angle), math.cos(self.angle), 0.0)
+
+    @property
     def area_factor(self) -> float:
         """Area of a section, a polygon, over the square of the radius of its corners."""
-        sides = 4 * self.around
-        return sides / 2 * math.sin(2 * math.pi / sides)
+        return self.around / 2 * math.sin(self.angle)
 
 
 def travel(t: float, speed: float) -> float:
@@ -178,8 +183,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         gx.Pressure(film, lambda t: pressure * min(t / PRESSURE_RAMP, 1.0)),
         tail,
         gx.Fixed(film, "base", components=(2,)),
-        gx.Fixed(film, "x side", components=(0,)),
-        gx.Fixed(film, "y side", components=(1,)),
+        gx.Fixed(film, "first side", components=(1,)),
+        gx.Fixed(film, "second side", normal=shape.normal),
         gx.Contact(film, rod, distance=DISTANCE * radius),
         gx.Damping(film, stiffness_factor=DAMPING, tension_only=True),
     )
@@ -192,17 +197,17 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     readings = []
     for _ in range(round(cells * shape.cell / speed / step)):
         run.run(until=run.time + step)
-        # Four quarters, and the support pulls the tail back.
+        # Of all wedges; the support pulls the tail back.
         force, _ = support_force(run.system, tail, about=(0.0, 0.0, 0.0))
-        tensions.append(-4 * float(force[2]))
+        tensions.append(-shape.around * float(force[2]))
         if run.step % READ_EVERY == 0:
             readings.append([2 * travel(run.time, speed), *_positions(run, film, shape)])
     tail_travel, tip, wall_square, tail_square = np.array(readings).T
     area = shape.area_factor * float((wall_square - tail_square).mean())
     slope, _ = np.polyfit(tail_travel, tip, 1)
     tension = float(np.mean(tensions))
-    # Of the gas in a quarter.
-    work = pressure * area * cells * shape.cell / 4
+    # Of the gas in the wedge.
+    work = pressure * area * cells * shape.cell / shape.around
     quantities = {
         "tension of the tail over balance": Predicted(tension / (pressure * area / 2)),
         "tip over tail": Predicted(float(slope)),
