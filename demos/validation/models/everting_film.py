@@ -3,18 +3,19 @@
 A wedge of the tube, one cell wide between planes of symmetry, is a tension field whose mesh is a
 strip of the open cylinder, of radius R.  At first its first part, the tail, lies on a rod of radius
 r in the axis of the tube, where it is slack around; the rest is the wall of the tube, and half a
-torus joins both.  Gas presses on the wall from inside
-and on the tail from outside, which contact keeps off the rod.  The end of the tail is let out at a
-steady speed.  With the areas A and a of wall and tail, the work of the gas in a travel s of the tip
-is p (A - a) s, and the tension T of the tail takes up 2 T s, since the tail moves twice as far:
+torus joins both.  Gas presses on the wall from inside and on the tail from outside, which contact
+keeps off the rod.  The end of the tail is let out at a steady speed.  With the areas A and a of
+wall and tail, the work of the gas in a travel s of the tip is p (A - a) s, and the tension T of the
+tail takes up 2 T s, since the tail moves twice as far:
 
     T = p (A - a)/2                                                                             (1)
 
-The wedge keeps the film axisymmetric: in a wider part the slack tail folds into pleats of the size
-of the cells.  Nothing but film, pressure and contact is in the model, in time; (1) and the ratio of the motions
-are what it has to find.  Damping of the taut film makes the oscillations of the start decay.
-With A and a from the radii that the model finds, (1) leaves out what the film itself takes up:
-strain energy of new wall, less than p R/(E t) of the work, and the loss by damping.
+The wedge keeps the film axisymmetric: a quarter of the tube with six cells around lets the slack
+tail fold into pleats of the size of the cells.  Nothing but film, pressure and contact is in the
+model, in time; (1) and the ratio of the motions are what it has to find.  Damping of the taut film
+makes the oscillations of the start decay.  With A and a from the radii that the model finds, (1)
+leaves out what the film itself takes up: strain energy of new wall, less than p R/(E t) of the
+work, and the loss by damping.
 """
 
 from __future__ import annotations
