@@ -201,7 +201,7 @@ def test_gradients_and_cables_refuse_it_by_name() -> None:
 @pytest.mark.parametrize(
     ("unloading", "words"),
     [
-        (([0.0, 0.03], [0.0, 60.0]), "gains energy"),
+        (([0.0, 0.03], [0.0, 60.0]), "up to the strain 0.01 gains energy"),
         (([-0.01, 0.0, 0.01], [-1.0, 0.0, 60.0]), "begins at the strain -0.01"),
         (([0.0, 0.01], [0.0, -60.0]), "falls"),
     ],

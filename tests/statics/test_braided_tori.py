@@ -42,6 +42,34 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
         assert float(sum(tape.lengths)) == pytest.approx(circle, rel=2e-3)
 
 
+def test_cells_of_a_section_go_from_cord_to_cord():
+    """Two cords at 240° and one each at 210, 300 and 330°: columns of nodes at each, and parts of
+    the perimeter that add up to it."""
+    angles = np.deg2rad([240.0, 330.0, 240.0, 300.0, 210.0])
+    torus = replace(TORUS, tube=replace(TORUS.tube, cord_angles=angles))
+    φ = braided_torus.section_angles(torus, 12)
+    cells = [1, 2, 1, 8]
+    at_cords = np.concatenate([[0], np.cumsum(cells)[:-1]]) * 2
+    assert np.rad2deg(φ[at_cords]) == pytest.approx([210, 240, 300, 330])
+    parts = braided_torus.section_parts(φ)
+    assert parts.sum() == pytest.approx(2 * math.pi)
+    # The centre of gravity of a circle is its centre, whatever the cells.
+    assert parts @ np.cos(φ) == pytest.approx(0.0, abs=0.05)
+
+
+def test_four_cords_on_two_lines_bear_what_two_strong_ones_do(comm):
+    """A torus with pairs of cords at 240° and 300° has the tapes of two, with twice the force."""
+    angles = np.deg2rad([240.0, 300.0, 300.0, 240.0])
+    torus = replace(TORUS, tube=replace(TORUS.tube, cord_angles=angles, cord_force=2000.0))
+    line = np.column_stack([np.full(32, 1.5), np.zeros(32)])
+    model = braided_torus.build(torus, comm, line, 6, torus.tube.pressure)
+    tapes = [item for item in model.search.scene.items if isinstance(item, gx.connectors.Tape)]
+    assert len(tapes) == 2
+    one = np.interp(0.01, torus.tube.cord_strain, torus.tube.cord_table)
+    for tape in tapes:
+        assert float(tape.law.force_at(np.array(0.01))) == pytest.approx(2 * one)
+
+
 def test_a_cable_pulls_along_its_line_with_its_stiffness():
     # Two points without a common coordinate: no component of the force is zero.
     pulley = np.array([0.6, 0.0, -0.2])
@@ -92,7 +120,8 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
     ("changes", "words"),
     [
         ({"first_forces": {"value": [1.0], "unit": "N"}}, "first_forces 1 numbers"),
-        ({"cord_angles": {"value": [210, 340], "unit": "deg"}}, "multiples of 60"),
+        ({"cord_angles": {"value": [210, 213], "unit": "deg"}}, "5 degrees apart"),
+        ({"cord_unloading_force": {"value": [1, 2], "unit": "N"}}, "cord_unloading_force 2"),
         ({"cells_along": {"value": 20, "unit": "1"}}, "cells_around' is missing"),
         ({"shape": {"value": [[1.5, 0.0]], "unit": "m"}}, "shape has 1 points"),
         ({"pulleys": {"value": [[0.6, -0.2]], "unit": "m"}}, "pulleys has 1 rows"),

@@ -15,8 +15,8 @@ small further stiffness E_L along the tube give, per width,
 
     A11 = G cot²β + E_L,    A12 = A66 = G,    A22 = G tan²β                                      (1)
 
-Axial cords are bonded to the wall at any angles of the section; after inflation each has F_c.
-While the torus is pulled in they lose force on their unloading curve, see `TabulatedCable`.  The
+Axial cords are bonded to the wall at any angles of the section; after inflation each has F_c, from
+which it loses force on its unloading curve while the torus is pulled in (`TabulatedCable`).  The
 stretches of the wall are those of a straight tube, see `braided_tube`.
 
 The shape of the torus under the first, small cable forces was measured.  The stress-free shape is

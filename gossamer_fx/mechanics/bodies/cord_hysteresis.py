@@ -87,30 +87,27 @@ class Hysteresis:
         points = np.append(self.unloading.strains, self.end)
         return np.interp(force, self.unloading.force(points), points)
 
-    def check_losses(self) -> None:
-        """Raise `InputError` if there is a strain up to which a cycle would gain energy."""
+    def check_losses(self, last: float) -> None:
+        """Raise `InputError` if there is a strain, up to the last one of the loading curve, up to
+        which a cycle would gain energy."""
         tension = self._tension
-        slopes = np.cumsum(tension.slope_changes)
-        # The strain δ has corners where the turning force is one of these.
-        forces = self.unloading.force(np.append(self.unloading.strains, self.end))
-        at_forces = np.interp(
-            self.unloading.force(np.array(self.end)) - forces,
-            tension.force(np.append(tension.strains, 1e3)),
-            np.append(tension.strains, 1e3),
+        points = np.append(tension.strains, last)
+        # Between these strains D' is linear: δ has corners where the force left on the unloading
+        # curve is that of one of its corners.
+        left = self.unloading.force(np.array(self.end)) - self.unloading.force(
+            self.unloading.strains
         )
-        for start, end, slope in zip(
-            tension.strains, np.append(tension.strains[1:], np.inf), slopes, strict=True
-        ):
-            inside = at_forces[(at_forces > start) & (at_forces < end)]
-            X = np.concatenate([[start], inside, [end if np.isfinite(end) else 1e3]])
-            force = tension.force(X)
-            growth = force - (X - self.branch(X).strains[:, 0]) * slope
-            bad = np.flatnonzero(growth < -ROUND_OFF * np.maximum(force, slope))
+        X = np.unique([*points, *np.interp(left, tension.force(points), points)])
+        force = tension.force(X)
+        slope = np.diff(force) / np.diff(X)
+        δ = X - self.branch(X).strains[:, 0]
+        for end in (slice(None, -1), slice(1, None)):
+            growth = force[end] - δ[end] * slope
+            bad = np.flatnonzero(growth < -ROUND_OFF * np.maximum(force[end], slope))
             check(
                 not len(bad),
-                f"TabulatedCable: a cycle up to the strain {X[bad[:1]].sum():.4g} gains energy, as "
-                "the unloading curve is not steep enough; leave out its points of nearly no force, "
-                "or give the curves in their right order.",
+                f"TabulatedCable: a cycle up to the strain {X[end][bad[:1]].sum():.4g} gains "
+                "energy, as the unloading curve is not steep enough; give a steeper one.",
             )
 
     def energy(self, x: Array, X: Array) -> Array:

@@ -127,7 +127,7 @@ class TabulatedCable(BarLaw):
                 f"TabulatedCable: the unloading curve begins at the strain {strain[0]:g}; "
                 "begin it at zero, where it has no force.",
             )
-            self.hysteresis.check_losses()
+            self.hysteresis.check_losses(self.strain[-1])
 
     @property
     def has_history(self) -> bool:
