@@ -54,6 +54,7 @@ SERIES: Sequence[Mapping[str, Any]] = (
     {"cells": 3, "elements": 6, "dt": 0.005, "shell": True},
     {"cells": 6, "elements": 12, "dt": 0.005, "shell": True},
     {"cells": 9, "elements": 18, "dt": 0.01, "shell": True},
+    {"cells": 12, "elements": 24, "dt": 0.0025, "shell": True},
 )
 FINEST = SERIES[-1]
 # As many elements as the paper's commercial code has, but for a node at the thirds of a boom.
