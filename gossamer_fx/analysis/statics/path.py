@@ -45,7 +45,12 @@ from typing import Annotated, Any
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.variables import AdjointFields, Variable, find_variables
+from gossamer_fx.analysis.sensitivity.variables import (
+    SHAPE,
+    AdjointFields,
+    Variable,
+    find_variables,
+)
 from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.spectrum import Spectrum, is_symmetric
@@ -109,8 +114,8 @@ class EquilibriumPath:
         >>> pull = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -5.0 * t))
         >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring, pull))
         >>> found = gx.analysis.path(equilibrium, 1.0)
-        >>> found.loads[-1], int(found.unstable[-1]), found.limit_points
-        (1.0, 0, ())
+        >>> found.complete, found.limit_points, found.unstable.any()
+        (True, (), np.False_)
     """
 
     loads: Array
@@ -162,13 +167,13 @@ def path(
         NoEquilibrium: at the first point, or the path cannot be followed.
 
     Example:
-        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> pull = gx.loads.Force(mass.port(), (0.0, 0.0, -10.0), name="pull")
         >>> top = gx.Ground((0.0, 0.0, 0.0))
         >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
-        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> equilibrium = gx.Equilibrium(gx.Scene(pull, spring))
         >>> height = gx.probes.Position(mass.port(), "z")
         >>> probes = {"z": height}
-        >>> found = gx.analysis.path(equilibrium, 2.0, by="gravity.g", start=1.0, probes=probes)
+        >>> found = gx.analysis.path(equilibrium, 2.0, by="pull.force", start=1.0, probes=probes)
         >>> found.columns["z"][[0, -1]].round(6)
         array([-1.1, -1.2])
     """
@@ -198,6 +203,10 @@ class _Load:
         self._variable: Variable | None = None
         if not name:
             return
+        check(
+            name.rpartition(".")[2] != SHAPE,
+            f"path: by is {name!r}, which no load factor multiplies; give a load or a stiffness.",
+        )
         try:
             found = find_variables(system, [name], AdjointFields(system), in_time=False)
         except InputError as error:
@@ -471,6 +480,8 @@ class _Follower:
         if not is_symmetric(K):
             return UNKNOWN
         negative = Spectrum(K, system.M, stiffnesses).negative_pivots(0.0)
+        # The matrix of which these are pivots has one of -1/κ for each gas.
+        negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
         multipliers = 0
         if system.constraints is not None:
             owned = system.constraints.owned
