@@ -196,3 +196,29 @@ def test_refused_paths(comm):
         gx.analysis.path(equilibrium, 1.0, by="pull.force")
     with pytest.raises(gx.InputError, match=r"path: 'push' has no parameter 'weight'"):
         gx.analysis.path(equilibrium, 1.0, by="push.weight")
+
+
+def test_a_path_that_is_given_up_says_so(comm):
+    found = truss_path(comm, max_steps=3)
+    assert not found.complete
+    assert len(found.loads) == 4
+    with pytest.raises(gx.NoEquilibrium, match="path: no further equilibrium"):
+        follow_to_slack(comm)
+
+
+def follow_to_slack(comm):
+    """A cable that only pulls, and whose end is pushed in: it has no stiffness then."""
+    rope = gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 1), gx.TensionOnly(EA, line_density=1.0))
+    pull = gx.loads.Force(rope.port("end"), lambda t: (1 - t, 0.0, 0.0))
+    held = [gx.Fixed(rope, "start"), gx.Fixed(rope, "end", components=(1, 2))]
+    gx.analysis.path(gx.Equilibrium(gx.Scene(*held, pull)), 2.0)
+
+
+def test_contact_is_refused(comm):
+    law = gx.Linear(E=1e8, nu=0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(sheet(comm, 2, 2), law)
+    scene = gx.Scene(
+        film, *(gx.Fixed(film, edge) for edge in EDGES), gx.Contact(film, distance=1e-3)
+    )
+    with pytest.raises(gx.InputError, match="path: the scene has contact"):
+        gx.analysis.path(gx.Equilibrium(scene), 1.0)

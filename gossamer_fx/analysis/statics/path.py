@@ -556,6 +556,7 @@ class _Follower:
 
     def _locate(self, end: _Point, tolerance: float) -> _Point:
         """The point just behind the first limit or branch point before a point `end`."""
+        end.direction.destroy()
         low = 0.0
         high = end.length
         width = tolerance * end.length
@@ -587,12 +588,14 @@ class _Follower:
             try:
                 point = self._solve(length)
                 if length > kink and self._cosine(point) < MIN_COSINE:
+                    point.direction.destroy()
                     length /= 2
                     continue
                 if self._has_event(point):
                     point = self._locate(point, tolerance)
                 if (point.factor - self._until) * self._sign >= 0:
                     share = (self._until - self._last.factor) / (point.factor - self._last.factor)
+                    point.direction.destroy()
                     point = self._solve(share * point.length, at=self._until)
                     point.factor = self._until
             except NotConverged as failure:
