@@ -434,7 +434,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "analysis.path",
         equilibrium=inputs.equilibrium,
         until=1.1,
-        by=f"{inputs.film.name}.E",
+        by="",
         start=1.0,
         first_step=0.1,
         max_steps=2,

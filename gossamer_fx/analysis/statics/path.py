@@ -603,6 +603,8 @@ class _Follower:
                 length /= 2
             else:
                 return point
+        # The state is that of the last point, and so is the load.
+        self._load.set(self._last.factor)
         raise NoEquilibrium(
             f"path: no further equilibrium from the load factor {self._last.factor:.6g} on, "
             f"last failure: {reason}."
