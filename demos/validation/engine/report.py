@@ -95,7 +95,7 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
             _cells(ordered[0], quick=False)[3],
             worst or "failed",
             limit,
-            f"{within} of {len(group)}" if limit else "",
+            f"{within}/{len(group)}" if limit else "",
             peer_errors(group),
         ]
 
