@@ -187,6 +187,10 @@ class PointMeasure:
     L: Array
     c: Array
 
+    def at(self, X: Array) -> Array:
+        """e (m,) of the stacked vectors X (3k,) of one tuple, where `c` is (m,)."""
+        return X @ self.H @ X / 2 + self.L @ X + self.c
+
 
 def nodes_of(measure: PointMeasure) -> int:
     """The largest number of nodes that one tuple of ports of a measure depends on."""

@@ -3,6 +3,7 @@ joins two of them or acts between two points."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
@@ -14,9 +15,10 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector, combine
+from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector, combine, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
@@ -153,6 +155,38 @@ def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INI
     """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
     components = [where(director) @ axis for director in side.directors]
     return bool(np.allclose(components, 0, atol=SAME_DIRECTION))
+
+
+def across(axis: Vector, side: Frame) -> Frame:
+    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
+    section if it needs it."""
+    return side if is_normal(unit(axis), side) else side.complete
+
+
+def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
+    """The measures (cos φ, sin φ) of the rotation φ of b relative to a about an axis since the
+    start, less `rest` [rad], which are quadratic in three unit vectors normal to the axis: one is
+    fixed in b, two in a."""
+    # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
+    p, q = perpendicular_pair(unit(axis))
+    moving = along(p, b)
+    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and
+    # its jump from π to -π is opposite to it.
+    c = math.cos(rest)
+    s = math.sin(rest)
+    zero = along(c * p + s * q, a)
+    quarter = along(c * q - s * p, a)
+    # Two measures, moving·zero and moving·quarter, of the stacked vectors.
+    cosine = np.zeros((3, 3))
+    cosine[0, 1] = cosine[1, 0] = 1.0
+    sine = np.zeros((3, 3))
+    sine[0, 2] = sine[2, 0] = 1.0
+    return PointMeasure(
+        ports=[(moving, zero, quarter)],
+        H=np.array([np.kron(cosine, np.eye(3)), np.kron(sine, np.eye(3))]),
+        L=np.zeros((2, 9)),
+        c=np.zeros(2),
+    )
 
 
 class SectionFrame(OneNode):

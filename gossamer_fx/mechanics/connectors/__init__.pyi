@@ -10,3 +10,4 @@ from .tape import Tape as Tape
 from .tether import Tether as Tether
 from .torsion import TorsionDamper as TorsionDamper
 from .torsion import TorsionSpring as TorsionSpring
+from .torsion import TorsionStop as TorsionStop

@@ -19,14 +19,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure
-from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Vector, unit
+from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
-from gossamer_fx.mechanics.bodies.frames import Between, Frame, along, check_axis, is_normal
+from gossamer_fx.mechanics.bodies.frames import Between, Frame, across, check_axis, hinge_angle
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
@@ -93,6 +91,34 @@ class AngularSpring:
 
 
 @dataclass(frozen=True)
+class AngularStop:
+    """ψ = ½ k x², x the angle φ beyond [low, high], |φ| < π."""
+
+    k: float
+    low: float
+    high: float
+    stacks: ClassVar[tuple[str, ...]] = ("k", "low", "high")
+
+    def _beyond(self, φ: Array) -> Array:
+        """Angles beyond the limits, negative below them; zero between."""
+        return np.minimum(φ - self.low, 0.0) + np.maximum(φ - self.high, 0.0)
+
+    def energy(self, e: Array) -> Array:
+        return self.k * self._beyond(np.arctan2(e[:, 1], e[:, 0])) ** 2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        x0 = self._beyond(φ0)
+        x1 = self._beyond(φ0 + Δφ)
+        # The mean moment of the step is (ψ1 - ψ0)/Δφ, of a step without a change the moment itself.
+        is_small = np.abs(Δφ) < SMALL_ANGLE**2
+        safe = np.where(is_small, 1.0, Δφ)
+        moment = self.k * np.where(is_small, (x0 + x1) / 2, (x1 - x0) * (x1 + x0) / (2 * safe))
+        slope = np.where(is_small, self.k / 2 * (x0 != 0), (self.k * x1 - moment) / safe)
+        return stress(moment, slope, φ0, Δφ, e1)
+
+
+@dataclass(frozen=True)
 class AngularDamper:
     """Moment c Δφ/h."""
 
@@ -102,38 +128,6 @@ class AngularDamper:
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
         return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
-
-
-def across(axis: Vector, side: Frame) -> Frame:
-    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
-    section if it needs it."""
-    return side if is_normal(unit(axis), side) else side.complete
-
-
-def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
-    """The measures (cos φ, sin φ) of the rotation φ of b relative to a about an axis since the
-    start, less `rest` [rad], which are quadratic in three unit vectors normal to the axis: one is
-    fixed in b, two in a."""
-    # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
-    p, q = perpendicular_pair(unit(axis))
-    moving = along(p, b)
-    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and
-    # its jump from π to -π is opposite to it.
-    c = math.cos(rest)
-    s = math.sin(rest)
-    zero = along(c * p + s * q, a)
-    quarter = along(c * q - s * p, a)
-    # Two measures, moving·zero and moving·quarter, of the stacked vectors.
-    cosine = np.zeros((3, 3))
-    cosine[0, 1] = cosine[1, 0] = 1.0
-    sine = np.zeros((3, 3))
-    sine[0, 2] = sine[2, 0] = 1.0
-    return PointMeasure(
-        ports=[(moving, zero, quarter)],
-        H=np.array([np.kron(cosine, np.eye(3)), np.kron(sine, np.eye(3))]),
-        L=np.zeros((2, 9)),
-        c=np.zeros(2),
-    )
 
 
 class AboutHinge(Between):
@@ -243,3 +237,63 @@ class TorsionDamper(AboutHinge):
         measure = hinge_angle(*self._sides, self.axis, 0.0)
         damping = Parameter("damping", "N m s/rad", "c")
         yield PointDissipation(self.name, measure, AngularDamper(self.damping), (damping,))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class TorsionStop(AboutHinge):
+    """End stops of a hinge: an elastic moment k x against the angle x beyond either limit.
+
+    As of a `Stop`, an impact returns all of its energy, and time steps must resolve it.
+
+    Args:
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length; angles count in its right-handed
+            sense.
+        stiffness: k [N m/rad], positive.
+        limits: lowest and highest angle of b against a [rad], from the start; in rising order, and
+            together less than a turn.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a number out of its range.
+
+    Example:
+        >>> gx.connectors.TorsionStop(
+        ...     gx.ground_frame(),
+        ...     hub.frame(),
+        ...     axis=(0.0, 1.0, 0.0),
+        ...     stiffness=100.0,
+        ...     limits=(0.0, 1.57),
+        ... ).name
+        'torsion stop'
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis: Vector
+    stiffness: Annotated[float, positive("N m/rad")]
+    limits: tuple[float, float]
+    name: str = "torsion stop"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.limits
+        check(
+            0 <= high - low < 2 * math.pi,
+            f"TorsionStop '{self.name}': limits are {low:g} and {high:g} rad; "
+            "give two angles in rising order, less than a turn apart.",
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        low, high = self.limits
+        middle = (low + high) / 2
+        half = (high - low) / 2
+        # Angles from the middle: their jump by a turn is farthest from both limits.
+        yield PointStoredEnergy(
+            self.name,
+            hinge_angle(*self._sides, self.axis, middle),
+            AngularStop(self.stiffness, -half, half),
+            (Parameter("stiffness", "N m/rad", "k"),),
+        )

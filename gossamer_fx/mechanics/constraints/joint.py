@@ -10,6 +10,7 @@ them,
                those of the other
     revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
     prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
+    universal  ball, and n·m = 0: an axis n of one side is normal to an axis m of the other
     cylindrical  n·p = n·q = 0 of revolute, and (x_b - x_a)·p = (x_b - x_a)·q = 0 of prismatic
 
 A beam's section has two directors; where a joint needs its normal too, it is brought along
@@ -32,6 +33,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port, Vector, unit
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import (
+    SAME_DIRECTION,
     Between,
     Frame,
     FrameJoint,
@@ -123,15 +125,18 @@ def on_axis(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE * start.extent(),
         f"{kind} '{name}': its second point is off the axis through the first; place both on it.",
     )
-    # ½ z·H z = (x_b - x_a)·p for the stacked vectors z = (x_a, x_b, p), ports first.
+    for k, e in enumerate(perpendicular_pair(n)):
+        measure = offset(a.origin, b.origin, along(e, a, start.vector))
+        yield PointConstraint(f"{name} slide {k + 1}", measure)
+
+
+def offset(a: Attached, b: Attached, p: Attached) -> PointMeasure:
+    """The measure (x_b - x_a)·p [m] of two points and a direction."""
+    # ½ z·H z = (x_b - x_a)·p for the stacked vectors z = (x_a, x_b, p).
     H = np.zeros((3, 3))
     H[0, 2] = H[2, 0] = -1.0
     H[1, 2] = H[2, 1] = 1.0
-    for k, e in enumerate(perpendicular_pair(n)):
-        vectors = [(a.origin, b.origin, along(e, a, start.vector))]
-        H_of_vectors = np.kron(H, np.eye(3))[None]
-        measure = PointMeasure(vectors, H_of_vectors, np.zeros((1, 9)), np.zeros(1))
-        yield PointConstraint(f"{name} slide {k + 1}", measure)
+    return PointMeasure([(a, b, p)], np.kron(H, np.eye(3))[None], np.zeros((1, 9)), np.zeros(1))
 
 
 @check_arguments
@@ -295,6 +300,58 @@ class RevoluteJoint(AxisJoint):
         check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
         yield from same_axis(self.name, unit(self.axis), *self._sides, start)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class UniversalJoint(FrameJoint):
+    """Two frames share a point, and an axis of each stays normal to one of the other: a cross.
+
+    Args:
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.
+        axis_a, axis_b: directions in space at the start, of any length and normal to each other, of
+            the arms of the cross that turn in `a` and in `b`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, axes that are not normal to each other; when the scene is
+            compiled: origins that are apart.
+
+    Example:
+        >>> axes = {"axis_a": (1.0, 0.0, 0.0), "axis_b": (0.0, 1.0, 0.0)}
+        >>> gx.constraints.UniversalJoint(gx.ground_frame(), hub.frame(), **axes).name
+        'universal'
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis_a: Vector
+    axis_b: Vector
+    name: str = "universal"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        has_lengths = any(self.axis_a) and any(self.axis_b)
+        check(
+            has_lengths and bool(abs(unit(self.axis_a) @ unit(self.axis_b)) <= SAME_DIRECTION),
+            f"UniversalJoint '{self.name}': its axes {self.axis_a} and {self.axis_b} are not "
+            "normal to each other; give two directions at a right angle.",
+        )
+
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        a = self.a if lies_in(unit(self.axis_a), self.a) else self.a.complete
+        b = self.b if lies_in(unit(self.axis_b), self.b) else self.b.complete
+        return a, b
+
+    def terms(self, start: State) -> Iterable[Term]:
+        check_coincide(self.name, self.a.origin, self.b.origin, start)
+        yield coincidence(self.name, (self.a.origin, self.b.origin))
+        a, b = self._sides
+        n = along(unit(self.axis_a), a, start.vector)
+        m = along(unit(self.axis_b), b, start.vector)
+        yield product(f"{self.name} cross", n, m)
 
 
 @check_arguments

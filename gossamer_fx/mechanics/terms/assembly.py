@@ -27,7 +27,7 @@ forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, ClassVar, Generic, Never, Protocol, Self, TypeVar, runtime_checkable
@@ -279,6 +279,11 @@ class Multipliers(ABC):
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
         """Positions in this rank's part of a vector of multipliers that touch held coordinates
         only."""
+
+    def switch(self, free: PETSc.Vec) -> Iterator[str]:
+        """Engage and release, one after the other, the constraints of which that is wanted; yields
+        the name of each that holds from now on.  `free` is 0 where coordinates are held."""
+        return iter(())
 
     @abstractmethod
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:

@@ -8,6 +8,8 @@ A multiplier whose measure depends on fixed coordinates only is fixed too.
 A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
 -λ·(e(q1) - e(q0)) of its force counts as supplied.
 
+A constraint may be switched in a run (`LatchState`).  Released, it has the row λ = 0 instead.
+
 Where seams meet, a tie may follow from others: three points that are tied in a circle need two
 ties. Such ties are found in the graph whose vertices are coordinates and whose edges are
 constraints between two coordinates each; fixed coordinates are one vertex.  A tie that closes a
@@ -18,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -35,13 +37,15 @@ from gossamer_fx.core.algebra.point_measures import (
     nodes_of,
     refuse_ports_outside,
 )
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, Attached, Block
+from gossamer_fx.core.model.state import State
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
     Compiler,
     Differentiable,
+    HistoryVariables,
     Multipliers,
 )
 
@@ -117,6 +121,13 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
         self._gather = Gather(numbering, [at.indices for at in self._measures])
         self._closes = any(term.closing for term in terms)
+        # Latches by the number of their term.
+        self._latches = {k: term.latch for k, term in enumerate(terms) if term.latch}
+        self.losses = [terms[k].name for k in self._latches]
+        # Whether an equation is that of a released latch.
+        self._is_free: list[npt.NDArray[np.bool_]] = [
+            np.zeros((at.n, at.m), dtype=bool) for at in self._measures
+        ]
         # e at the start of the scene, and the right-hand side e(q1) = target of the step.
         self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
@@ -132,8 +143,13 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return found
 
     def begin_step(self, t: float) -> None:
-        if self._closes:
-            self._targets = self._targets_at(self._system.time + self._system.h)
+        self._take_targets(self._system.time + self._system.h)
+
+    def _take_targets(self, t: float) -> None:
+        """Take the right-hand sides of a time t [s], and which equations are free."""
+        if self._closes or self._latches:
+            self._targets = self._targets_at(t)
+            self._is_free = self._free_equations()
 
     def commit(self) -> None:
         self._q0 = self._gather(self._system.q0)
@@ -170,13 +186,35 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         targets: list[Array] = []
         for term_of, initial in zip(self._term_of, self._initial, strict=True):
             targets.append(openness[term_of][:, None] * initial)
+        for k, latch in self._latches.items():
+            for i, rows in self._rows_of(k):
+                targets[i][rows] = latch.values
         return targets
+
+    def _rows_of(self, term: int) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
+        """The number of the array that has a term, and which of its rows are those of the term;
+        nothing on ranks that do not evaluate it."""
+        for i, term_of in enumerate(self._term_of):
+            rows = term_of == term
+            if rows.any():
+                yield i, rows
+
+    def _free_equations(self) -> list[npt.NDArray[np.bool_]]:
+        """Whether each equation is that of a released latch, as the present histories say."""
+        found: list[npt.NDArray[np.bool_]] = [
+            np.zeros((at.n, at.m), dtype=bool) for at in self._measures
+        ]
+        for k, latch in self._latches.items():
+            for i, rows in self._rows_of(k):
+                found[i][rows] = ~latch.is_held
+        return found
 
     def _take_initial(self, q0: PETSc.Vec) -> None:
         """Measure where the constraints that close begin.  Collective."""
         if self._closes:
-            groups = zip(self._measures, self._gather(q0), strict=True)
-            self._initial = [at.strain(q) for at, q in groups]
+            closes = np.array([term.closing is not None for term in self._terms])
+            groups = zip(self._term_of, self._measures, self._gather(q0), strict=True)
+            self._initial = [closes[k][:, None] * at.strain(q) for k, at, q in groups]
 
     def add_forces(self, r: PETSc.Vec) -> None:
         values = self._system.q1.array_r.copy()
@@ -184,6 +222,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
             excess = at.strain(q) - self._targets[k]
+            excess = np.where(self._is_free[k], values[self._local[k]], excess)
             r.setValues(self._rows[k].ravel(), excess.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
@@ -199,10 +238,11 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
                 add_blocks(A, at.indices, at.indices, stiffness)
             force_gradient = self._middle_gradient(k, q).transpose(0, 2, 1)
             add_blocks(A, at.indices, rows, force_gradient)
-            add_blocks(A, rows, at.indices, at.gradient(q))
+            is_free = self._is_free[k]
+            add_blocks(A, rows, at.indices, np.where(is_free[:, :, None], 0.0, at.gradient(q)))
             # A factorisation needs the diagonal in the sparsity pattern, though its entries are
-            # zero.
-            add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
+            # zero but for those of free equations.
+            add_blocks(A, rows, rows, is_free[:, :, None] * np.eye(at.m))
 
     def _middle_gradient(self, k: int, q: Array) -> Array:
         """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
@@ -214,19 +254,61 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
 
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """D²e[v, v] in the rows of the multipliers."""
-        for rows, at, rates in zip(self._rows, self._measures, self._gather(v), strict=True):
-            r.setValues(rows.ravel(), at.second(rates).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        for k, (at, rates) in enumerate(zip(self._measures, self._gather(v), strict=True)):
+            second = np.where(self._is_free[k], 0.0, at.second(rates))
+            r.setValues(self._rows[k].ravel(), second.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation of a constraint in a state, in its own units; the same on every
         rank."""
         targets = self._targets_at(self._system.time)
+        free = self._free_equations()
         worst = []
-        for at, x, target in zip(self._measures, self._gather(q), targets, strict=True):
-            violations = np.abs(at.strain(x) - target)
+        for k, (at, x) in enumerate(zip(self._measures, self._gather(q), strict=True)):
+            violations = np.where(free[k], 0.0, np.abs(at.strain(x) - targets[k]))
             worst.append(float(violations.max(initial=0.0)))
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
+
+    # ---- latches ---------------------------------------------------------------------------------
+
+    def without_gradient(self) -> str:
+        if not self.losses:
+            return ""
+        return (
+            f"'{self.losses[0]}' has no gradient, "
+            "as an impact at an instant of its own is not differentiated; leave it out of the scene"
+        )
+
+    def dissipated(self) -> Array:
+        # Steps lose nothing: the losses of impacts are added where velocities are projected.
+        return np.zeros(len(self.losses))
+
+    def switch(self, free: PETSc.Vec) -> Iterator[str]:
+        for k, latch in self._latches.items():
+            if latch.is_wanted == latch.is_engaged:
+                continue
+            if latch.is_wanted:
+                self._engage(latch, free)
+                yield self._terms[k].name
+            else:
+                latch.release()
+                with self._system.q0 as values:
+                    for i, rows in self._rows_of(k):
+                        values[self._local[i][rows]] = 0.0
+                self._take_targets(self._system.time)
+
+    def _engage(self, latch: LatchState, free: PETSc.Vec) -> None:
+        """Engage a latch, unless what it holds is held already: `InputError`.  Collective."""
+        latch.engage(self._system.state)
+        self._take_targets(self._system.time)
+        try:
+            self._refuse_redundant(self._system.q0, free)
+        except InputError:
+            latch.release()
+            latch.is_wanted = False
+            self._take_targets(self._system.time)
+            raise
 
     # ---- before the first step -------------------------------------------------------------------
 
@@ -246,7 +328,8 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             is_idle = of_free <= NO_GRADIENT * largest
             found.append(self._local[k][is_idle])
             sizes = self.sizes[self._local[k] - self.owned.start]
-            is_open = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION * sizes
+            # Zero but for constraints that close in time.
+            is_open = np.abs(self._initial[k]) > MAX_INITIAL_VIOLATION * sizes
             stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
@@ -312,7 +395,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         begin, and measure their sizes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints
         are not searched for dependent ones.  Collective."""
         self._take_initial(q0)
-        self._targets = self._targets_at(0.0)
+        self._take_targets(0.0)
         # Violations and rates of each term that are above their bounds.
         violations = np.zeros(len(self._terms))
         rates = np.zeros(len(self._terms))
@@ -328,10 +411,12 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             self.sizes[self._local[k] - self.owned.start] = size
             violation = np.abs(at.strain(q) - self._targets[k])
             violation[violation <= MAX_INITIAL_VIOLATION * size] = 0.0
+            violation[self._is_free[k]] = 0.0
             np.maximum.at(violations, term_of, violation.max(axis=1, initial=0.0))
             largest_rate = np.abs(De * speeds[k][:, None, :]).max(axis=2, initial=0.0)
             rate = np.abs(np.einsum("nmx,nx->nm", De, v))
             rate[rate <= MAX_INITIAL_RATE * largest_rate] = 0.0
+            rate[self._is_free[k]] = 0.0
             np.maximum.at(rates, term_of, rate.max(axis=1, initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, violations, op=MPI.MAX)
         self._comm.Allreduce(MPI.IN_PLACE, rates, op=MPI.MAX)
@@ -388,7 +473,8 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             for i in range(at.n):
                 for j in range(at.m):
                     is_repeated = self._local[k][i, j] in repeated
-                    if np.any(De[i, j]) and not is_repeated:
+                    is_kept = not (is_repeated or self._is_free[k][i, j])
+                    if np.any(De[i, j]) and is_kept:
                         mine.append((int(self._term_of[k][i]), at.indices[i], De[i, j]))
         message = ""
         gathered = self._comm.gather(mine)
@@ -437,6 +523,51 @@ class Closing:
     openness: Callable[[float], float]
 
 
+class LatchState(HistoryVariables):
+    """The history variables of a constraint that is switched: whether it holds one of its m
+    measures, and at which value.
+
+    All ranks have the same.  The measures have one free motion; that nearest to zero is held, as of
+    the sine and cosine of an angle it is the one that changes fastest.
+
+    Attributes:
+        is_wanted: whether it shall be engaged; `switch` of the system follows.
+        is_held: (m,) which measure is held, none while it is released.
+        values: (m,) the measures when it was engaged last.
+    """
+
+    def __init__(self, measure: PointMeasure) -> None:
+        self._measure = measure
+        self.is_wanted = False
+        self.is_held: npt.NDArray[np.bool_] = np.zeros(len(measure.c), dtype=bool)
+        self.values: Array = np.zeros(len(measure.c))
+
+    @property
+    def is_engaged(self) -> bool:
+        return bool(self.is_held.any())
+
+    def engage(self, state: State) -> None:
+        """Hold the measure where it is in a state.  Collective."""
+        self.values = self._measure.at(state.vectors(self._measure.ports[0]).ravel())
+        self.is_held[np.abs(self.values).argmin()] = True
+        self.is_wanted = True
+
+    def release(self) -> None:
+        self.is_held[:] = False
+
+    def get_history(self) -> dict[str, Any]:
+        return {
+            "wanted": self.is_wanted,
+            "held": self.is_held.tolist(),
+            "values": self.values.tolist(),
+        }
+
+    def set_history(self, state: dict[str, Any]) -> None:
+        self.is_wanted = state["wanted"]
+        self.is_held = np.array(state["held"])
+        self.values = np.array(state["values"])
+
+
 @dataclass(frozen=True, eq=False)
 class PointConstraint:
     """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q_mid)ᵀλ
@@ -451,10 +582,21 @@ class PointConstraint:
         closing: how e goes to zero from what it is at the start; None: it is zero from the start.
         may_repeat: whether a tie of two nodes that follows from others is left out, instead of
             refused.
+        latch: whether it holds at present, of one that is switched; None: it always holds.
     """
 
     name: str
     measure: PointMeasure
     closing: Closing | None = None
     may_repeat: bool = False
+    latch: LatchState | None = None
     compiler: ClassVar[Compiler] = PointConstraints
+
+
+def multipliers_of(constraint: PointConstraint, system: Assembly) -> Array:
+    """λ (n, m) of a constraint in the accepted state, one row for each of this rank's tuples."""
+    terms = [term for term in system.terms if isinstance(term, PointConstraint)]
+    # Multipliers are numbered behind the bodies, in the order of the constraints.
+    k = next(i for i, term in enumerate(terms) if term is constraint)
+    owned = system.numbering.owned(len(system.bodies) + k)
+    return system.q0.array_r[owned].reshape(-1, constraint.measure.H.shape[0])

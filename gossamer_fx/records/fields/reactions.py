@@ -15,7 +15,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint, multipliers_of
 from gossamer_fx.mechanics.terms.supports import Support
 from gossamer_fx.solve.system.system import System
 
@@ -79,7 +79,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
                 total += _tied(
                     system,
                     term.measure,
-                    λ=_multipliers(system, name),
+                    λ=multipliers_of(term, system),
                     counts=lambda port: True,
                     centre=centre,
                 )
@@ -126,9 +126,7 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
 
     total = np.zeros((2, 3))
     for term in terms:
-        total += sign * _tied(
-            system, term.measure, _multipliers(system, term.name), on_side, centre
-        )
+        total += sign * _tied(system, term.measure, multipliers_of(term, system), on_side, centre)
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
@@ -173,15 +171,6 @@ def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
     owned = system.block(term.body).owned
     on_this_rank = term.dofs[term.dofs < owned.stop - owned.start]
     return np.unique(on_this_rank).astype(np.int64) + owned.start
-
-
-def _multipliers(system: System, name: str) -> Array:
-    """λ of a constraint, one row for each of this rank's points."""
-    terms = [t for t in system.terms if isinstance(t, PointConstraint)]
-    # Multipliers are numbered behind the bodies, in the order of the constraints.
-    k = next(i for i, term in enumerate(terms) if term.name == name)
-    owned = system.numbering.owned(len(system.bodies) + k)
-    return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
 
 
 def _tied(

@@ -416,6 +416,7 @@ class Simulation:
         if self._monitor is not None and not self._started:
             ended = self._monitor.start()
         self._started = True
+        self._switch()
         if not self.recorded:
             self._record(last=ended)
         if ended:
@@ -506,6 +507,7 @@ class Simulation:
                 ended = self._monitor.advance(stepping, h)
             else:
                 stepping.advance(h)
+            self._switch()
         finally:
             self.last_iterations = stepping.iterations - iterations
             self.substeps += stepping.substeps - substeps
@@ -526,6 +528,16 @@ class Simulation:
         # this.
         PETSc.garbage_cleanup(self.comm)
         return ended
+
+    def _switch(self) -> None:
+        """Engage and release latches for which an event or the user has asked.  Collective."""
+        if self.system.constraints is None:
+            return
+        from gossamer_fx.solve.steppers.impact import switch_constraints
+
+        if switch_constraints(self.system):
+            # `totals` compares times only, and the time is that before the impact.
+            self._totals = self.system.totals()
 
     def _leave(self, number: int) -> None:
         """Log where the run ended, and end the program."""

@@ -205,9 +205,7 @@ class System:
         self.v0.array[self.supports.at_rest] = 0
         self.supports.check_agreement(self.q0, self.time)
         if self.constraints:
-            free = self.numbering.vector()
-            free.set(1.0)
-            free.array[self.supports.held] = 0
+            free = self.free_marks()
             # Constraints have to hold at the start: a step would close a gap with a jump.
             self.constraints.validate(self.q0, self.v0, free)
             # Multipliers of constraints between fixed points have no equation; they are held at
@@ -219,6 +217,13 @@ class System:
         for scalars in self.scalar_unknowns:
             scalars.start()
         self._build_matrices()
+
+    def free_marks(self) -> PETSc.Vec:
+        """A new vector with 0 at coordinates that are held, else 1."""
+        free = self.numbering.vector()
+        free.set(1.0)
+        free.array[self.supports.held] = 0
+        return free
 
     def restart(self) -> None:
         """Update all derived quantities from `previous` and q0, which the caller has set: histories

@@ -1,0 +1,163 @@
+"""Latches: locks of hinges and rails that are engaged and released in a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, unit
+from gossamer_fx.core.model.state import HasSystem, State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.frames import (
+    Frame,
+    across,
+    along,
+    bodies_of,
+    hinge_angle,
+    lies_in,
+)
+from gossamer_fx.mechanics.constraints.joint import PrismaticJoint, RevoluteJoint, offset
+from gossamer_fx.mechanics.terms.point_constraints import (
+    LatchState,
+    PointConstraint,
+    multipliers_of,
+)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Latch:
+    """A lock of the motion that a hinge or rail leaves free, engaged and released in a run.
+
+    `engage` and `release` are actions of events, `position` and `load` probes: a latch acts at an
+    angle, a time, another event, or yields to a force.  They take effect at the end of the step.
+
+    Engaged, it holds angle or travel where they are.  Velocities jump to the nearest ones, in the
+    metric of the mass, that keep all constraints: a plastic impact, which conserves momentum and
+    angular momentum.  The energy that it takes counts as dissipated, by the name of the latch.
+    `GeneralizedAlpha` refuses it, as it would keep the accelerations from before the impact.
+
+    Args:
+        joint: a `RevoluteJoint` or `PrismaticJoint`, which joins the scene by itself.
+        angle: of the hinge from the start to where it is to engage [rad], less than a turn: angles
+            are counted within half a turn of the middle of this way.
+        engaged: whether it holds at the start.
+        name: name in messages and output.
+
+    Raises:
+        InputError: another joint; an angle for a rail, or of a turn; when it engages: what it holds
+            is held already, or something that moves has no mass.
+
+    Example:
+        Two bars with moments of inertia of 1 kg m², one of which turns with 1 rad/s, lose 0.25 J.
+
+        >>> z = (0.0, 0.0, 1.0)
+        >>> one = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="one")
+        >>> other = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other", spin=z)
+        >>> hinge = gx.constraints.RevoluteJoint(one.frame(), other.frame(), axis=z)
+        >>> latch = gx.constraints.Latch(hinge)
+        >>> deployed = gx.When(latch.position, 0.5, then=latch.engage)
+        >>> run = gx.Simulation(gx.Scene(latch), gx.Midpoint(0.1), events=[deployed])
+        >>> run.run(until=1.0)
+        >>> round(run.totals.losses["latch"], 9)
+        0.25
+    """
+
+    joint: RevoluteJoint | PrismaticJoint
+    _: KW_ONLY
+    angle: float = 0.0
+    engaged: bool = False
+    name: str = "latch"
+
+    def __post_init__(self) -> None:
+        check(
+            isinstance(self.joint, RevoluteJoint) or self.angle == 0,
+            f"Latch '{self.name}': '{self.joint.name}' is a rail, which has no angle; "
+            "leave angle out.",
+        )
+        check(
+            abs(self.angle) < 2 * math.pi,
+            f"Latch '{self.name}': angle is {self.angle:g} rad; stay within a turn.",
+        )
+
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        joint = self.joint
+        if isinstance(joint, RevoluteJoint):
+            return across(joint.axis, joint.a), across(joint.axis, joint.b)
+        a = joint.a if lies_in(unit(joint.axis), joint.a) else joint.a.complete
+        return a, joint.b
+
+    @cached_property
+    def _measure(self) -> PointMeasure:
+        """(cos, sin) of the angle beyond half of `angle` of a hinge, the travel [m] of a rail."""
+        a, b = self._sides
+        if isinstance(self.joint, RevoluteJoint):
+            return hinge_angle(a, b, self.joint.axis, self.angle / 2)
+        return offset(a.origin, b.origin, along(unit(self.joint.axis), a))
+
+    def requires(self) -> Iterable[Any]:
+        yield self.joint
+        yield from bodies_of(*self._sides)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        latch = LatchState(self._measure)
+        if self.engaged:
+            latch.engage(start)
+        yield PointConstraint(self.name, self._measure, latch=latch)
+
+    def engage(self, run: HasSystem) -> None:
+        """Let the latch hold from the end of the step on: an action of events."""
+        self._state(run).is_wanted = True
+
+    def release(self, run: HasSystem) -> None:
+        """Let the latch go from the end of the step on: an action of events."""
+        self._state(run).is_wanted = False
+
+    def is_engaged(self, run: HasSystem) -> bool:
+        """Whether the latch holds in the present state."""
+        return self._state(run).is_engaged
+
+    def position(self, run: HasSystem) -> float:
+        """The angle of b against a from the start [rad], or the distance of the origins of a rail
+        along its axis [m]: a probe."""
+        e = self._measures(run)
+        if len(e) == 1:
+            return float(e[0])
+        return self.angle / 2 + math.atan2(e[1], e[0])
+
+    def load(self, run: HasSystem) -> float:
+        """The size of the moment [N m] or force [N] that the latch bore in the last step: a
+        probe."""
+        λ: Array = run.system.comm.allreduce(
+            multipliers_of(self._term(run), run.system).sum(axis=0)
+        )
+        if len(λ) == 1:
+            return abs(float(λ[0]))
+        # The derivatives of cosine and sine by the angle.
+        cosine, sine = self._measures(run)
+        return abs(float(λ @ np.array([-sine, cosine])))
+
+    def _measures(self, run: HasSystem) -> Array:
+        """The measures (m,) in the present state.  Collective."""
+        return self._measure.at(run.system.state.vectors(self._measure.ports[0]).ravel())
+
+    def _term(self, run: HasSystem) -> PointConstraint:
+        """The constraint in the scene of a run; `InputError` if there is none."""
+        terms = run.system.terms_of(self)
+        check(bool(terms), f"Latch '{self.name}' is not in the scene of this run; add it.")
+        term: PointConstraint = terms[0]
+        return term
+
+    def _state(self, run: HasSystem) -> LatchState:
+        latch = self._term(run).latch
+        assert latch is not None
+        return latch

@@ -1,0 +1,240 @@
+"""Latches, universal joints and end stops of hinges: what an impact takes, and what it leaves."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.methods import latched_boom
+
+COMM = MPI.COMM_WORLD
+Z = (0.0, 0.0, 1.0)
+MIDPOINT = gx.Midpoint(0.07)
+
+
+def bar(name: str, comm: MPI.Intracomm = COMM, **more) -> gx.RigidBody:
+    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name=name, **more)
+
+
+def two_bars(comm: MPI.Intracomm = COMM, **arguments) -> gx.constraints.Latch:
+    """Two free bars on one hinge, the second of which turns with 1 rad/s."""
+    one = bar("one", comm)
+    other = bar("other", comm, spin=Z)
+    hinge = gx.constraints.RevoluteJoint(one.frame(), other.frame(), axis=Z)
+    return gx.constraints.Latch(hinge, **arguments)
+
+
+def closed_and_opened(latch: gx.constraints.Latch) -> list:
+    return [
+        gx.When(latch.position, 0.5, then=latch.engage, name="it closes"),
+        gx.At(2.0, then=latch.release, name="it opens"),
+    ]
+
+
+@pytest.mark.mpi
+def test_two_bars_lose_a_quarter_of_a_joule() -> None:
+    """The reduced inertia of ½ kg m² has ½·½·1² J; both turn together with ½ rad/s."""
+    latch = two_bars()
+    events = closed_and_opened(latch)
+    run = gx.Simulation(gx.Scene(latch), MIDPOINT, events=events)
+    run.run(until=1.9)
+    assert latch.is_engaged(run)
+    assert run.totals.losses["latch"] == pytest.approx(0.25, rel=1e-9)
+    assert run.totals.kinetic == pytest.approx(0.25, rel=1e-9)
+    assert run.totals.angular_momentum == pytest.approx([0, 0, 1], abs=1e-13)
+    assert abs(run.energy_error) < 1e-13
+    assert latch.position(run) == pytest.approx(0.5, abs=1e-6)
+    run.run(until=3.0)
+    assert not latch.is_engaged(run)
+    assert run.totals.losses["latch"] == pytest.approx(0.25, rel=1e-9)
+
+
+def test_generalised_alpha_refuses_a_latch() -> None:
+    with pytest.raises(gx.InputError, match=r"has a latch, .* use Midpoint"):
+        gx.Simulation(gx.Scene(two_bars()), gx.GeneralizedAlpha(dt=0.07))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("stop", [0.21, 1.0, 2.5])
+def test_a_restart_knows_whether_it_is_latched(folder: Path, stop: float) -> None:
+    """Before the latch engages, while it holds and after it was released."""
+    latch = two_bars()
+    events = closed_and_opened(latch)
+    first = gx.Simulation(
+        gx.Scene(latch), MIDPOINT, events=events, checkpoints=gx.Checkpoints(folder)
+    )
+    first.run(until=stop)
+    again = two_bars()
+    run = gx.Simulation(gx.Scene(again), MIDPOINT, events=closed_and_opened(again), restart=folder)
+    assert again.is_engaged(run) == (0.5 < stop < 2.0)
+    first.run(until=3.0)
+    run.run(until=3.0)
+    assert run.totals.losses == pytest.approx(first.totals.losses, rel=1e-9)
+    assert run.system.q0.array_r == pytest.approx(first.system.q0.array_r, abs=1e-9)
+    assert abs(run.energy_error) < 1e-13
+
+
+def test_a_tumbling_pair_keeps_both_momenta() -> None:
+    """Two bars whose common tumbling has (0.4, 0.3, 0) rad/s, of which one turns with 2 rad/s about
+    the hinge."""
+    motion = {"velocity": (0.0, 1.4, -0.21), "spin": (0.4, 0.3, 2.0)}
+    still = {"velocity": (0.0, 0.0, 0.15), "spin": (0.4, 0.3, 0.0)}
+    one = gx.RigidBody(1.0, (0.3, 1.0, 1.2), position=(-0.5, 0, 0), name="one", **still)
+    other = gx.RigidBody(2.0, (0.2, 0.9, 1.0), position=(0.7, 0, 0), name="other", **motion)
+    origin = (0.0, 0.0, 0.0)
+    hinge = gx.constraints.RevoluteJoint(one.frame_at(origin), other.frame_at(origin), axis=Z)
+    latch = gx.constraints.Latch(hinge, angle=1.0)
+    events = [gx.When(latch.position, 1.0, then=latch.engage)]
+    run = gx.Simulation(gx.Scene(latch), gx.Midpoint(0.02), events=events)
+    before = run.totals
+    run.run(until=3.0)
+    assert latch.is_engaged(run)
+    assert run.totals.losses["latch"] > 0.01 * before.kinetic
+    assert run.totals.momentum == pytest.approx(before.momentum, abs=1e-12)
+    assert run.totals.angular_momentum == pytest.approx(before.angular_momentum, abs=1e-11)
+    assert abs(run.energy_error) < 1e-11
+
+
+def test_a_load_opens_the_latch() -> None:
+    """A moment that rises by 1 N m/s on the second of two held bars, half of which passes the
+    latch."""
+    latch = two_bars(name="weak")
+    body = latch.joint.b.origin.body
+    torque = gx.loads.Torque(body.frame(), lambda t: (0.0, 0.0, t))
+    events = [
+        gx.When(latch.position, 0.1, then=latch.engage),
+        gx.When(latch.load, 1.0, then=latch.release, stop=True),
+    ]
+    run = gx.Simulation(gx.Scene(latch, torque), gx.Midpoint(0.01), events=events)
+    run.run(until=5.0)
+    assert run.time == pytest.approx(2.0, abs=0.02)
+    assert not latch.is_engaged(run)
+
+
+@pytest.mark.mpi
+def test_a_rail_is_held_and_its_carriage_bounces_not() -> None:
+    """1 kg with 2 m/s on a rail of 3 kg: ½·(3/4)·2² J are lost, and both go on with ½ m/s."""
+    rail = gx.RigidBody(3.0, (1.0, 1.0, 1.0), name="rail")
+    carriage = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="carriage", velocity=(2, 0, 0))
+    joint = gx.constraints.PrismaticJoint(rail.frame(), carriage.frame(), axis=(1, 0, 0))
+    latch = gx.constraints.Latch(joint)
+    events = [gx.When(latch.position, 0.3, then=latch.engage)]
+    run = gx.Simulation(gx.Scene(latch), MIDPOINT, events=events)
+    run.run(until=1.0)
+    assert run.totals.losses["latch"] == pytest.approx(1.5, rel=1e-12)
+    assert latch.position(run) == pytest.approx(0.3, abs=1e-6)
+    velocity = gx.probes.Velocity(carriage.port((0.0, 0.0, 0.0)), "x")
+    assert velocity(run) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_a_latch_that_is_closed_at_the_start_opens() -> None:
+    one = bar("one", spin=Z)
+    other = bar("other", spin=Z)
+    hinge = gx.constraints.RevoluteJoint(one.frame(), other.frame(), axis=Z)
+    latch = gx.constraints.Latch(hinge, engaged=True, angle=0.4)
+    torque = gx.loads.Torque(other.frame(), (0.0, 0.0, 1.0))
+    events = [gx.At(0.5, then=latch.release)]
+    run = gx.Simulation(gx.Scene(latch, torque), gx.Midpoint(0.01), events=events)
+    run.run(until=0.5)
+    assert latch.position(run) == pytest.approx(0.0, abs=1e-12)
+    run.run(until=1.0)
+    # The moment of 1 N m turns the second bar against the first: ½·1·0.5².
+    assert latch.position(run) == pytest.approx(0.125, rel=1e-4)
+    assert run.totals.losses["latch"] == 0.0
+
+
+def test_what_is_held_already_is_not_latched() -> None:
+    latch = two_bars()
+    twin = gx.constraints.Latch(latch.joint, name="twin")
+    events = [gx.At(0.1, then=latch.engage), gx.At(0.2, then=twin.engage)]
+    run = gx.Simulation(gx.Scene(latch, twin), MIDPOINT, events=events)
+    with pytest.raises(gx.InputError, match="'latch', 'twin' follow from the others"):
+        run.run(until=1.0)
+    assert not twin.is_engaged(run)
+
+
+def test_gradients_refuse_a_latch_by_name() -> None:
+    latch = two_bars(name="lock")
+    run = gx.Simulation(gx.Scene(latch), MIDPOINT)
+    with pytest.raises(gx.InputError, match="'lock' has no gradient"):
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.1)
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["other.spin"])
+
+
+def test_bad_latches_are_refused() -> None:
+    one = bar("one")
+    ball = gx.constraints.BallJoint(one.port((0, 0, 0)), gx.Ground((0, 0, 0)))
+    with pytest.raises(gx.InputError, match="joint"):
+        gx.constraints.Latch(ball)  # type: ignore[arg-type]
+    rail = gx.constraints.PrismaticJoint(one.frame(), gx.ground_frame(), axis=Z)
+    with pytest.raises(gx.InputError, match="stay within a turn"):
+        two_bars(angle=7.0)
+    with pytest.raises(gx.InputError, match="has no angle"):
+        gx.constraints.Latch(rail, angle=1.0)
+    stranger = two_bars(name="stranger")
+    run = gx.Simulation(gx.Scene(one), MIDPOINT)
+    with pytest.raises(gx.InputError, match="'stranger' is not in the scene"):
+        stranger.engage(run)
+    with pytest.raises(gx.InputError, match="rising order"):
+        gx.connectors.TorsionStop(
+            one.frame(), gx.ground_frame(), axis=Z, stiffness=1.0, limits=(1.0, 0.0)
+        )
+    with pytest.raises(gx.InputError, match="right angle"):
+        gx.constraints.UniversalJoint(one.frame(), gx.ground_frame(), axis_a=Z, axis_b=(0, 1, 1))
+
+
+def test_a_universal_joint_passes_a_torque_on() -> None:
+    """It bends about both arms of its cross and does not twist: a torque of 1 N m about the common
+    axis turns both bars of 1 kg m² together."""
+    one = bar("one")
+    other = bar("other")
+    cross = gx.constraints.UniversalJoint(
+        one.frame(), other.frame(), axis_a=(1, 0, 0), axis_b=(0, 1, 0)
+    )
+    twist = gx.loads.Torque(one.frame(), Z)
+    run = gx.Simulation(gx.Scene(cross, twist), gx.Midpoint(0.01))
+    run.run(until=1.0)
+    for body in (one, other):
+        assert gx.probes.AngularVelocity(body.frame(), "z")(run) == pytest.approx(0.5, rel=1e-9)
+    bend = gx.loads.Torque(one.frame(), (1.0, 0.5, 0.0))
+    run = gx.Simulation(gx.Scene(cross, bend), gx.Midpoint(0.01))
+    run.run(until=1.0)
+    arm = run.system.state.vector(one.frame().directors[0])
+    across = run.system.state.vector(other.frame().directors[1])
+    assert arm @ across == pytest.approx(0.0, abs=1e-10)
+    assert gx.probes.AngularVelocity(other.frame(), "x")(run) == pytest.approx(0.0, abs=0.1)
+    assert abs(run.energy_error) < 1e-12
+
+
+def test_end_stops_return_the_energy_of_the_impact() -> None:
+    """A bar between stops at ±0.5 rad, at 1 rad/s: each contact takes π √(I/k)."""
+    one = bar("one", spin=Z)
+    sides = {"a": gx.ground_frame(), "b": one.frame(), "axis": Z}
+    hinge = gx.constraints.RevoluteJoint(**sides)
+    stop = gx.connectors.TorsionStop(**sides, stiffness=400.0, limits=(-0.5, 0.5))
+    angle = gx.constraints.Latch(hinge)
+    run = gx.Simulation(gx.Scene(angle, stop), gx.Midpoint(0.002))
+    contact = math.pi / math.sqrt(400.0)
+    run.run(until=0.5 + contact + 0.3)
+    assert angle.position(run) == pytest.approx(0.2, abs=1e-3)
+    run.run(until=0.5 + contact + 1.0 + contact + 0.3)
+    assert angle.position(run) == pytest.approx(-0.2, abs=1e-3)
+    assert abs(run.energy_error) < 1e-12
+    assert run.totals.kinetic == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_boom_stands_still_when_its_last_hinge_has_latched() -> None:
+    """Without momentum a rigid body is at rest: the latches have taken all energy but that of the
+    springs, which are 1e-4 of their way from their rest."""
+    found = latched_boom.main(bars=2, dt=0.02)
+    assert found["latched"] == 2
+    assert found["kinetic energy left"] < 1e-20
+    assert found["taken by the latches"] == pytest.approx(1 - 1e-8, abs=1e-9)
+    assert abs(found["energy_error"]) < 1e-10
+    assert found["angular_momentum"] < 1e-11
