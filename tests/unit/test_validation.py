@@ -282,11 +282,12 @@ def test_the_picture_shows_every_test_and_a_miss_at_its_error(folder):
     assert len(marks) == len(table_of_tests().splitlines()) - 2
     for mark in marks:
         assert abs(mark.ratio - 1) == pytest.approx(abs(mark.comparison.error))
-    # The mean radius of the torus shrinks by more than measured, which is a negative number.
-    (torus, _) = [one for one in marks if one.comparison.measured.quantity.endswith("mean radius")][
-        :2
-    ]
-    assert torus.ratio > 1.5
+        comparison = mark.comparison
+        if not math.isfinite(comparison.measured.reference):
+            assert mark.ratios == pytest.approx(comparison.y_predicted / comparison.y_measured)
+            assert (mark.ratio >= 1) == (mark.ratios.mean() >= 1)
+    # A torus shrinks by more than measured, which is a negative number.
+    assert any((one.comparison.y_measured < 0).all() and one.ratios.min() > 1.05 for one in marks)
     # A test without a result of its quantity is drawn as failed.
     failed = case_of(folder, GOOD)
     nothing = Result({"test": "one"}, {}, 0.0)

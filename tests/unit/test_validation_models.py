@@ -10,7 +10,13 @@ import ufl
 
 import gossamer_fx as gx
 from demos.validation.engine.case import Inputs
-from demos.validation.models import everting_tube, leaking_vessel, prestressed_film, tape_spring
+from demos.validation.models import (
+    everting_film,
+    everting_tube,
+    leaking_vessel,
+    prestressed_film,
+    tape_spring,
+)
 from demos.validation.models.capstan import helix, tangent
 from demos.validation.models.despinner import closed_form
 from demos.validation.models.fabric_bulge import LAWS, SLACK_LOAD, Disc
@@ -323,6 +329,55 @@ def test_a_tube_everts_by_the_balance_of_its_gas(comm):
     rests = travel < 0
     assert rests.any() and abs(found.quantities["travel"].y[rests]).max() < 1e-4
     assert abs(found.details["energy error"]) < 1e-12
+
+
+EVERTING_FILM = {
+    "flat_width": {"value": 100, "unit": "mm"},
+    "thickness": {"value": 100, "unit": "um"},
+    "E": {"value": 0.3, "unit": "GPa"},
+    "poisson": {"value": 0.3, "unit": "1"},
+    "density": {"value": 1000, "unit": "kg/m3"},
+    "core_ratio": {"value": 0.5, "unit": "1"},
+    "pressure": {"value": 5, "unit": "kPa"},
+    "tip_speed": {"value": 1, "unit": "m/s"},
+    "travel": {"value": 0.6, "unit": "1"},
+    "cells_around": {"value": 12, "unit": "1"},
+    "cells_along": {"value": 5, "unit": "1"},
+    "step": {"value": 8e-5, "unit": "s"},
+}
+
+
+def test_the_first_shape_of_an_everting_film_keeps_lengths_along_it_and_is_on_its_rod():
+    shape = everting_film.Shape(radius=1.0, core=0.4, around=16, along=8)
+    X = np.stack([np.ones(4001), np.zeros(4001), np.linspace(0, shape.length, 4001)])
+    x = X + shape.displacement(X)
+    lengths = np.linalg.norm(np.diff(x, axis=1), axis=0)
+    assert lengths == pytest.approx(shape.length / 4000, rel=1e-4)
+    assert x[0, 0] == pytest.approx(0.4 + 0.9 * 0.03) and x[0, -1] == pytest.approx(1.0)
+    # The wall goes back to the height 0, outside of the tail.
+    assert x[2, -1] == pytest.approx(0.0, abs=1e-12)
+    assert (np.diff(x[0]) >= 0).all()
+    # The second side stays in its plane of symmetry.
+    X[:2] = [[math.cos(shape.angle)], [math.sin(shape.angle)]]
+    x = X + shape.displacement(X)
+    assert np.array(shape.normal) @ x == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_an_everting_film_pulls_its_tail_by_half_the_pressure_force(comm):
+    """T = p (A - a)/2, with the areas of the stretched wall and of the tail at the distance of
+    contact, less the strain energy of the wall; with the sections that the coarse mesh has."""
+    inputs = Inputs("a tube", EVERTING_FILM)
+    found = everting_film.predict(inputs, comm, quick=False)
+    radius = 0.1 / math.pi
+    hoop_strain = 5e3 * radius / (0.3e9 * 1e-4)
+    section = 6 * math.sin(math.pi / 6)
+    wall = (1 + hoop_strain) ** 2
+    tail = (0.5 + 0.02) ** 2
+    balance = 5e3 * section * (wall - tail) * radius**2 / 2
+    assert found.details["tension [N]"] == pytest.approx(balance * (1 - hoop_strain), rel=0.01)
+    assert found.quantities["tip over tail"].y == pytest.approx(0.5, rel=0.01)
+    assert abs(found.details["energy error"]) < 1e-10
 
 
 def test_masses_that_leave_a_hub_keep_energy_and_momentum():

@@ -179,15 +179,17 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
         colour = NOT_ASKED
         if is_asked(mark.comparison.measured):
             colour = AS_ASKED if mark.comparison.is_accepted() else MISSED
-        limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)
-        axis.plot(
-            [x, x],
-            limits,
-            color=colour,
-            linewidth=0.8,
-            alpha=0.5,
-            zorder=2,
-        )
+        # The values of a curve through zero have no ratios of their own.
+        if not math.isfinite(mark.comparison.measured.reference):
+            limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)
+            axis.plot(
+                [x, x],
+                limits,
+                color=colour,
+                linewidth=0.8,
+                alpha=0.5,
+                zorder=2,
+            )
         if math.isfinite(mark.comparison.measured.peer_error):
             axis.plot(x, mark.peer_ratio, **PEER)
         # What failed, or is of the other sign, has no place on the axis: it is at its lower edge.
