@@ -18,8 +18,15 @@ with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and 
 
     case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
 
+With law="sliding" the torque is that of a sliding-mode law (Slotine & Li, Applied Nonlinear Control
+(1991), § 7.2), sampled and held for 0.08 s.  With s = d(angle)/dt + Ω (angle - target) it lets |s|
+fall at the rate η, and is linear in s where |s| < φ:
+
+    T = -I (Ω d(angle)/dt + η sat(s/φ)),   η = 0.05 rad/s²,   φ = 0.02 rad/s
+
     ./gossamer demo antenna_attitude
     ./gossamer run demos/antennas/antenna_attitude.py case=2 dt=0.04 --output out/turn
+    ./gossamer run demos/antennas/antenna_attitude.py law=sliding stepper=generalized_alpha
     ./gossamer report out/turn
 """
 
@@ -27,6 +34,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -34,6 +42,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.records.outputs.output import Probe
@@ -51,6 +60,12 @@ TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 # Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
 RATE = 0.6
 DAMPING = 1.0
+# Of the sliding-mode law: η [rad/s²], φ [rad/s], and the time for which a torque is held [s].
+REACHING = 0.05
+LAYER = 0.02
+PERIOD = 0.08
+# By name; `dt` [s] is the step.
+STEPPERS = {"midpoint": gx.Midpoint, "generalized_alpha": gx.GeneralizedAlpha}
 
 
 @dataclass(frozen=True)
@@ -109,19 +124,45 @@ def inertia() -> np.ndarray:
     return np.array([film + boom, film + boom, 2 * (film + boom)])
 
 
-def control_probes(control: gx.control.AttitudeControl) -> dict[str, Probe]:
-    """The three controlled angles [deg], and the torques about their axes [N m]."""
+def angles_and_rates(control: gx.control.AttitudeControl, run: gx.Simulation) -> Array:
+    """The three controlled angles [rad], then their rates [rad/s], (6,)."""
+    # Directors of the patch give R, and R the three angles.
+    state = run.system.state
+    X = state.vectors(control.frame.directors).ravel()
+    V = state.rates(control.frame.directors).ravel()
+    return np.concatenate(control.angles_and_rates(X, V, control.reference()))
+
+
+def sliding_mode(control: gx.control.AttitudeControl, inertias: Array) -> gx.control.Feedback:
+    """The sliding-mode law on the frame and with the angles of a control, which is left out of the
+    scene; its commands are torques in space axes [N m]."""
+
+    def measure(k: int) -> Probe:
+        return lambda run: float(angles_and_rates(control, run)[k])
+
+    def law(t: float, values: Array) -> Array:
+        angles = values[:3]
+        rates = values[3:]
+        s = rates + RATE * (angles - control.target)
+        reaching = REACHING * np.clip(s / LAYER, -1.0, 1.0)
+        return control.in_space(angles, -inertias * (RATE * rates + reaching))
+
+    torque = gx.control.BodyTorque(control.frame)
+    return gx.control.Feedback([measure(k) for k in range(6)], law, [torque], period=PERIOD)
+
+
+def control_probes(
+    control: gx.control.AttitudeControl, feedback: gx.control.Feedback | None
+) -> dict[str, Probe]:
+    """The three controlled angles [deg], and the torques [N m] about their axes, those of a
+    feedback about axes in space."""
 
     def angle(axis: int) -> Probe:
-        def probe(run: gx.Simulation) -> float:
-            # Directors of the patch give R, and R the three angles.
-            vectors = run.system.state.vectors(control.frame.directors)
-            angles = control.angles_of(vectors.ravel(), control.reference())
-            return float(np.degrees(angles[axis]))
-
-        return probe
+        return lambda run: float(np.degrees(angles_and_rates(control, run)[axis]))
 
     def torque(axis: int) -> Probe:
+        if feedback is not None:
+            return lambda run: float(feedback.commands(run)[axis])
         return lambda run: float(control.torques[axis])
 
     angles = {f"angle {axis} [deg]": angle(k) for k, axis in enumerate("uvw")}
@@ -136,12 +177,19 @@ def build(
     until: float = 40.0,
     dt: float = 0.02,
     order: int = 1,
+    law: str = "pd",
+    stepper: str = "midpoint",
 ) -> gx.Case:
     """The antenna with cells × cells squares of film and `elements` of each boom, and its control
-    in `case` 1 or 2.
+    in `case` 1 or 2 by the `law` "pd" or "sliding" and one of the `STEPPERS`.
 
     It tells angles, torques and the displacement of the corner A.
     """
+    check(
+        law in ("pd", "sliding") and stepper in STEPPERS,
+        f"law is {law!r} and stepper {stepper!r}; "
+        f"give pd or sliding, and one of {', '.join(STEPPERS)}.",
+    )
     model = antenna(comm, cells, elements, order)
     centre = model.film.port_at((0, 0, 0))
     corner = model.film.port_at(model.points[0])
@@ -154,17 +202,17 @@ def build(
         stiffness=I * RATE**2,
         damping=2 * DAMPING * I * RATE,
     )
-    scene = gx.Scene(
-        *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre"), control
-    )
-    probes = control_probes(control)
+    feedback = sliding_mode(control, I) if law == "sliding" else None
+    joint = gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre")
+    scene = gx.Scene(*model.items, joint, feedback or control)
+    probes = control_probes(control, feedback)
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
     # The torque begins at zero, so that the first residuals are small: `floor` ends their
     # iteration.
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
+    tolerances = gx.Tolerances(relative=1e-12, floor=1.0)
     return gx.Case(
         scene,
-        stepper,
+        STEPPERS[stepper](dt=dt, tolerances=tolerances),
         until=until,
         title=f"The membrane antenna, turned: case {case}",
         probes=probes,
@@ -172,7 +220,7 @@ def build(
 
 
 def main(
-    case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float
+    case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: Any
 ) -> dict:
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
     over the time.

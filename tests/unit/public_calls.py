@@ -173,6 +173,17 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("connectors.AttachedMass", port=film.port("bottom left"), mass=1.0)
     add("probes.Attitude", orbit=orbit, of=film, axis="along")
     add("control.AttitudeControl", frame=A, target=z, stiffness=1.0, damping=1.0, period=0.1)
+    add("control.BodyTorque", frame=A)
+    add("control.Thruster", frame=A, direction=z)
+    wheel = gx.control.ReactionWheel(A, z, inertia=1.0)
+    add("control.ReactionWheel", frame=A, axis=z, inertia=1.0)
+    add(
+        "control.Feedback",
+        measures=[lambda run: 0.0],
+        law=lambda t, values: values,
+        actuators=[wheel],
+        period=0.1,
+    )
     add("connectors.AxialSpring", port=P, stiffness=1.0, direction=z, origin=z)
     add("constraints.BallJoint", a=P, b=gx.Ground((1.0, 0.0, 0.0)))
     add("Beam", mesh=curve, section=section)

@@ -20,6 +20,7 @@ from gossamer_fx.app.cli.command import main
 from gossamer_fx.app.cli.user_files import guarded
 from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.mechanics.control.feedback import Actuator
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
@@ -93,7 +94,8 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
                 tried += 1
                 try:
                     made = attrgetter(name)(gx)(**call | {argument: other})
-                    if isinstance(made, Item) and not isinstance(made, gx.Frame | Obstacle):
+                    is_named_only = isinstance(made, gx.Frame | Obstacle | Actuator)
+                    if isinstance(made, Item) and not is_named_only:
                         gx.Scene(made).compile()
                 except Exception as error:
                     refused.append(f"{name}({argument}={other!r}): {type(error).__name__}: {error}")
@@ -148,6 +150,8 @@ OF_ANY_SIGN = {
     "analysis.convergence": "exact",
     "connectors.Crease": "rest_angle",
     "connectors.TorsionSpring": "rest_angle",
+    "constraints.Latch": "angle",
+    "control.ReactionWheel": "spin",
     "loads.EdgeMoment": "moment",
     "orbit.Drag": "rotation",
     "orbit.Elements": "node perigee anomaly",
@@ -180,6 +184,7 @@ NOT_NEGATIVE = {
     "connectors.Spring": "length",
     "contact.Plane": "friction",
     "control.AttitudeControl": "stiffness damping period",
+    "control.Feedback": "delay",
     "fold.Ikaros": "gap hub_gap out",
     "fold.Miura": "opening lift",
     "fold.Roll": "pitch opening",

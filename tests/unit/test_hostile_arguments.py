@@ -27,6 +27,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.mechanics.control.feedback import Actuator
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_sentence
@@ -166,6 +167,11 @@ def run(made: Any) -> bool:
     others: list[Any] = [gx.PointMass(1.0, name="ballast")]
     if isinstance(made, Obstacle):
         made = gx.Contact(sheet_film(height=3.0), made, distance=1e-3)
+    if isinstance(made, Actuator):
+        command = np.full(made.commands, 1e-3)
+        made = gx.control.Feedback(
+            [lambda run: 0.0], lambda t, values: command, [made], period=1e-4
+        )
     events = [made] if isinstance(made, gx.At | gx.When) else []
     if not events and not isinstance(made, Item):
         return False

@@ -37,6 +37,16 @@ class HasSystem(Protocol):
     system: Any
 
 
+@runtime_checkable
+class Sampled(Protocol):
+    """An item that looks at the state of a run between steps, as a feedback does."""
+
+    def before_step(self, run: HasSystem, h: float) -> float:
+        """Look at the state before a step of length h [s]; returns the length that it may have.
+        Collective."""
+        ...
+
+
 class BodyState:
     """One body in a state; what it returns is of this rank and read-only, unless stated
     otherwise."""

@@ -33,6 +33,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, NotConverged, OutputFailure, check
 from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.checks.lone_errors import abort_on_lone_error, agree_on_error
+from gossamer_fx.core.model.state import Sampled
 from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_of
 from gossamer_fx.records.run.log import LOGGER
 from gossamer_fx.solve.scene.scene import Scene
@@ -162,6 +163,7 @@ class Simulation:
         # Residuals are compared with the largest energy so far, see `solvers.newton`.
         self.solver.newton.largest_energy = self.first.size
         self._monitor = self._monitor_of(events)
+        self._sampled = [item for item in self.system.items if isinstance(item, Sampled)]
         # A restarted run has had its start: the events at the start, and the record of that state.
         self._started = restart is not None
         self.recorded = restart is not None  # whether the outputs have recorded the present state
@@ -502,6 +504,9 @@ class Simulation:
         iterations = stepping.iterations
         substeps = stepping.substeps
         ended = False
+        # Before the step is saved for a repetition, so that each sample is taken once.
+        for item in self._sampled:
+            h = item.before_step(self, h)
         try:
             if self._monitor:
                 ended = self._monitor.advance(stepping, h)
