@@ -108,7 +108,7 @@ def family_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str
             percent(abs(ordered[0].comparison.error)),
             percent(abs(worst.comparison.error)) or "failed",
             f"{worst.case}: {worst.comparison.measured.quantity}",
-            f"{sum(mark.comparison.is_accepted() for mark in asked)} of {len(asked)}",
+            f"{sum(mark.comparison.is_accepted() for mark in asked)}/{len(asked)}",
             peer_errors(mark.comparison for mark in asked),
         ]
 
