@@ -179,7 +179,7 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
         colour = NOT_ASKED
         if is_asked(mark.comparison.measured):
             colour = AS_ASKED if mark.comparison.is_accepted() else MISSED
-        # The values of a curve through zero have no ratios of their own.
+        # The values of a curve through zero have no meaningful ratios.
         if not math.isfinite(mark.comparison.measured.reference):
             limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)
             axis.plot(

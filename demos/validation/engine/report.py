@@ -73,7 +73,7 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
     """Cells of a table with one row for each quantity of a case, with its best and worst test."""
     yield SUMMARY_HEAD
     groups: dict[tuple[str, str, str, bool], list[Comparison]] = {}
-    # Sorted by family; cases and quantities keep their order.
+    # Sorted by family; cases and quantities in the order of their files.
     for case, results in sorted(cases, key=lambda entry: entry[0].family):
         for test, result in results_by_test(case, results):
             for comparison in comparisons(test, result):

@@ -64,7 +64,7 @@ from gossamer_fx.solve.system.system import System
 # Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
 DIFFERENCE_STEP = 1e-3
 
-# Newton iterations of a step: after this number it keeps its length, and after the other it has
+# Newton iterations of a step: after this number the next step is as long, and after the other it has
 # failed.
 WANTED_ITERATIONS = 4
 MAX_ITERATIONS = 12
