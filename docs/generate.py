@@ -579,6 +579,7 @@ def pages() -> dict[str, str]:
         "presets": presets(),
         "measured_tests": measured_tests(),
         "benchmark_points": benchmark_points(),
+        "studies": (ROOT / "demos" / "studies" / "summary.md").read_text(encoding="utf-8"),
     }
     return {**reference(), **gallery(), **texts}
 

@@ -321,10 +321,7 @@ def page_part() -> str:
             continue
         count = max(point.numbers.get("runs", 1) for point in points)
         runs = "one run" if count == 1 else f"median of {count:.0f} runs"
-        picture = (
-            f"![{problem.title}: {problem.measure} over CPU "
-            f"time](../demos/benchmarks/results/{name}.png)"
-        )
+        picture = f"![{problem.measure} over CPU time](../demos/benchmarks/results/{name}.png)"
         parts += [
             f"## {problem.title}",
             f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",

@@ -2,10 +2,9 @@
 every one.
 
 Writes FOLDER/NAME/runs.csv, NAME.md and NAME.png, and in the full form the study's rows of the
-table in docs/verification.md between the lines `<!-- studies -->` and `<!-- /studies -->`.  What is
-in the folder already is not computed again: an interrupted study goes on where it stopped.  Ends
-with code 1 if something is not as a study declares, also in the quick form, and on every warning
-that a study does not expect.
+table in demos/studies/summary.md, a page of the site.  What is in the folder already is not
+computed again: an interrupted study goes on where it stopped.  Ends with code 1 if something is not
+as a study declares, also in the quick form, and on every warning that a study does not expect.
 On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
@@ -26,7 +25,7 @@ from gossamer_fx.core.checks.errors import InputError
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
-PAGE = HERE.parent.parent / "docs" / "verification.md"
+PAGE = HERE / "summary.md"
 # The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
 

@@ -21,6 +21,8 @@ from .statics.continuation import Continuation as Continuation
 from .statics.form_finding import EdgeCable as EdgeCable
 from .statics.form_finding import Prestress as Prestress
 from .statics.form_finding import find_form as find_form
+from .statics.path import EquilibriumPath as EquilibriumPath
+from .statics.path import path as path
 from .statics.prestress import ReachedPrestress as ReachedPrestress
 from .statics.result import EquilibriumResult as EquilibriumResult
 from .vibration.mode_sensitivity import Frequency as Frequency

@@ -68,7 +68,7 @@ def test_sampled_thruster_meets_its_recursion(delay: int) -> None:
 
 
 def test_steps_end_at_samples() -> None:
-    """Also with a step that is no part of the period: the recursion stays exact."""
+    """Also with a step that does not divide the period: the recursion stays exact."""
     times: list[float] = []
 
     def law(t: float, values: np.ndarray) -> float:

@@ -52,7 +52,7 @@ def film(
 
 
 def two_films(comm, height, velocity=(0.2, 0.1, -2.0), turn=0.4, **options):
-    """Return a film, and one above it at a height [m], turned and beside, that falls on it."""
+    """Return a film, and one above it at a height [m], turned and shifted, that falls on it."""
     lower = film(comm, name="lower", **options)
     given = {"height": height, "velocity": velocity, "turn": turn, "at": (0.01, 0.005)}
     return lower, film(comm, name="upper", **given, **options)

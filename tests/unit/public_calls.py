@@ -30,6 +30,7 @@ UNCALLED = {
     "steppers.EndPoint",
     "analysis.Derivative",
     "analysis.RunTape",
+    "analysis.EquilibriumPath",
     "analysis.EquilibriumResult",
     "analysis.ReachedPrestress",
     "analysis.Convergence",
@@ -440,6 +441,17 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=0.1,
     )
     add("analysis.modes", equilibrium=inputs.equilibrium, count=1)
+    add(
+        "analysis.path",
+        equilibrium=inputs.equilibrium,
+        until=1.1,
+        by="",
+        start=1.0,
+        first_step=0.1,
+        max_steps=2,
+        probes={"energy": gx.analysis.Energy()},
+        tolerance=1e-2,
+    )
     add("control.patch", centre=P, points=[P, P, P])
     add("reduction.RecordedShapes", body=inputs.film, folder=inputs.run)
     add("reduction.Snapshots", body=film)

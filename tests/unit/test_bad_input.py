@@ -148,6 +148,7 @@ OF_ANY_SIGN = {
     "analysis.Limit": "low",
     "analysis.TravellingWaves": "forward backward forward_frequency backward_frequency",
     "analysis.convergence": "exact",
+    "analysis.path": "until start",
     "connectors.Crease": "rest_angle",
     "connectors.TorsionSpring": "rest_angle",
     "constraints.Latch": "angle",

@@ -257,7 +257,7 @@ gmsh_mesh(endless, MPI.COMM_SELF)
 
 
 def test_ctrl_c_ends_gmsh():
-    # A process of its own: other tests leave this one with other actions of the signal.
+    # A separate process: other tests leave this one with other actions of the signal.
     child = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED],
         stdout=subprocess.PIPE,

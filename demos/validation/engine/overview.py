@@ -108,7 +108,7 @@ def family_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str
             percent(abs(ordered[0].comparison.error)),
             percent(abs(worst.comparison.error)) or "failed",
             f"{worst.case}: {worst.comparison.measured.quantity}",
-            f"{sum(mark.comparison.is_accepted() for mark in asked)} of {len(asked)}",
+            f"{sum(mark.comparison.is_accepted() for mark in asked)}/{len(asked)}",
             peer_errors(mark.comparison for mark in asked),
         ]
 
@@ -179,7 +179,7 @@ def _draw_family(axis, column: int, marks: Sequence[Mark], largest: float) -> No
         colour = NOT_ASKED
         if is_asked(mark.comparison.measured):
             colour = AS_ASKED if mark.comparison.is_accepted() else MISSED
-        # The values of a curve through zero have no ratios of their own.
+        # The values of a curve through zero have no meaningful ratios.
         if not math.isfinite(mark.comparison.measured.reference):
             limits = np.clip([mark.ratios.min(), mark.ratios.max()], 1 / largest, largest)
             axis.plot(

@@ -37,8 +37,6 @@ SUMMARY_HEAD = [
     "tests",
     "least error",
     "largest error",
-    "predicted there",
-    "measured",
     "asked",
     "within",
     "peer's error",
@@ -75,7 +73,7 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
     """Cells of a table with one row for each quantity of a case, with its best and worst test."""
     yield SUMMARY_HEAD
     groups: dict[tuple[str, str, str, bool], list[Comparison]] = {}
-    # Sorted by family; cases and quantities keep their order.
+    # Sorted by family; cases and quantities in the order of their files.
     for case, results in sorted(cases, key=lambda entry: entry[0].family):
         for test, result in results_by_test(case, results):
             for comparison in comparisons(test, result):
@@ -87,7 +85,7 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
         by_limit = sorted(group, key=lambda one: one.measured.accepted[1])
         limit = between([asked(one.measured, quick=False) for one in by_limit])
         ordered = sorted(group, key=lambda one: abs(one.error))
-        worst = _cells(ordered[-1], quick=False)
+        worst = _cells(ordered[-1], quick=False)[3]
         within = sum(one.is_accepted() for one in group)
         yield [
             family,
@@ -95,11 +93,9 @@ def summary(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
             quantity,
             str(len(group)),
             _cells(ordered[0], quick=False)[3],
-            worst[3] or "failed",
-            worst[1],
-            worst[2],
+            worst or "failed",
             limit,
-            f"{within} of {len(group)}" if limit else "",
+            f"{within}/{len(group)}" if limit else "",
             peer_errors(group),
         ]
 

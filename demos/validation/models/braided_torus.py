@@ -75,7 +75,7 @@ LOAD_FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 # Fourier components of the centre line that are compared.
 WAVES = (3, 4, 5)
 
-# Least angle [rad] between cords that are not on one line: cells are no slivers.
+# Least angle [rad] between cords that are not on one line: so that cells are not slivers.
 LEAST_ARC = math.radians(5) - 1e-9
 
 Ring = tuple[Port, ...]

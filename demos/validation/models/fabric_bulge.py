@@ -6,7 +6,7 @@ isotropic with a linear relation between logarithmic strains and true stress,
     W = E t/(2(1-ν²)) [(ln λ1)² + (ln λ2)² + 2ν ln λ1 ln λ2],                                   (1)
 
 as commercial codes have it for an elastic membrane at large strains, so that E t and ν mean what
-they do for the peer.  The input "strain" chooses the strain of Green in its place.
+they do for the peer.  The input "strain" chooses Green's strain instead.
 
 E t is not an input.  The shape of the disc depends on p a/(E t) only, with the radius a, so that
 one curve of heights is that of every wall.  E t is such that the mean logarithmic error of the

@@ -5,7 +5,7 @@ laminar leak lets C (p - p_a) out.  At constant temperature a vessel of volume V
 
     p - p_a = (p - p_a)_0 exp(-k t),    k = C p_a/V                                             (1)
 
-C is that of one measured decay, which is an input.  An orifice in its place, the input "leak", has
+C is that of one measured decay, which is an input.  An orifice instead, the input "leak", has
 the same flow at the mean pressure of that decay.  A wall of large conductance holds the
 temperature.
 """
@@ -54,7 +54,7 @@ class Inflow:
         yield self.b
 
     def aperture(self, geometry: Any) -> Callable[[float, float], float]:
-        """The mass flow [kg/s] of a step, in the place of an area: it depends on nothing else."""
+        """The mass flow [kg/s] of a step, instead of an area: it depends on nothing else."""
         return lambda h, t: self.mass_flow(t)
 
     def flow(
@@ -90,7 +90,7 @@ class LaminarLeak:
         yield self.b
 
     def aperture(self, geometry: Any) -> Callable[[float, float], float]:
-        """The conductance, in the place of an area."""
+        """The conductance, instead of an area."""
         return lambda h, t: self.conductance
 
     def flow(

@@ -145,6 +145,13 @@ class Equilibrium:
         warn_of_quality(self.result, search)
         return self.result
 
+    def take_over(self, time: float) -> None:
+        """Go on from a state of the system that was found otherwise, under the loads of a time
+        [s]."""
+        self.system.time = time
+        self._search.reached = time
+        self.step += 1
+
     # ---- the result ------------------------------------------------------------------------------
 
     @check_arguments

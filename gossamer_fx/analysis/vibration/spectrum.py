@@ -62,10 +62,10 @@ class Spectrum:
         factorise the matrix at one of them.  Collective."""
         for shift in (low, high):
             if shift not in self._below:
-                self._below[shift] = self._negative_pivots(shift)
+                self._below[shift] = self.negative_pivots(shift)
         return self._below[high] - self._below[low]
 
-    def _negative_pivots(self, shift: float) -> int:
+    def negative_pivots(self, shift: float) -> int:
         """Number of negative eigenvalues of K + Σ κ g⊗g - σ M, less a number that is the same at
         every shift."""
         # The symmetric factorisation takes neither blocks nor a dense matrix.

@@ -32,20 +32,13 @@ SMALLEST_VOLUME = 1e-6
 
 
 class AdiabaticBalance(Balance):
-    """The mass balance of `Balance` with (1) in place of the energy balance."""
+    """The balances of `Balance` with the work of (1), which does not depend on the swept volume."""
 
     depends_on_swept_volume = False
 
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         super().begin(h, t, p, m, U, V)
         self._V0 = V
-
-    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): p V/(γ - 1) - U0 (V0/V)^(γ - 1) - flows [J] of each chamber, then the
-        mass balance [kg]."""
-        residual = super().residual(y, V, np.zeros(self._n), known)
-        residual[: self._n] += self.work(y, V, W)
-        return residual
 
     def work(self, y: Array, V: Array, W: Array) -> Array:
         """Work [J] of each chamber (n,) if it expands from V0 to V without heat and flow."""

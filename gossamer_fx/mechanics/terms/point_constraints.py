@@ -277,7 +277,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             return ""
         return (
             f"'{self.losses[0]}' has no gradient, "
-            "as an impact at an instant of its own is not differentiated; leave it out of the scene"
+            "as an impact within a run is not differentiated; leave it out of the scene"
         )
 
     def dissipated(self) -> Array:

@@ -185,7 +185,8 @@ class GasFlow:
         InputError: when called, the opening is not in the scene.
 
     Example:
-        >>> flow = gx.probes.GasFlow(valve)
+        >>> vent = gx.Orifice(tank, gx.gas.Ambient(), area=1e-6)
+        >>> flow = gx.probes.GasFlow(vent)
     """
 
     unit = "kg/s"

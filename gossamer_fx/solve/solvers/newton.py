@@ -126,7 +126,10 @@ class Newton:
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
         seconds: wall time [s] of all solves by part of the iteration.
+        own_scalars: scalar unknowns of the solver itself, behind those of the scene.
     """
+
+    own_scalars = 0
 
     def __init__(self, system: System, tolerances: Tolerances, direct: bool = False) -> None:
         self.system = system
@@ -140,6 +143,7 @@ class Newton:
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
         self._scalar_count = sum(scalars.size for scalars in system.scalar_unknowns)
+        self._scalar_count += self.own_scalars
         self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
         self._x = self._composite.vector()
         self._F = self._composite.vector()
@@ -311,10 +315,18 @@ class Newton:
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         """Residual with the strains that the system has, and its norms."""
         with self._clock("residual"):
-            s = self.system.residual(y, self._r)
+            s = self._residuals(y)
             imbalance, violation = self.system.imbalance(self._r)
             self._residual = Residual(imbalance, violation, float(abs(s).max(initial=0.0)))
         self._composite.join(self._r, s, F)
+
+    def _residuals(self, y: Array) -> Array:
+        """Evaluate r of (1), and return s of (2).  Collective."""
+        return self.system.residual(y, self._r)
+
+    def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Coupling of all scalar unknowns with the coordinates, see `System.coupling`."""
+        return self.system.coupling()
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """w and y of x; fixed coordinates get their values, which not every linear solver keeps
@@ -360,7 +372,7 @@ class Newton:
             # Complete again at once, so that no other user of the system gets a tangent without it.
             self._set_geometric_stiffness(1.0)
         if self._bordered is not None:
-            self._bordered.set(*self.system.coupling())
+            self._bordered.set(*self._coupling())
             J.assemble()
         self._update_round_off_floor(A)
         self._note_linearisation_point()
@@ -368,7 +380,7 @@ class Newton:
 
     def _note_linearisation_point(self) -> None:
         """Let the strains of the next iterate be linear from this one."""
-        w, _ = self._composite.split(self._snes.getSolution())
+        w, _ = self._split(self._snes.getSolution())
         w.copy(self._linearisation_point)
 
     def _set_geometric_stiffness(self, share: float) -> None:

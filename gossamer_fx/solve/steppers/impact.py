@@ -6,8 +6,8 @@ all constraints e = 0:
     M (v⁺ - v⁻) + Deᵀ Λ = 0,    De v⁺ = 0
 
 The impulses Λ act along gradients of the constraints, so that momentum and angular momentum stay as
-they are.  The loss is the kinetic energy of the jump, ½ (v⁺ - v⁻)·M (v⁺ - v⁻).  Supports keep their
-velocities; the work of those that move counts as supplied.
+they are.  The loss is the kinetic energy of the jump, ½ (v⁺ - v⁻)·M (v⁺ - v⁻).  The velocities of
+supports do not change; the work of those that move counts as supplied.
 """
 
 from __future__ import annotations

@@ -1,0 +1,651 @@
+"""Equilibrium paths past limit points, by the arc length.
+
+Problem.  Under a load that only grows, `Equilibrium.find` jumps where a scene snaps through: beyond
+a limit point there is no equilibrium nearby, and unstable equilibria are not found at all.
+
+Idea.  The load factor λ is one more unknown y of Newton's iteration (E. Riks, Int. J. Solids
+Struct. 15 (1979) 529, doi:10.1016/0020-7683(79)90081-7).  With the unit tangent (t, τ) of the path
+at its last point (q0, λ0), the additional equation is that of the plane normal to the tangent at a
+distance s,
+
+    <t, q - q0> + τ (λ - λ0)/Λ² = s,    <a, b> = a·M b/W                                       (1)
+
+M is the mass matrix, so that neither the mesh nor units matter; Λ is the first step of λ, and W is
+such that displacements and load have equal parts in this step.
+
+Algorithm, for each step from a point of the path.
+
+1. Predict along the tangent, and solve the equations of equilibrium and (1) by Newton's iteration
+   (`solvers.newton`), whose linear systems have one more scalar unknown (`solvers.linear`).
+   ∂r/∂λ, in which prescribed coordinates move along, is a central difference: exact for loads that
+   are linear in λ.
+2. Solve with the tangent matrix for the tangent of the path, and count the negative eigenvalues of
+   the stiffness by its inertia (`vibration.spectrum`), less one for each Lagrange multiplier.
+3. A step that fails, or in which the tangent turns by more than 60°, is repeated with half of its
+   length.  The next step is longer after few iterations and shorter after many.
+4. If the load's part τ changes its sign in the step, there is a limit point; if only the number of
+   negative eigenvalues changes, a branch point.  Either is located by bisection of s, and becomes a
+   point of the path.
+5. The last step ends at the wanted load exactly.
+
+Cost.  Each iteration evaluates the residual twice more than that of `find`; each point costs two
+factorisations, and a located point about 14 solutions.
+
+Limits.  A path goes straight through a branch point, and does not switch to the branch.  Friction
+and contact are refused, as a solution is repeated from one state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.analysis.sensitivity.variables import (
+    SHAPE,
+    AdjointFields,
+    Variable,
+    find_variables,
+)
+from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.vibration.spectrum import Spectrum, is_symmetric
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers.convergence import Tolerances
+from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.system.system import System
+
+# Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
+DIFFERENCE_STEP = 1e-3
+
+# Newton iterations of a step: after this number the next step is as long, and after the other it has
+# failed.
+WANTED_ITERATIONS = 4
+MAX_ITERATIONS = 12
+
+# Largest factor of the length from step to step.
+MAX_GROWTH = 2.0
+
+# Cosine of the largest angle between the tangents at both ends of a step.  In a step that is
+# shorter than the second number times the first one, a kink of the path (a film that wrinkles)
+# may turn the tangent by more.
+MIN_COSINE = 0.5
+KINK_STEP_RATIO = 1e-2
+
+# Length of a step over the first one, below which the path is given up.
+MIN_STEP_RATIO = 1e-6
+
+# Pseudo-time of a step [s]: so long that dampers do not resist.
+DURATION = 1e3
+
+# What `EquilibriumPath.unstable` has where the stiffness is not symmetric.
+UNKNOWN = -1
+
+# A number of the state of a scene, e.g. a probe.
+Measure = Callable[[Any], float]
+
+
+@check_arguments
+@dataclass(frozen=True)
+class EquilibriumPath:
+    """The points of an equilibrium path, in the order in which they were found.
+
+    Attributes:
+        loads: load factor of each point, (n,).
+        columns: values of the probes at each point by their names, (n,) each.
+        unstable: number of negative eigenvalues of the stiffness at each point, (n,): zero for a
+            stable equilibrium.  -1 where it is not known: loads that follow an open film make the
+            stiffness unsymmetric, and openings let gas flow.
+        limit_points: indices of the points at which the load has a maximum or minimum.
+        branch_points: indices of the points at which another path crosses this one.
+        iterations: Newton iterations of all solutions.
+        complete: whether the path has reached the wanted load.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> pull = gx.loads.Force(mass.port(), lambda t: (0.0, 0.0, -5.0 * t))
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring, pull))
+        >>> found = gx.analysis.path(equilibrium, 1.0)
+        >>> found.complete, found.limit_points, found.unstable.any()
+        (True, (), np.False_)
+    """
+
+    loads: Array
+    _: KW_ONLY
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    unstable: Any
+    limit_points: tuple[int, ...]
+    branch_points: tuple[int, ...]
+    iterations: int
+    complete: bool
+
+
+@check_arguments
+def path(
+    equilibrium: Equilibrium,
+    until: float,
+    *,
+    by: str = "",
+    start: float = 0.0,
+    first_step: Annotated[float, positive()] | None = None,
+    max_steps: Annotated[int, positive()] = 200,
+    probes: Mapping[str, Measure] | None = None,
+    tolerance: Annotated[float, positive(), Range(0.0, 0.1)] = 1e-4,
+) -> EquilibriumPath:
+    """Follow the equilibria of a scene from a load to another one, also where the load falls.
+
+    Without `by` the load factor is the load parameter `at` of `Equilibrium.find`, so that a path
+    may have any loads, prescribed motions and temperatures that are functions of time.  With
+    `by="item.quantity"`, a name as of `analysis.gradient`, it multiplies the value of that number
+    or field in the scene, e.g. a force, a pressure, gravity or an initial stress.
+
+    The equilibrium has the state of the last point then, which need not be stable, and its `result`
+    is that of the first point.
+
+    Args:
+        equilibrium: of a scene without contact; its present state is the first guess.
+        until: load factor at which the path ends.
+        by: what the load factor multiplies; "": it is the time of the loads.
+        start: load factor of the first point, which is found by `Equilibrium.find`.
+        first_step: first step of the load factor; default: a twentieth of the way.
+        max_steps: number of points after which the path ends in any case.
+        probes: what is measured at each point, by name: `gx.probes.Position(port, "z")` or any
+            function of the equilibrium.
+        tolerance: length within which limit and branch points are located, over that of the step.
+
+    Raises:
+        InputError: a name that the scene does not have, a scene with contact, or `until` equal
+            to `start`.
+        NoEquilibrium: at the first point, or the path cannot be followed.
+
+    Example:
+        >>> pull = gx.loads.Force(mass.port(), (0.0, 0.0, -10.0), name="pull")
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(pull, spring))
+        >>> height = gx.probes.Position(mass.port(), "z")
+        >>> probes = {"z": height}
+        >>> found = gx.analysis.path(equilibrium, 2.0, by="pull.force", start=1.0, probes=probes)
+        >>> found.columns["z"][[0, -1]].round(6)
+        array([-1.1, -1.2])
+    """
+    system = equilibrium.system
+    check(until != start, f"path: until is {until!r}, and so is start; give two loads.")
+    check(
+        not system.active_sets,
+        "path: the scene has contact, which a path does not follow; leave it out, "
+        "or find equilibria at increasing loads.",
+    )
+    step = first_step or abs(until - start) / 20
+    load = _Load(system, by)
+    if by:
+        load.set(start)
+        equilibrium.find()
+    else:
+        equilibrium.find(at=start)
+    follower = _Follower(equilibrium, load, start=start, until=until, first_step=step)
+    return follower.follow(max_steps, probes or {}, tolerance)
+
+
+class _Load:
+    """What the load factor changes: the time of the loads, or a number of an item."""
+
+    def __init__(self, system: System, name: str) -> None:
+        self._system = system
+        self._variable: Variable | None = None
+        if not name:
+            return
+        check(
+            name.rpartition(".")[2] != SHAPE,
+            f"path: by is {name!r}, which no load factor multiplies; give a load or a stiffness.",
+        )
+        try:
+            found = find_variables(system, [name], AdjointFields(system), in_time=False)
+        except InputError as error:
+            raise InputError(str(error).replace("gradient: ", "path: ", 1)) from None
+        item, _, what = name.rpartition(".")
+        for one in system.items:
+            if getattr(one, "name", None) == item:
+                self._refuse_constant_stiffness(name, what, one)
+        self._variable = found[0]
+        self._given = found[0].get()
+        size = system.comm.allreduce(float(np.abs(self._given).sum()))
+        check(
+            size > 0,
+            f"path: '{name}' is zero in the scene, so that no load factor changes it; "
+            "give it the value at the load factor 1.",
+        )
+
+    def _refuse_constant_stiffness(self, name: str, what: str, item: object) -> None:
+        """Raise `InputError` if a parameter of an item enters a matrix that is assembled once."""
+        for term in self._system.terms_of(item):
+            if all(one.name != what for one in getattr(term, "parameters", ())):
+                continue
+            kinds: list[Any] = self._system.compiled_as(term.compiler)
+            check(
+                not any(kind.has_constant_stiffness for kind in kinds),
+                f"path: '{name}' changes a stiffness that is assembled once; "
+                "give a load, a pressure or an initial stress.",
+            )
+
+    def set(self, factor: float) -> None:
+        """Change the number to a load factor times what was given."""
+        if self._variable is None:
+            return
+        self._variable.set(factor * self._given)
+        for compiled in self._system.differentiable:
+            compiled.parameters_changed()
+
+    def time(self, factor: float) -> float:
+        """Time of the loads [s] at a load factor."""
+        return factor if self._variable is None else 0.0
+
+
+class _PathNewton(Newton):
+    """Newton's iteration with the load factor as its last scalar unknown, and (1) as its equation.
+
+    Attributes:
+        row: W⁻¹ M t of (1), zero at fixed coordinates; (n,) of this rank.
+        weight: τ/Λ² of (1).
+        predicted: load factor at which (1) holds for the predicted coordinates.
+        scale: s of (1), by which the equation is divided.
+        factor: load factor of the last iterate.
+        load_norm: norm of ∂r/∂λ [N] at the last `direction`.
+    """
+
+    own_scalars = 1
+
+    def __init__(self, system: System, load: _Load, difference: float) -> None:
+        super().__init__(system, Tolerances(), direct=True)
+        self._load = load
+        self._difference = difference
+        self._increment = system.numbering.vector()
+        self._w = system.numbering.vector()
+        self._moved = system.numbering.vector()
+        self._shifted = system.numbering.vector()
+        self._applied: float | None = None
+        self._is_at_point = False
+        self._y: Array = np.zeros(0)
+        self.row: Array = np.zeros(self._w.getLocalSize())
+        self.weight = 0.0
+        self.predicted = 0.0
+        self.scale = 1.0
+        self.factor = 0.0
+        self.load_norm = 0.0
+
+    def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
+        """As `Newton.solve`; the last entry of y is the load factor."""
+        increment.copy(self._increment)
+        self._applied = None
+        self._is_at_point = False
+        # The fixed coordinates of the first iterate are those of the predicted load.
+        self._apply(float(y[-1]))
+        return super().solve(increment, y)
+
+    def begin_at_point(self, factor: float) -> None:
+        """Evaluate the residual of the accepted state, for `direction`.  Collective."""
+        self._increment.zeroEntries()
+        self._w.zeroEntries()
+        guess = self.begin_step(factor)
+        self._y = guess
+        self._evaluate_at(factor, None)
+
+    def begin_step(self, factor: float) -> Array:
+        """Begin a step to a load factor; returns a first guess of the scene's scalar unknowns."""
+        self._load.set(factor)
+        self.system.time = self._load.time(factor) - DURATION
+        self._applied = None
+        return self.system.begin_step(DURATION)
+
+    def _apply(self, factor: float) -> None:
+        """Set the loads and the fixed coordinates of a load factor."""
+        if factor == self._applied:
+            return
+        self._load.set(factor)
+        self.system.time = self._load.time(factor) - self.system.h
+        self.system.begin_without_search(self.system.h)
+        self._fixed_values = self.system.predict(self._increment)
+        self._applied = factor
+
+    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        _, y = self._composite.split(x)
+        self.factor = float(y[-1])
+        self._apply(self.factor)
+        w, y = super()._split(x)
+        w.copy(self._w)
+        self._y = y[:-1]
+        return w, y
+
+    def _residuals(self, y: Array) -> Array:
+        s = self.system.residual(y[:-1], self._r)
+        along = self.system.comm.allreduce(float(self.row @ self._w.array_r))
+        along += self.weight * (y[-1] - self.predicted)
+        return np.append(s, along / self.scale)
+
+    def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        columns, rows, corner = self.system.coupling()
+        base = None if self._is_at_point else self._linearisation_point
+        forces, equations = self._rates(base)
+        columns.append(forces)
+        rows.append(self.row / self.scale)
+        count = len(corner)
+        whole = np.zeros((count + 1, count + 1))
+        whole[:count, :count] = corner
+        whole[:count, count] = equations
+        whole[count, count] = self.weight / self.scale
+        return columns, rows, whole
+
+    def _rates(self, base: PETSc.Vec | None) -> tuple[Array, Array]:
+        """Derivatives of r [N] and s by the load factor, in which fixed coordinates move along, at
+        the last iterate.  The system is then at another load.  Collective."""
+        forces = []
+        equations = []
+        for side in (1, -1):
+            equations.append(self._evaluate_at(self.factor + side * self._difference, base))
+            forces.append(self._shifted.array_r.copy())
+        self._applied = None
+        width = 2 * self._difference
+        return (forces[0] - forces[1]) / width, (equations[0] - equations[1]) / width
+
+    def _evaluate_at(self, factor: float, base: PETSc.Vec | None) -> Array:
+        """Evaluate r at the last iterate under another load, and return s."""
+        self._apply(factor)
+        self._w.copy(self._moved)
+        with self._moved as values:
+            values[self.system.supports.held] = self._fixed_values
+        self.system.set_increment(self._moved, base)
+        return self.system.residual(self._y, self._shifted)
+
+    def direction(self) -> tuple[PETSc.Vec, float]:
+        """The tangent (dq, dλ) of the path at the last solution, with the left side of (1) equal
+        to one: its coordinates as a new vector, and its load factor.  Collective."""
+        assert self._bordered is not None
+        self._is_at_point = True
+        self._tangent()
+        coupling = self._coupling()
+        column = coupling[0][-1]
+        assert column is not None
+        self.load_norm = math.sqrt(self.system.comm.allreduce(float(column @ column)))
+        # The differences have left another load.
+        self._evaluate_at(self.factor, None)
+        self._bordered.set(*coupling)
+        J = self.ksp.getOperators()[0]
+        J.assemble()
+        right = np.zeros(self._scalar_count)
+        right[-1] = 1.0
+        self._moved.zeroEntries()
+        self._composite.join(self._moved, right, self._F)
+        self.ksp.solve(self._F, self._x)
+        dq, dy = self._composite.split(self._x)
+        return dq.copy(), float(dy[-1])
+
+
+@dataclass
+class _Point:
+    """A solution: length s of its step, load factor, tangent (direction t, slope τ) with <t, t> +
+    (τ/Λ)² = 1, and number of negative eigenvalues."""
+
+    length: float
+    factor: float
+    direction: PETSc.Vec
+    slope: float
+    unstable: int
+    iterations: int = 0
+
+
+class _Follower:
+    """Makes the steps of a path."""
+
+    def __init__(
+        self,
+        equilibrium: Equilibrium,
+        load: _Load,
+        *,
+        start: float,
+        until: float,
+        first_step: float,
+    ) -> None:
+        system = equilibrium.system
+        self._equilibrium = equilibrium
+        self._system = system
+        self._load = load
+        self._until = until
+        self._sign = math.copysign(1.0, until - start)
+        self._first_step = first_step
+        self._newton = _PathNewton(system, load, DIFFERENCE_STEP * first_step)
+        self._zero = system.numbering.vector()
+        self._product = system.numbering.vector()
+        self._displacement_weight = 0.0  # 1/W of (1)
+        self._largest_load = 0.0  # norm of the external forces [N]
+        self._iterations = 0
+        system.set_inertia(0.0)
+        self._last = self._first_point(start)
+
+    def _first_point(self, start: float) -> _Point:
+        """The state of the equilibrium, with the tangent towards the wanted load."""
+        newton = self._newton
+        newton.factor = start
+        newton.begin_at_point(start)
+        newton.row[:] = 0.0
+        newton.weight = self._sign
+        newton.scale = 1.0
+        direction, slope = newton.direction()
+        unstable = self._count_unstable()
+        square = self._mass_square(direction) * self._first_step**2
+        if not math.isfinite(square):
+            raise NoEquilibrium(
+                "path: the tangent at the first point is singular; "
+                "hold what is free, prestress what is slack, or start from a larger load."
+            )
+        if square > 0:
+            self._displacement_weight = 1 / square
+        return self._unit(_Point(0.0, start, direction, slope, unstable))
+
+    def _mass_square(self, direction: PETSc.Vec) -> float:
+        """t·M t, and M t in `_product`; fixed coordinates do not count."""
+        self._system.M.mult(direction, self._product)
+        with self._product as values:
+            values[self._system.supports.held] = 0.0
+        return float(direction.dot(self._product))
+
+    def _unit(self, point: _Point) -> _Point:
+        """The point with its tangent scaled to the length one."""
+        square = self._displacement_weight * self._mass_square(point.direction)
+        length = math.sqrt(square + (point.slope / self._first_step) ** 2)
+        point.direction.scale(1 / length)
+        point.slope /= length
+        return point
+
+    def _count_unstable(self) -> int:
+        """Number of negative eigenvalues of the stiffness of the last `direction`."""
+        system = self._system
+        stiffnesses = []
+        for scalars in system.scalar_unknowns:
+            if not scalars.is_closed:
+                return UNKNOWN
+            for gradient, stiffness in scalars.static_stiffness():
+                gradient = gradient.copy()
+                gradient[system.supports.held] = 0.0
+                if stiffness:
+                    stiffnesses.append((gradient, stiffness))
+        K = system.coupled_tangent.whole()
+        if not is_symmetric(K):
+            return UNKNOWN
+        negative = Spectrum(K, system.M, stiffnesses).negative_pivots(0.0)
+        # The matrix of which these are pivots has one of -1/κ for each gas.
+        negative -= sum(stiffness > 0 for _, stiffness in stiffnesses)
+        multipliers = 0
+        if system.constraints is not None:
+            owned = system.constraints.owned
+            held = system.supports.held
+            idle = ((held >= owned.start) & (held < owned.stop)).sum()
+            multipliers = system.comm.allreduce(int(owned.stop - owned.start - idle))
+        return negative - multipliers
+
+    # ---- steps -----------------------------------------------------------------------------------
+
+    def _solve(self, length: float, *, at: float | None = None) -> _Point:
+        """Solve for the point at a length s from the last one, or at a given load factor.
+
+        It is not accepted yet.  Raises `NotConverged`.  Collective.
+        """
+        last = self._last
+        newton = self._newton
+        system = self._system
+        # Row of (1), which also orients the new tangent.
+        self._mass_square(last.direction)
+        row = self._displacement_weight * self._product.array_r
+        weight = last.slope / self._first_step**2
+        newton.row[:] = row
+        newton.weight = weight
+        newton.scale = max(length, 1e-300)
+        newton.predicted = last.factor + length * last.slope
+        if at is not None:
+            newton.row[:] = 0.0
+            newton.weight = 1.0
+            newton.scale = self._first_step
+            newton.predicted = at
+        system.set_end(system.q0)
+        guess = newton.begin_step(newton.predicted)
+        increment = last.direction.copy()
+        increment.scale(length)
+        target = FINAL_REDUCTION * self._equilibrium.search.tolerance * self._load_scale()
+        newton.tolerances = Tolerances(
+            relative=0.0,
+            absolute=target,
+            scalars=FINAL_TOLERANCE,
+            constraint=FINAL_TOLERANCE,
+            max_iterations=MAX_ITERATIONS,
+        )
+        try:
+            _, _, used = newton.solve(increment, np.append(guess, newton.predicted))
+        finally:
+            self._iterations += newton.iterations
+            increment.destroy()
+        newton.row[:] = row
+        newton.weight = weight
+        newton.scale = 1.0
+        direction, slope = newton.direction()
+        unstable = self._count_unstable()
+        if not math.isfinite(direction.norm()):
+            raise NotConverged("the tangent of the path is singular")
+        point = _Point(length, newton.factor, direction, slope, unstable, used)
+        return self._unit(point)
+
+    def _load_scale(self) -> float:
+        """Largest external force so far [N], or that of the first step."""
+        external = float(self._system.external_forces().norm())
+        first = self._newton.load_norm * self._first_step
+        self._largest_load = max(self._largest_load, external, first)
+        return max(self._largest_load, 1e-80)
+
+    def _has_event(self, point: _Point) -> bool:
+        """Whether a limit or branch point lies between the last point and another one."""
+        return self._is_past_limit(point) or point.unstable != self._last.unstable
+
+    def _is_past_limit(self, point: _Point) -> bool:
+        return point.slope * self._last.slope < 0
+
+    def _locate(self, end: _Point, tolerance: float) -> _Point:
+        """The point just behind the first limit or branch point before a point `end`."""
+        end.direction.destroy()
+        low = 0.0
+        high = end.length
+        width = tolerance * end.length
+        while high - low > width:
+            middle = (low + high) / 2
+            tried = self._solve(middle)
+            tried.direction.destroy()
+            if self._has_event(tried):
+                high = middle
+            else:
+                low = middle
+        # A little farther, where both signs of a limit point have changed in spite of round-off.
+        return self._solve(high + width)
+
+    def _accept(self, point: _Point) -> None:
+        """Make the solution of the last `_solve` the state of the scene."""
+        system = self._system
+        system.commit(self._zero)
+        # Not by adding the pseudo-time, which would round.
+        self._equilibrium.take_over(self._load.time(point.factor))
+        self._last.direction.destroy()
+        self._last = point
+
+    def _next(self, length: float, shortest: float, tolerance: float) -> _Point:
+        """The next point of the path, by a step of at most a length.  Collective."""
+        reason = "none"
+        kink = KINK_STEP_RATIO / MIN_STEP_RATIO * shortest
+        while length > shortest:
+            try:
+                point = self._solve(length)
+                if length > kink and self._cosine(point) < MIN_COSINE:
+                    point.direction.destroy()
+                    length /= 2
+                    continue
+                if self._has_event(point):
+                    point = self._locate(point, tolerance)
+                if (point.factor - self._until) * self._sign >= 0:
+                    share = (self._until - self._last.factor) / (point.factor - self._last.factor)
+                    point.direction.destroy()
+                    point = self._solve(share * point.length, at=self._until)
+                    point.factor = self._until
+            except NotConverged as failure:
+                reason = str(failure)
+                length /= 2
+            else:
+                return point
+        # The state is that of the last point, and so is the load.
+        self._load.set(self._last.factor)
+        raise NoEquilibrium(
+            f"path: no further equilibrium from the load factor {self._last.factor:.6g} on, "
+            f"last failure: {reason}."
+        )
+
+    def _cosine(self, point: _Point) -> float:
+        """Cosine of the angle between the tangents at the last point and at another one."""
+        self._mass_square(point.direction)
+        along = self._displacement_weight * float(self._last.direction.dot(self._product))
+        return along + point.slope * self._last.slope / self._first_step**2
+
+    def follow(
+        self, max_steps: int, probes: Mapping[str, Measure], tolerance: float
+    ) -> EquilibriumPath:
+        """Follow the path to the wanted load.  Collective."""
+        points = [self._last]
+        measured = {name: [float(probe(self._equilibrium))] for name, probe in probes.items()}
+        limit_points = []
+        branch_points = []
+        # A first step of the load has this length, as displacements have an equal part.
+        length = first = math.sqrt(2.0) if self._displacement_weight else 1.0
+        is_complete = False
+        while not is_complete and len(points) <= max_steps:
+            point = self._next(length, MIN_STEP_RATIO * first, tolerance)
+            is_complete = point.factor == self._until
+            if self._is_past_limit(point):
+                limit_points.append(len(points))
+            elif self._has_event(point):
+                branch_points.append(len(points))
+            self._accept(point)
+            points.append(point)
+            for name, probe in probes.items():
+                measured[name].append(float(probe(self._equilibrium)))
+            growth = math.sqrt(WANTED_ITERATIONS / max(point.iterations, 1))
+            length = max(point.length, length / 8) * min(max(growth, 0.5), MAX_GROWTH)
+        return EquilibriumPath(
+            np.array([point.factor for point in points]),
+            columns={name: np.array(values) for name, values in measured.items()},
+            unstable=np.array([point.unstable for point in points]),
+            limit_points=tuple(limit_points),
+            branch_points=tuple(branch_points),
+            iterations=self._iterations,
+            complete=is_complete,
+        )

@@ -1,0 +1,224 @@
+"""Equilibrium paths: limit points, branch points, stability, and bad input."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+
+EA = 1000.0  # N
+RISE = 0.2  # of the apex, over half of the span
+BAR = math.hypot(1.0, RISE)
+# Load [N] on the apex of two bars of Green strain at the height z is 2 EA ε z/l0 with the strain
+# ε = (z² - h²)/(2 l0²), so that it has its extreme values at z = ± h/√3.
+LIMIT_LOAD = 2 / (3 * math.sqrt(3)) * EA * (RISE / BAR) ** 3
+
+
+def truss(comm, metre=1.0, cells=1):
+    """Two bars that meet in an apex, which is free to move vertically; `metre` in units of
+    length."""
+    points = [(-metre, 0, 0), (0, 0, RISE * metre), (metre, 0, 0)]
+    bars = gx.Cable(line(comm, points, 1), gx.CableLaw(EA=EA, line_density=1.0 / metre))
+    supports = [
+        gx.Fixed(bars, "start"),
+        gx.Fixed(bars, "end"),
+        gx.Fixed(bars, "point 1", components=(0, 1)),
+    ]
+    return bars, supports
+
+
+def truss_path(comm, metre=1.0, **options):
+    bars, supports = truss(comm, metre)
+    apex = bars.port("point 1")
+    push = gx.loads.Force(apex, lambda t: (0.0, 0.0, -t * LIMIT_LOAD))
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, push))
+    probes = {"z": gx.probes.Position(apex, "z")}
+    return gx.analysis.path(equilibrium, 1.5, probes=probes, **options)
+
+
+@pytest.mark.mpi
+def test_two_bars_snap_through_and_rise_again(comm):
+    """Limit loads ± 2/(3√3) EA (h/l0)³, between which the equilibria are not stable."""
+    found = truss_path(comm)
+    assert found.complete and found.loads[-1] == 1.5
+    assert found.branch_points == ()
+    upper, lower = found.limit_points
+    assert found.loads[upper] == pytest.approx(1.0, rel=1e-6)
+    assert found.loads[lower] == pytest.approx(-1.0, rel=1e-6)
+    z = found.columns["z"]
+    np.testing.assert_allclose(z[[upper, lower]], [RISE / 3**0.5, -RISE / 3**0.5], rtol=1e-3)
+    # All points are on the exact path.
+    exact = EA * (RISE**2 - z**2) * z / BAR**3 / LIMIT_LOAD
+    np.testing.assert_allclose(found.loads, exact, atol=1e-8)
+    unstable = np.zeros(len(z), dtype=int)
+    unstable[upper:lower] = 1
+    np.testing.assert_array_equal(found.unstable, unstable)
+
+
+def test_units_of_length_do_not_matter(comm):
+    """The same points of the path in metres and in millimetres."""
+    in_metres = truss_path(comm)
+    in_millimetres = truss_path(comm, metre=1000.0)
+    np.testing.assert_allclose(in_millimetres.loads, in_metres.loads, atol=1e-7)
+    assert in_millimetres.limit_points == in_metres.limit_points
+
+
+def test_two_bars_pushed_through_a_spring(comm):
+    """Prescribed motion: the apex snaps although the end of the spring is moved, at the limit
+    points d(u + P(u)/k)/du = 0."""
+    bars, supports = truss(comm)
+    apex = bars.port("point 1")
+    # Below the apex by the natural length 1 of the spring; both ends move down by λ.
+    below = line(comm, [(0, 0, RISE - 1), (1, 0, RISE - 1)], 1)
+    driver = gx.Cable(below, gx.CableLaw(EA, line_density=1.0), name="driver")
+    k = 20.0  # N/m, below the largest falling slope of the load, 2 EA h² / (2 l0³)
+    spring = gx.connectors.Spring(apex, driver.port("start"), stiffness=k, length=1.0)
+    motion = lambda X, t: np.vstack([0 * X[0], 0 * X[0], -t + 0 * X[0]])  # noqa: E731
+    moved = gx.Fixed(driver, "line", motion=motion)
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, driver, moved, spring))
+    probes = {"z": gx.probes.Position(apex, "z"), "pull": gx.probes.Tension(spring)}
+    found = gx.analysis.path(equilibrium, 0.6, first_step=0.05, probes=probes)
+    z = found.columns["z"]
+    exact = RISE - z + EA * (RISE**2 - z**2) * z / BAR**3 / k
+    np.testing.assert_allclose(found.loads, exact, atol=1e-9)
+    # dλ/dz = -1 + EA (h² - 3 z²)/(k l0³) = 0
+    at_limit = math.sqrt((RISE**2 - k * BAR**3 / EA) / 3)
+    assert len(found.limit_points) == 2
+    np.testing.assert_allclose(z[list(found.limit_points)], [at_limit, -at_limit], atol=1e-4)
+
+
+@pytest.mark.parametrize("cells", [8, 16])
+def test_buckling_load_of_a_column(comm, cells):
+    """A branch point at π² EI/(2 L)², through which the straight path goes on."""
+    L = 1.0
+    section = gx.sections.rectangle(0.01, 0.02, E=1e9, nu=0.3, density=1000.0)
+    column = gx.Beam(line(comm, [(0, 0, 0), (L, 0, 0)], cells), section)
+    clamped = gx.Fixed(column, "start", rotation=True)
+    EI = min(section.EI2, section.EI3)
+    load = math.pi**2 * EI / (2 * L) ** 2
+    push = gx.loads.Force(column.port("end"), (-load, 0.0, 0.0), name="push")
+    equilibrium = gx.Equilibrium(gx.Scene(clamped, push))
+    found = gx.analysis.path(equilibrium, 1.6, by="push.force", first_step=0.3)
+    assert found.limit_points == ()
+    (branch,) = found.branch_points
+    assert list(found.unstable) == [0] * branch + [1] * (len(found.loads) - branch)
+    assert found.loads[branch] == pytest.approx(1.0, rel=40 / cells**2 * 1e-2)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("by", ["", "pressure.pressure"])
+def test_wrinkling_film_under_pressure(comm, by):
+    """A film held by its corners wrinkles: the path has the equilibria that are found at its
+    loads."""
+    law = gx.Miyazaki(1e8, 0.3, density=1000.0, thickness=1e-4, residual_stiffness=1e-3)
+    film = gx.Membrane(sheet(comm, 6, 6, crossed=True), law)
+    corners = [gx.Fixed(film, corner) for corner in CORNERS]
+    pressure = 10.0 if by else lambda t: 10.0 * t
+    pushed = gx.Pressure(film, pressure)
+    equilibrium = gx.Equilibrium(gx.Scene(film, pushed, *corners))
+    middle = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
+    probes = {"z": middle}
+    found = gx.analysis.path(equilibrium, 3.0, by=by, start=1.0, first_step=0.7, probes=probes)
+    assert found.complete and found.limit_points == ()
+    # From another guess, at loads that are functions of the time.
+    again = gx.Pressure(film, lambda t: 10.0 * t)
+    fresh = gx.Equilibrium(gx.Scene(film, again, *corners))
+    heights = []
+    for load in found.loads:
+        fresh.find(at=float(load))
+        heights.append(middle(fresh))
+    np.testing.assert_allclose(found.columns["z"], heights, rtol=1e-8)
+
+
+def drum(comm, g):
+    """A film of weight g on a closed box of gas, which it bulges into thinner air."""
+    law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(airbag(comm, 1.0, 6), law, initial_stress=1e6, name="film")
+    gas = gx.Chamber(
+        film,
+        gas=gx.IdealGas(gamma=1.4, R=287.05),
+        pressure=2e3,
+        temperature=300.0,
+        dead_volume=0.2,
+        outside=gx.gas.Ambient(1e3, 300.0),
+    )
+    held = [gx.Fixed(film, "seam"), gx.Fixed(film, "bottom")]
+    return gx.Equilibrium(gx.Scene(gas, gx.Gravity(film, (0.0, 0.0, -g)), *held))
+
+
+@pytest.mark.mpi
+def test_film_of_growing_weight_on_closed_gas(comm):
+    """The gas takes part in the path and in its stability: its pressure is that of the equilibria
+    that are found under the first and the last weight."""
+    equilibrium = drum(comm, g=5e3)
+    probes = {"p": lambda state: state.chamber("chamber").pressure}
+    found = gx.analysis.path(
+        equilibrium, 1.5, by="gravity of film.g", first_step=0.5, probes=probes
+    )
+    pressures = []
+    for factor in found.loads[[0, -1]]:
+        fresh = drum(comm, g=5e3 * factor)
+        fresh.find()
+        pressures.append(fresh.chamber("chamber").pressure)
+    np.testing.assert_allclose(found.columns["p"][[0, -1]], pressures, rtol=1e-9)
+    # The weight has compressed the gas.
+    assert pressures[0] < 0.99 * pressures[1]
+    assert not found.unstable.any()
+
+
+def test_steps_do_not_depend_on_the_mesh(comm):
+    """The same loads, but for what the finer film is softer."""
+    loads = []
+    for cells in (4, 8):
+        law = gx.Linear(E=1e8, nu=0.3, density=1000.0, thickness=1e-4)
+        film = gx.Membrane(sheet(comm, cells, cells), law, initial_stress=1e5)
+        held = [gx.Fixed(film, edge) for edge in EDGES]
+        pressure = gx.Pressure(film, lambda t: 500.0 * t)
+        equilibrium = gx.Equilibrium(gx.Scene(film, pressure, *held))
+        loads.append(gx.analysis.path(equilibrium, 1.0).loads)
+    assert len(loads[0]) == len(loads[1])
+    np.testing.assert_allclose(loads[0], loads[1], rtol=0.1)
+
+
+def test_refused_paths(comm):
+    bars, supports = truss(comm)
+    push = gx.loads.Force(bars.port("point 1"), (0.0, 0.0, -1.0), name="push")
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, push))
+    with pytest.raises(gx.InputError, match=r"path: until is 0\.0, and so is start"):
+        gx.analysis.path(equilibrium, 0.0)
+    with pytest.raises(gx.InputError, match=r"path: the scene has no item 'pull'"):
+        gx.analysis.path(equilibrium, 1.0, by="pull.force")
+    with pytest.raises(gx.InputError, match=r"path: 'push' has no parameter 'weight'"):
+        gx.analysis.path(equilibrium, 1.0, by="push.weight")
+
+
+def test_a_path_that_is_given_up_says_so(comm):
+    found = truss_path(comm, max_steps=3)
+    assert not found.complete
+    assert len(found.loads) == 4
+    with pytest.raises(gx.NoEquilibrium, match="path: no further equilibrium"):
+        follow_to_slack(comm)
+
+
+def follow_to_slack(comm):
+    """A cable that only pulls, and whose end is pushed in: it has no stiffness then."""
+    rope = gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 1), gx.TensionOnly(EA, line_density=1.0))
+    pull = gx.loads.Force(rope.port("end"), lambda t: (1 - t, 0.0, 0.0))
+    held = [gx.Fixed(rope, "start"), gx.Fixed(rope, "end", components=(1, 2))]
+    gx.analysis.path(gx.Equilibrium(gx.Scene(*held, pull)), 2.0)
+
+
+def test_contact_is_refused(comm):
+    law = gx.Linear(E=1e8, nu=0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(sheet(comm, 2, 2), law)
+    scene = gx.Scene(
+        film, *(gx.Fixed(film, edge) for edge in EDGES), gx.Contact(film, distance=1e-3)
+    )
+    with pytest.raises(gx.InputError, match="path: the scene has contact"):
+        gx.analysis.path(gx.Equilibrium(scene), 1.0)
