@@ -64,8 +64,8 @@ from gossamer_fx.solve.system.system import System
 # Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
 DIFFERENCE_STEP = 1e-3
 
-# Newton iterations of a step: after this number the next step is as long, and after the other it has
-# failed.
+# Newton iterations of a step: after this number the next step is as long, and after the other it
+# has failed.
 WANTED_ITERATIONS = 4
 MAX_ITERATIONS = 12
 

@@ -17,8 +17,8 @@ slack, what is lost by loading to X is
     D(X) = ∫₀^X N_l dx - W(X; X),                                                                (2)
 
 so that the work of loading from X to x is the change of W(x; x) + D(x).  The loss of a cycle, the
-area between both curves, counts as dissipated while the strain grows beyond X.  The mean force of a step is
-the exact average over the piecewise linear path, divided at X where the step passes it.
+area between both curves, counts as dissipated while the strain grows beyond X.  The mean force of a
+step is the exact average over the piecewise linear path, divided at X where the step passes it.
 
 Condition.  D must not fall: D' = N_l - δ N_l' >= 0, with δ(X) the strain in which (1) gets slack.
 
