@@ -21,7 +21,8 @@ class AngularMomentum:
     """Component [kg m²/s] of the angular momentum of the scene about its centre of mass.
 
     In axes of space it is constant without external loads.  In the axes of a hub its first two
-    components grow as the hub leans away from it.
+    components grow as the hub leans away from it.  Reaction wheels are not counted; the totals of a
+    run and the ledger count them.
 
     Args:
         axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
