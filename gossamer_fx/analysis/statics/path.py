@@ -56,7 +56,7 @@ from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.analysis.vibration.spectrum import Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
@@ -121,7 +121,7 @@ class EquilibriumPath:
     loads: Array
     _: KW_ONLY
     columns: Mapping[str, Array] = field(default_factory=dict)
-    unstable: Any
+    unstable: Indices
     limit_points: tuple[int, ...]
     branch_points: tuple[int, ...]
     iterations: int
@@ -643,7 +643,7 @@ class _Follower:
         return EquilibriumPath(
             np.array([point.factor for point in points]),
             columns={name: np.array(values) for name, values in measured.items()},
-            unstable=np.array([point.unstable for point in points]),
+            unstable=np.array([point.unstable for point in points], dtype=np.int32),
             limit_points=tuple(limit_points),
             branch_points=tuple(branch_points),
             iterations=self._iterations,

@@ -43,7 +43,7 @@ class Latch:
     Engaged, it holds angle or travel where they are.  Velocities jump to the nearest ones, in the
     metric of the mass, that keep all constraints: a plastic impact, which conserves momentum and
     angular momentum.  The energy that it takes counts as dissipated, by the name of the latch.
-    `GeneralizedAlpha` refuses it, as it would keep the accelerations from before the impact.
+    The generalised-α method refuses it: it would keep the accelerations from before the impact.
 
     Args:
         joint: a `RevoluteJoint` or `PrismaticJoint`, which joins the scene by itself.
