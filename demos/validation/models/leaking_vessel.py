@@ -33,25 +33,29 @@ QUICK_FACTOR = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Inflow:
-    """An opening with a mass flow that is a function of time.
+class OwnOpening:
+    """An opening from a to b, of which one is the chamber and one the surroundings."""
 
-    Attributes:
-        a: surroundings, whose temperature the gas has.
-        b: the chamber.
-        mass_flow: [kg/s] at a time [s].
-        name: in messages.
-    """
-
-    a: gx.gas.Ambient
-    b: gx.Chamber
-    mass_flow: Callable[[float], float]
-    name: str = "inflow"
+    a: gx.Chamber | gx.gas.Ambient
+    b: gx.Chamber | gx.gas.Ambient
     scalar_unknowns = GasNetwork
 
     def requires(self) -> Iterable[Any]:
         yield self.a
         yield self.b
+
+
+@dataclass(frozen=True, eq=False)
+class Inflow(OwnOpening):
+    """Flow from the surroundings, with their temperature, that is a function of time.
+
+    Attributes:
+        mass_flow: [kg/s] at a time [s].
+        name: in messages.
+    """
+
+    mass_flow: Callable[[float], float]
+    name: str = "inflow"
 
     def aperture(self, geometry: Any) -> Callable[[float, float], float]:
         """The mass flow [kg/s] of a step, instead of an area: it depends on nothing else."""
@@ -69,25 +73,16 @@ class Inflow:
 
 
 @dataclass(frozen=True, eq=False)
-class LaminarLeak:
-    """An opening whose flow is proportional to the difference of pressures.
+class LaminarLeak(OwnOpening):
+    """Flow from the chamber that is proportional to the difference of pressures.
 
     Attributes:
-        a: the chamber.
-        b: surroundings.
         conductance: mass flow over the difference of pressures [kg/(s Pa)].
         name: in messages.
     """
 
-    a: gx.Chamber
-    b: gx.gas.Ambient
     conductance: float
     name: str = "leak"
-    scalar_unknowns = GasNetwork
-
-    def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
 
     def aperture(self, geometry: Any) -> Callable[[float, float], float]:
         """The conductance, instead of an area."""

@@ -96,6 +96,10 @@ class Assembly(Protocol):
         """The unknowns of a body in the numbering of the system."""
         ...
 
+    def free_marks(self) -> PETSc.Vec:
+        """A new vector with 0 at coordinates that are held, else 1."""
+        ...
+
 
 # The kind of terms that a class compiles.  Contravariant: what compiles stored energies and
 # dissipation can also compile stored energies alone.
@@ -247,10 +251,12 @@ class Multipliers(ABC):
         owned: the multipliers in this rank's part of a vector.
         sizes: of their measures in the scene, in the same order and the units of the measures:
             what is small against them is round-off.
+        can_switch: whether some of them engage and release in a run.
     """
 
     owned: slice
     sizes: Array
+    can_switch: bool = False
 
     # A class method: the numbering must know all blocks before any kind is compiled.
     @classmethod
@@ -280,9 +286,9 @@ class Multipliers(ABC):
         """Positions in this rank's part of a vector of multipliers that touch held coordinates
         only."""
 
-    def switch(self, free: PETSc.Vec) -> Iterator[str]:
+    def switch(self) -> Iterator[str]:
         """Engage and release, one after the other, the constraints of which that is wanted; yields
-        the name of each that holds from now on.  `free` is 0 where coordinates are held."""
+        the name of each that holds from now on.  Collective."""
         return iter(())
 
     @abstractmethod

@@ -124,10 +124,8 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         # Latches by the number of their term.
         self._latches = {k: term.latch for k, term in enumerate(terms) if term.latch}
         self.losses = [terms[k].name for k in self._latches]
-        # Whether an equation is that of a released latch.
-        self._is_free: list[npt.NDArray[np.bool_]] = [
-            np.zeros((at.n, at.m), dtype=bool) for at in self._measures
-        ]
+        self.can_switch = bool(self._latches)
+        self._is_free = self._free_equations()
         # e at the start of the scene, and the right-hand side e(q1) = target of the step.
         self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
@@ -284,12 +282,12 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         # Steps lose nothing: the losses of impacts are added where velocities are projected.
         return np.zeros(len(self.losses))
 
-    def switch(self, free: PETSc.Vec) -> Iterator[str]:
+    def switch(self) -> Iterator[str]:
         for k, latch in self._latches.items():
             if latch.is_wanted == latch.is_engaged:
                 continue
             if latch.is_wanted:
-                self._engage(latch, free)
+                self._engage(latch)
                 yield self._terms[k].name
             else:
                 latch.release()
@@ -298,10 +296,11 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
                         values[self._local[i][rows]] = 0.0
                 self._take_targets(self._system.time)
 
-    def _engage(self, latch: LatchState, free: PETSc.Vec) -> None:
+    def _engage(self, latch: LatchState) -> None:
         """Engage a latch, unless what it holds is held already: `InputError`.  Collective."""
         latch.engage(self._system.state)
         self._take_targets(self._system.time)
+        free = self._system.free_marks()
         try:
             self._refuse_redundant(self._system.q0, free)
         except InputError:
@@ -309,6 +308,8 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             latch.is_wanted = False
             self._take_targets(self._system.time)
             raise
+        finally:
+            free.destroy()
 
     # ---- before the first step -------------------------------------------------------------------
 

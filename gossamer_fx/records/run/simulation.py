@@ -536,8 +536,10 @@ class Simulation:
 
     def _switch(self) -> None:
         """Engage and release latches for which an event or the user has asked.  Collective."""
-        if self.system.constraints is None:
+        constraints = self.system.constraints
+        if constraints is None or not constraints.can_switch:
             return
+        # Imported here, as scenes without latches must not pay for it.
         from gossamer_fx.solve.steppers.impact import switch_constraints
 
         if switch_constraints(self.system):

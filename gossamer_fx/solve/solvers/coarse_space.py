@@ -27,6 +27,9 @@ Algorithm.
        z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
 
    with Pᵀ A P factorised by MUMPS.
+6. If it has more than `MAX_UNKNOWNS_FACTORISED` unknowns, its inverse is replaced by one V-cycle of
+   PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They are linear
+   combinations of those on the small patches, so that Pᵀ P2 takes one level to the other.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
 without smoothing; large patches with affine functions replace the hierarchy of levels.
@@ -112,9 +115,11 @@ class CoarseSpace:
         return solver
 
     def recover(self) -> None:
-        """Become usable again after a matrix that was not finite."""
-        self._solver.destroy()
-        self._solver = self._new_solver()
+        """Become usable again after a matrix that was not finite.  A factorisation does so by
+        itself, and retains its ordering."""
+        if self._to_large_patches is not None:
+            self._solver.destroy()
+            self._solver = self._new_solver()
 
     def set_up(self, A: PETSc.Mat) -> None:
         """Compute Pᵀ A P and set up its solver; A has the same pattern at every call."""

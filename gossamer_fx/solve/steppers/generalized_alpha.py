@@ -10,7 +10,6 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import NotConverged, check
-from gossamer_fx.mechanics.terms.assembly import Multipliers
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
@@ -84,11 +83,8 @@ class GeneralizedAlpha:
             "use Midpoint, or leave the contact out.",
         )
         # Two bars lost 0.24996 instead of 0.25 J, and angular momentum by 5e-4 of it.
-        has_latch = any(
-            isinstance(compiled, Multipliers) and compiled.losses for compiled in system.compiled
-        )
         check(
-            not has_latch,
+            system.constraints is None or not system.constraints.can_switch,
             "GeneralizedAlpha: the scene has a latch, "
             "behind whose impact this method goes on with the accelerations before it; "
             "use Midpoint, or leave the latch out.",

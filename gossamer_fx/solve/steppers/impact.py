@@ -23,11 +23,10 @@ def switch_constraints(system: System) -> bool:
     `InputError`: a latch would hold what is held already, or something that moves has no mass.
     Collective.
     """
-    if system.constraints is None:
-        return False
+    assert system.constraints is not None, "the caller asks whether constraints can switch"
     has_changed = False
     # One after the other, so that each has a loss.
-    for name in system.constraints.switch(system.free_marks()):
+    for name in system.constraints.switch():
         system.losses[name] += _project_velocities(system, name)
         has_changed = True
     return has_changed
