@@ -4,6 +4,7 @@ motion."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -131,46 +132,18 @@ def loose_mass() -> gx.PointMass:
     return gx.PointMass(0.3, (0.5, -0.4, 0.8), name="loose")
 
 
-def spring(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Spring(
-            port(item),
-            loose.port(),
-            stiffness=50.0,
-            # Shorter than the distance at the start, so that the spring pulls at once.
-            length=0.7,
-            name="exciter",
-        )
-    ]
+def connected(kind: Any, item: Any, loose: gx.PointMass, **given: Any) -> list:
+    """A connector between a body and the loose mass."""
+    return [kind(port(item), loose.port(), **given)]
 
 
-def damper(item: Any, loose: gx.PointMass) -> list:
-    return [gx.connectors.Damper(port(item), loose.port(), damping=0.5)]
-
-
-def stop(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Stop(
-            port(item),
-            loose.port(),
-            # The loose mass starts 1.025 m from the origin and approaches, so that the stop closes.
-            length=0.95,
-            stiffness=300.0,
-        )
-    ]
-
-
-def rope(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Rope(
-            port(item),
-            loose.port(),
-            # Slightly longer than the distance at the start, so that the rope becomes taut in the
-            # motion.
-            length=1.05,
-            stiffness=300.0,
-        )
-    ]
+# Shorter than the distance at the start, so that the spring pulls at once.
+spring = partial(connected, gx.connectors.Spring, stiffness=50.0, length=0.7, name="exciter")
+damper = partial(connected, gx.connectors.Damper, damping=0.5)
+# The loose mass starts 1.025 m from the origin and approaches, so that the stop closes.
+stop = partial(connected, gx.connectors.Stop, length=0.95, stiffness=300.0)
+# Slightly longer than the distance at the start, so that the rope becomes taut in the motion.
+rope = partial(connected, gx.connectors.Rope, length=1.05, stiffness=300.0)
 
 
 def tape(item: Any, loose: gx.PointMass) -> list:

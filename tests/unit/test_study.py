@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-import subprocess
 import sys
 
 import pytest
@@ -15,6 +14,7 @@ from demos.studies.engine.study import Measure, Study, no_order
 from gossamer_fx import InputError, NoEquilibrium
 from gossamer_fx.analysis.cases.case_set import run_cases, verdict
 from gossamer_fx.analysis.cases.results import Result
+from tests.survival.on_ranks import complete
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -136,7 +136,7 @@ def test_a_recorded_warning_is_printed_as_before():
         "    logging.getLogger('gossamer_fx').warning('prime')\n"
         "print(found)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = complete([sys.executable, "-c", code])
     assert (done.stdout, done.stderr) == ("['prime']\n", "prime\n")
 
 
