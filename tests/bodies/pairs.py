@@ -15,8 +15,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
-# 1 s of motion: long enough for a few swings of every exciter below.
-STEPS = 200
+# s; 200 steps are long enough for a few swings of every exciter below.
 DT = 5e-3
 
 
@@ -193,13 +192,13 @@ def hinge_parts(a: Any, b: Any) -> list:
     ]
 
 
-def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
-    """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to
+def conserves(scene: gx.Scene, closed: bool = True, steps: int = 200) -> gx.Simulation:
+    """Energy to 1e-9 and constraints to 1e-10 over all steps; in a `closed` system, momenta to
     1e-10."""
     # Newton's tolerance is far below the limits of energy and momenta that are asserted.
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
     for k in range(4):
-        run.run(until=(k + 1) * STEPS // 4 * DT)
+        run.run(until=(k + 1) * steps // 4 * DT)
         now = run.totals
         first = run.first
         assert abs(run.energy_error) < 1e-9
@@ -212,5 +211,5 @@ def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
             assert error < 1e-10 * scale
         if run.system.constraints is not None:
             assert run.system.constraints.violation(run.system.q0) < 1e-10
-    assert run.step == STEPS
+    assert run.step == steps
     return run

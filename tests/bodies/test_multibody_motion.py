@@ -200,9 +200,9 @@ def hinged_rods(dt: float) -> tuple[float, gx.Simulation]:
     ("motion", "steps", "largest", "kept", "round_off"),
     [
         # Of the angular momentum the components about which nothing turns.
-        (spring_pendulum, (4e-3, 1e-3), 0.01, [2], 1e-10),
-        (free_body, (2e-2, 5e-3), 1e-3, [0, 1, 2], 1e-11),
-        (hinged_rods, (4e-3, 1e-3), 1e-3, [], 1e-10),
+        (spring_pendulum, (4e-3, 2e-3), 0.01, [2], 1e-10),
+        (free_body, (2e-2, 1e-2), 1e-3, [0, 1, 2], 1e-11),
+        (hinged_rods, (4e-3, 2e-3), 1e-3, [], 1e-10),
     ],
     ids=["spring pendulum", "free body", "hinged rods"],
 )
