@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import gossamer_fx as gx
 from gossamer_fx.loads import FluidPressure, StandardAtmosphere, UniformFluid
+from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import HELIUM
@@ -100,6 +105,103 @@ def test_a_free_balloon_conserves_energy_and_spin(comm):
     assert abs(run.energy_error) <= 1e-9
     change = run.totals.angular_momentum[2] - run.first.angular_momentum[2]
     assert abs(change) <= 1e-9 * abs(run.first.angular_momentum[2])
+
+
+# ---- natural shape of a balloon ------------------------------------------------------------------
+
+LENGTH = 2.0  # of a meridian [m]
+AROUND = 72  # wedges
+ALONG = 64  # cells along a meridian
+WIDE = 0.7  # radius [m] of the film as made: wider than the balloon, so that it has no hoop stress
+NARROW = 0.002  # radius [m] of both ends
+
+
+def natural_shape():
+    """Height and largest radius [m] of a weightless balloon without hoop stress, from its foot,
+    where the pressure is zero: with the angle θ to the axis and the tension F/(2πr) of a meridian,
+
+        r' = sin θ,    z' = cos θ,    θ' = -2π r ρ g z/F
+
+    up to r = 0, θ = -π/2 at the end of the meridian (F. Baginski, Math. Comput. Simul. 2002; J. H.
+    Smalley, NCAR 1964).  F is over ρ g here."""
+
+    def meridian(unknowns):
+        θ0, F = unknowns
+        return solve_ivp(
+            lambda s, y: (math.sin(y[2]), math.cos(y[2]), -2 * math.pi * y[0] * y[1] / F),
+            (0.0, LENGTH),
+            (0.0, 0.0, θ0),
+            rtol=1e-10,
+            atol=1e-12,
+            max_step=LENGTH / 500,
+        )
+
+    def misses(unknowns):
+        r, _, θ = meridian(unknowns).y[:, -1]
+        return r, θ + math.pi / 2
+
+    r, z, θ = meridian(fsolve(misses, (0.9, 1.5))).y
+    assert math.degrees(θ[0]) == pytest.approx(50.15, abs=0.01)
+    return z[-1], r.max()
+
+
+def wedge(comm):
+    angle = 2 * math.pi / AROUND
+
+    def arrays():
+        sides = np.array([0.0, angle])
+        ring = WIDE * np.stack([np.cos(sides), np.sin(sides), 0 * sides], axis=1)
+        points = np.repeat(ring[None], ALONG + 1, axis=0)
+        points[:, :, 2] = np.linspace(0.0, LENGTH, ALONG + 1)[:, None]
+        number = np.arange(2 * (ALONG + 1)).reshape(-1, 2)
+        triangles = []
+        for i in range(ALONG):
+            a, b = number[i]
+            d, c = number[i + 1]
+            triangles += [(a, b, c), (a, c, d)] if i % 2 else [(a, b, d), (b, c, d)]
+        lines = {
+            "first": number[:, 0],
+            "second": number[:, 1],
+            "foot": number[0],
+            "top": number[-1],
+        }
+        groups = {name: np.stack([line[:-1], line[1:]], axis=1) for name, line in lines.items()}
+        return points.reshape(-1, 3), np.array(triangles), groups
+
+    return mesh_of_arrays(comm, arrays), (-math.sin(angle), math.cos(angle), 0.0)
+
+
+def half_round(X):
+    """Displacement from the cylinder to a sphere, the first guess."""
+    R = LENGTH / math.pi
+    r = np.maximum(R * np.sin(X[2] / R), NARROW)
+    factor = r / WIDE - 1
+    return np.vstack([factor * X[0], factor * X[1], R * (1 - np.cos(X[2] / R)) - X[2]])
+
+
+def test_natural_shape_of_a_balloon_follows_its_differential_equation(comm):
+    """On a wedge whose film slides on both planes of symmetry.  A sixth of the width of the wedges
+    has 25 times this error."""
+    mesh, normal = wedge(comm)
+    law = gx.Miyazaki(1e9, 0.0, density=1000.0, thickness=1e-4, residual_stiffness=1e-8)
+    film = gx.Membrane(mesh, law, displacement=half_round)
+    held = [
+        gx.Fixed(film, "foot"),
+        gx.Fixed(film, "top", components=(0, 1)),
+        gx.Fixed(film, "first", components=(1,)),
+        gx.Fixed(film, "second", normal=normal),
+    ]
+    lift = FluidPressure(film, UniformFluid(1.0), side="outside")
+    equilibrium = gx.Equilibrium(gx.Scene(lift, *held))
+    equilibrium.find()
+    x = positions(equilibrium, film)
+    height, radius = natural_shape()
+    assert x[:, 2].max() == pytest.approx(height, rel=5e-3)
+    assert np.hypot(x[:, 0], x[:, 1]).max() == pytest.approx(radius, rel=5e-3)
+
+
+def positions(equilibrium, film):
+    return equilibrium.system.q0.array_r[equilibrium.system.block(film).owned].reshape(-1, 3)
 
 
 def test_gradient_by_the_density_is_that_of_differences(comm):
