@@ -48,7 +48,6 @@ ROOMS = {
     "fold": "Fold maps",
     "contact": "Contact",
     "loads": "Loads and damping",
-    "assemblies": "Assemblies: several parts in one call",
     "control": "Control",
     "orbit": "Orbit",
     "reduction": "Reduced models",

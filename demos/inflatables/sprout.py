@@ -68,6 +68,7 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
+from demos.common.inflatable_tube import InflatableTube
 from demos.common.lidded_box import LiddedBox
 from gossamer_fx.build.fold.fold_map import Folded
 from gossamer_fx.core.checks.arguments import check_arguments
@@ -329,10 +330,10 @@ def build(
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
-    tubes: dict[int, gx.assemblies.InflatableTube] = {}
+    tubes: dict[int, InflatableTube] = {}
     for name, side in SIDES.items():
         outline = [*lines, figure.axis(side)]
-        tube = gx.assemblies.InflatableTube(
+        tube = InflatableTube(
             creased_tube(
                 comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
             ),
@@ -403,7 +404,7 @@ def build(
 
 def film_edges(
     film: gx.Membrane,
-    tubes: Mapping[int, gx.assemblies.InflatableTube],
+    tubes: Mapping[int, InflatableTube],
     cube: gx.RigidBody,
     figure: Figure,
     tethers: int,
@@ -426,9 +427,7 @@ def film_edges(
     ]
 
 
-def tube_probes(
-    tubes: Mapping[int, gx.assemblies.InflatableTube], figure: Figure
-) -> dict[str, Probe]:
+def tube_probes(tubes: Mapping[int, InflatableTube], figure: Figure) -> dict[str, Probe]:
     """Pressures of the compartments, areas of the rings between them, and positions of the tips."""
     probes: dict[str, Probe] = {}
     for name, side in SIDES.items():
@@ -472,7 +471,7 @@ def rest_near(run: gx.Simulation, given: Mapping[str, object]) -> tuple[gx.Equil
     gas = {"inside": inside, "pressure": inside - air}
     case = build(run.comm, **{**given, **gas})  # type: ignore[arg-type]
     # An inflatable tube brings its folds with it; its films and chambers are separate items, too.
-    placed = (Folded, gx.assemblies.InflatableTube)
+    placed = (Folded, InflatableTube)
     items = [item for item in case.scene.items if not isinstance(item, placed)]
     scene = gx.Scene(*items, gx.StartFrom(run.system))  # type: ignore[arg-type]
     return gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=REST_TOLERANCE)), case

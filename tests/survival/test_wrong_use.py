@@ -968,9 +968,6 @@ CONTACT_AND_GAS: dict[str, Case] = {
         film(), one := tank(), gx.gas.WallHeat(one, conductance=1.0, temperature=lambda t: -1.0)
     ),
     "a piston of a direction of zero": lambda at: gx.gas.Piston(mass().port(), 1.0, ZERO),
-    "an assembly of the wrong mesh": lambda at: gx.assemblies.InflatableTube(
-        sheet(ONE, 2, 2), WRINKLING, gas=AIR
-    ),
 }
 
 # ---- steppers, runs, outputs ---------------------------------------------------------------------

@@ -179,7 +179,6 @@ NOT_NEGATIVE = {
     "analysis.Prestress": "nu",
     "analysis.find_form": "change",
     "analysis.modes": "above",
-    "assemblies.InflatableTube": "dead_volume crease_stiffness set_angle_ratio contact_distance",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",
     "connectors.Spring": "length",
