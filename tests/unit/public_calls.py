@@ -438,7 +438,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])
-    add("reduction.RecordedShapes", body=inputs.film, folder=inputs.run)
     add("reduction.Snapshots", body=film)
     add(
         "analysis.convergence",
