@@ -16,12 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     aspects,
     corner_points,
-    crossings,
     extent,
     folded,
     folded_in_plane,
@@ -30,7 +28,7 @@ from gossamer_fx.core.mesh.quality import (
     sizes,
     turned_inside,
 )
-from gossamer_fx.core.model.body import Array, Body, MeshBody, is_body, is_on_mesh
+from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 
 LOG = logging.getLogger("gossamer_fx")
@@ -214,33 +212,3 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
             f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; "
             "it is a ratio of lengths."
         )
-
-
-def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Yield warnings about films, those on a mesh of triangles, that intersect themselves at the
-    start. It takes more time than all other checks, so it is made on request only.  Collective."""
-    for body in bodies:
-        if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
-            continue
-        n = body.space.mesh.topology.index_map(2).size_local
-        dofs = cell_nodes(body.space)[:n, :3].astype(np.int64)
-        local_nodes = dofs.ravel().astype(np.int32)
-        nodes = body.space.dofmap.index_map.local_to_global(local_nodes).reshape(-1, 3)
-        corners = _positions(body)[dofs]
-        pierced = crossings(body.comm, corners, nodes.astype(np.int64))
-        if pierced:
-            yield (
-                f"'{body.name}' penetrates itself at the start in {pierced} triangles; "
-                "nothing keeps them apart."
-            )
-
-
-def _positions(body: MeshBody) -> Array:
-    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included."""
-    from dolfinx import fem
-
-    x = fem.Function(body.space)
-    owned, _ = body.initial_state()
-    x.x.array[: len(owned)] = owned
-    x.x.scatter_forward()
-    return x.x.array.reshape(-1, 3)
