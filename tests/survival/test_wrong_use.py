@@ -1277,19 +1277,6 @@ ANALYSES: dict[str, Case] = {
     "along words": lambda at: (
         gx.analysis.gradient(at_rest(), ENERGY(), BY).derivatives[0].along("a")
     ),
-    "a record in a file": lambda at: minimised(record=written(at / "b", "") / "a.json"),
-    "a record on a folder": lambda at: minimised(record=at),
-    "a record in proc": lambda at: minimised(record="/proc/a.json"),
-    "a record by number": lambda at: minimised(record=3),
-    "a record of nothing": lambda at: minimised(record=written(at / "a.json", ""), restart=True),
-    "a record of a list": lambda at: minimised(record=written(at / "a.json", "[1]"), restart=True),
-    "a record of others": lambda at: minimised(
-        record=written(at / "a.json", '{"parameters": {"b": [1]}}'), restart=True
-    ),
-    "a record of words": lambda at: minimised(
-        record=written(at / "a.json", '{"parameters": {"film.E": ["a"]}}'), restart=True
-    ),
-    "a restart without record": lambda at: minimised(restart=True),
     "bounds that fall": lambda at: minimised(bounds={"film.E": (3e9, 5e8)}),
     "bounds that miss the start": lambda at: minimised(bounds={"film.E": (3e9, 4e9)}),
     "bounds of three": lambda at: minimised(bounds={"film.E": (1e8, 1e9, 3e9)}),
@@ -1297,9 +1284,6 @@ ANALYSES: dict[str, Case] = {
     "a method of no name": lambda at: minimised(method="guess"),
     "an outcome that raises": lambda at: of_runs(lambda values: 1 / 0),
     "an outcome of None": lambda at: of_runs(lambda values: None),
-    "a record of runs in a file": lambda at: of_runs(
-        lambda values: 1 / 0, record=written(at / "b", "") / "a.json"
-    ),
     "a start of words": lambda at: of_runs(lambda values: None, start={"a": "b"}),
     "fits of nan": lambda at: gx.analysis.fit(at_rest(), [ENERGY()], [math.nan], BY),
     "convergence of words": lambda at: gx.analysis.convergence(
