@@ -8,7 +8,6 @@ one form.
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -41,10 +40,6 @@ _SLIVER = 5e-4
 # A film thicker than this part of its extent probably has its thickness in millimetres.
 _THICK = 0.1
 
-# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a
-# membrane wrinkles.
-_THIN = 1e-4
-
 # Thickness of a plate over its size and over the largest aspect ratio of its cells, below which its
 # bending forces are less than the round-off of its membrane forces.  Measured with cantilevers of 8
 # cells in equilibrium, t over length: aspect 1 is right down to 1e-7 and wrong at 3e-8; aspect 30
@@ -53,7 +48,7 @@ _THIN = 1e-4
 _ROUND_OFF_THIN = 2e-7
 
 # Smallest and largest values of structures that are built or flown, and their unit.  Values outside
-# are probably in another unit.  The films, fibres and laminae of `presets` have E from 2e9 to 5e11
+# are probably in another unit.  The films and fibres of `presets` have E from 2e9 to 5e11
 # Pa, 900 to 2000 kg/m³ and 2e-6 to 1e-3 m; rubber, foams and metals extend the ranges.
 _USUAL = {
     "E": (1e4, 2e12, "Pa"),
@@ -163,7 +158,6 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "look at its mesh."
             )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
-        smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
         bends = getattr(body, "bends", False) and thickness > 0
         aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
         if bends and thickness < _ROUND_OFF_THIN * aspect * size:
@@ -173,14 +167,6 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 f"of {_ROUND_OFF_THIN * aspect:.1g} its bending forces are less than the round-off "
                 "of its membrane forces, and it may be too stiff by any factor; "
                 "give cells of aspect near one, or a Membrane."
-            )
-        elif bends and thickness < _THIN * smallest:
-            ratio = thickness / smallest
-            strain = (math.pi * ratio) ** 2 / 48
-            yield (
-                f"The plate '{body.name}' is {ratio:.1g} of its smallest cells thick: "
-                f"they carry a compressive strain of {strain:.0e} before they bend; "
-                "a Membrane does as well and costs less."
             )
         if thickness > _THICK * size:
             yield (
