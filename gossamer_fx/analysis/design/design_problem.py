@@ -362,7 +362,7 @@ class DesignProblem:
         return value / self._scale_of_value, slope / self._scale_of_value
 
     def note(self, x: Array) -> None:
-        """Log an iteration, and keep its result."""
+        """Log an iteration, and add its result to the history."""
         self.history.append(self.value(x))
         iteration = len(self.history) - 1
         LOGGER.info("%s: iteration %d, value %.9g", self.who, iteration, self.history[-1])
