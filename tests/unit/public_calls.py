@@ -18,7 +18,6 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from gossamer_fx.meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -260,20 +259,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Gravity", body=film, g=z)
     add("Ground", vector=z)
     add("IdealGas", gamma=1.4, R=287.0)
-    add(
-        "assemblies.InflatableTube",
-        mesh=flat_tube(WORLD, 0.25, 0.03, 4, 2),
-        law=law,
-        gas=gas,
-        folds=gx.fold.Zigzag(0.25, 2, width=0.047, lift=1e-4),
-        turn=(0.0, 0.0, 1.0),
-        caps={"tip": 1e-3},
-        crease_stiffness=1e-3,
-        set_angle_ratio=0.5,
-        yield_angle=0.5,
-        properties={"thickness": {"compartment 1": 2e-5}},
-        contact_distance=5e-4,
-    )
     add("probes.JointForce", joint=gx.constraints.BallJoint(P, Q), axis="x")
     add("Ledger", path=folder / "ledger.csv")
     add("Linear", **film_law)
@@ -459,7 +444,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])
-    add("reduction.RecordedShapes", body=inputs.film, folder=inputs.run)
     add("reduction.Snapshots", body=film)
     add(
         "analysis.convergence",

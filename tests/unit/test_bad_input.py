@@ -185,7 +185,6 @@ NOT_NEGATIVE = {
     "analysis.Prestress": "nu",
     "analysis.find_form": "change",
     "analysis.modes": "above",
-    "assemblies.InflatableTube": "dead_volume crease_stiffness set_angle_ratio contact_distance",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",
     "connectors.Spring": "length",
@@ -401,7 +400,24 @@ def test_a_dry_run_shows_the_side_of_the_normals(tmp_path: Path, monkeypatch, ca
     Path("scene.py").write_text(GOOD)
     assert main(["run", "scene.py", "--dry-run"]) == 0
     # A sheet has no inside.
-    assert "normals" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "normals" not in said and "intersect" not in said
+
+
+def test_a_dry_run_warns_of_films_that_intersect(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    second = """
+    turned = lambda X: np.vstack([0.4321 - X[0], 0 * X[1], X[0] - 0.4])
+    upright = gx.Membrane(sheet(comm, 2, 2), law, displacement=turned, name="upright")
+    return gx.Case(gx.Scene(film, upright), """
+    scene = SPHERE.replace("    return gx.Case(gx.Scene(film, gx.Pressure(film, 1.0)), ", second)
+    scene = scene.replace(
+        "import gossamer_fx as gx", "import gossamer_fx as gx\nimport numpy as np"
+    )
+    scene = scene.replace("meshes.sphere import sphere", "meshes.sheet import sheet")
+    Path("crossed.py").write_text(scene.replace("sphere(comm, 1.0, 10)", "sheet(comm, 2, 2)"))
+    assert main(["run", "crossed.py", "--dry-run"]) == 0
+    assert re.search(r"warning: \d+ edges of films intersect films", capsys.readouterr().out)
 
 
 @pytest.mark.mpi

@@ -36,7 +36,7 @@ print(json.dumps({
 }))
 """
 
-ABSENT = ("erfa", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
+ABSENT = ("erfa", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py")
 ABSENT_PARTS = {
     "gas",
     "constraints",

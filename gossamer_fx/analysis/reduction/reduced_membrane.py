@@ -251,7 +251,7 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
 
 @runtime_checkable
 class Motion(Protocol):
-    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`: positions (n, 3) [m] of this
+    """Recorded shapes of a film, e.g. `Snapshots`: positions (n, 3) [m] of this
     rank's nodes, one array for each shape."""
 
     positions: Sequence[Array]
@@ -274,7 +274,7 @@ def reduce(
 
     Args:
         body: the film; it may not have bending stiffness, creases or contact.
-        motions: `Snapshots` of runs, `RecordedShapes` of their folders, or `ModeShapes`.
+        motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
             `reduction.sampling`; None for all cells.
@@ -294,7 +294,7 @@ def reduce(
     check_reducible(body)
     check(
         isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
-        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
+        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `ModeShapes`.",
     )
     shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)

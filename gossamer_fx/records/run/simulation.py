@@ -237,9 +237,7 @@ class Simulation:
         """Description of the scene at the start of the run, see `run.same_scene`.  Collective."""
         from gossamer_fx.records.run.same_scene import scene_of
 
-        events: list[dict[str, Any]] = []
-        if self._monitor:
-            events = self._monitor.describe()
+        events = self._monitor.describe() if self._monitor else {}
         return scene_of(self, self.stepper, self.history, events)
 
     def _restart(
@@ -250,11 +248,8 @@ class Simulation:
         """Restore the state of a checkpoint.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
-        cursors, not_compared = read(self, restart, self._description, changes)
-        words = f"restarted at t = {self.time:.9g} s, step {self.step}"
-        if not_compared:
-            words += f"; not compared with the checkpoint: {not_compared}"
-        self.log(words)
+        cursors = read(self, restart, self._description, changes)
+        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}")
         if self._monitor:
             self._monitor.repeat()
         return cursors
