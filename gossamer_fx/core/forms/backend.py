@@ -18,6 +18,8 @@ itself whether it enters single numbers or the blocks of nodes; here the caller 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from inspect import signature
 from typing import Any
@@ -25,6 +27,7 @@ from typing import Any
 import basix.ufl
 import dolfinx
 import dolfinx.cpp
+import dolfinx.jit
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -55,6 +58,7 @@ __all__ = [
     "evaluate",
     "gmsh_order",
     "interpolation_points",
+    "loaded_kernel",
     "submesh_of",
     "tabulate",
 ]
@@ -141,6 +145,26 @@ def gmsh_order(kind: str, nodes: int) -> Indices:
     # The reader imports gmsh's Python module if there is one, so it is loaded only when needed.
     reader = import_module(name)
     return np.asarray(reader.cell_perm_array(to_type(kind), nodes), dtype=np.int32)
+
+
+@contextmanager
+def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
+    """Let dolfinx take the kernel of a form or expression from a dictionary, or enter there the one
+    that it compiles or finds on disk.  dolfinx has no argument for it."""
+    search = dolfinx.jit.ffcx_jit
+
+    def take(*args: Any, **options: Any) -> Any:
+        if key not in kernels:
+            compiled, module, _ = search(*args, **options)
+            # The source is not kept: it is much larger than the kernel.
+            kernels[key] = (compiled, module, (None, None))
+        return kernels[key]
+
+    dolfinx.jit.ffcx_jit = take
+    try:
+        yield
+    finally:
+        dolfinx.jit.ffcx_jit = search
 
 
 def interpolation_points(space: fem.FunctionSpace) -> Array:
