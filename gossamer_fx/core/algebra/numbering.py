@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -38,7 +39,7 @@ class NumberedBlock:
     numbering: Numbering
     k: int
 
-    @property
+    @cached_property
     def owned(self) -> slice:
         """Range of its owned unknowns in the local part of a vector."""
         return self.numbering.owned(self.k)
@@ -110,6 +111,10 @@ class Numbering:
         )
         ends = np.cumsum([0] + [len(indices) for indices in self.indices])
         self._local_sets = [self._local_set(start, end) for start, end in pairwise(ends)]
+        # The matrix to which was added last, and its diagonal blocks: those of the tangent, which
+        # would else be made anew in each iteration.
+        self._matrix: PETSc.Mat | None = None
+        self._views: dict[int, PETSc.Mat] = {}
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
         """Index set of the local (owned and ghost) unknowns from `start` to `end`, of one block."""
@@ -169,13 +174,23 @@ class Numbering:
 
     def assemble(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
         """Add bilinear forms of the k-th body's space to the diagonal block (k, k) of A."""
-        local = self._local_sets[k]
-        view = A.getLocalSubMatrix(local, local)
         # Blocks of nodes can be entered only where the matrix has blocks of the same size.
         unrolled = self.block_size != self.blocks[k].size
+        view = self._diagonal_block(A, k)
         for form in forms:
             add_to_matrix(view, form, unrolled)
-        A.restoreLocalSubMatrix(local, local, view)
+
+    def _diagonal_block(self, A: PETSc.Mat, k: int) -> PETSc.Mat:
+        """A view of the diagonal block (k, k) of A, to which entries can be added."""
+        if A is not self._matrix:
+            for view in self._views.values():
+                view.destroy()
+            self._views = {}
+            self._matrix = A
+        if k not in self._views:
+            local = self._local_sets[k]
+            self._views[k] = A.getLocalSubMatrix(local, local)
+        return self._views[k]
 
 
 def _common_block_size(sizes: set[int]) -> int:

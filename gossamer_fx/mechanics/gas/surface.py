@@ -12,7 +12,7 @@ Algorithm.  In every iteration:
 
 1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at
    q1.
-2. A sparse matrix of ones adds up the triangles of each chamber, node by node.
+2. The triangles of each chamber are summed node by node.
 3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
 4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
 
@@ -32,7 +32,7 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.backend import add_to_vector, cell_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array, Body
@@ -136,13 +136,10 @@ class FilmSurface:
         return {"subdomain_data": [(1, cells)], "subdomain_id": 1}
 
     def _compile_sum(self, broken: fem.FunctionSpace) -> None:
-        """Make the sum over the triangles of each chamber, node by node: a sparse matrix of ones.
+        """Prepare the sum over the triangles of each chamber, node by node.
 
         Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
         to starts[c + 1], and a node shared by two chambers has two rows."""
-        # Imported here, as chambers that are rigid or have a piston do not need SciPy.
-        from scipy.sparse import csr_matrix
-
         nodes = []
         rows = []
         columns = []
@@ -156,10 +153,10 @@ class FilmSurface:
             self._starts.append(self._starts[-1] + len(own))
         self._nodes = np.concatenate(nodes)
         all_rows = np.concatenate(rows)
-        all_columns = np.concatenate(columns)
-        ones = np.ones(len(all_rows))
-        shape = (self._starts[-1], len(self._parts) // 3)
-        self._sum = csr_matrix((ones, (all_rows, all_columns)), shape=shape)
+        order = np.argsort(all_rows, kind="stable")
+        # The corners of triangles, row after row, and where each row begins: none is empty.
+        self._summands = np.concatenate(columns)[order]
+        self._row_starts = np.flatnonzero(np.diff(all_rows[order], prepend=-1))
 
     # ---- the step --------------------------------------------------------------------------------
 
@@ -226,8 +223,9 @@ class FilmSurface:
         included and flattened; sums over ranks are not taken."""
         self._x.x.array[:] = x
         self._parts[:] = 0
-        fem.assemble_vector(self._parts, self._form)
-        return self._sum @ self._parts.reshape(-1, 3)
+        add_to_vector(self._parts, self._form)
+        summands = self._parts.reshape(-1, 3)[self._summands]
+        return np.add.reduceat(summands, self._row_starts)
 
     # ---- one chamber -----------------------------------------------------------------------------
 
