@@ -93,6 +93,7 @@ def test_a_lone_film_pays_for_itself_only_and_once(tmp_path: Path) -> None:
     seen = run_alone(tmp_path)
     loaded = {m.split(".")[0] for m in seen["modules"]}
     assert not loaded & set(ABSENT)
+    assert "scipy.linalg" not in seen["modules"]
     ours = [m.removeprefix("gossamer_fx.") for m in seen["modules"] if m.startswith("gossamer_fx.")]
     # Rooms and modules by their names within their houses.
     inside = {m.partition(".")[2] for m in ours}
