@@ -223,6 +223,7 @@ class FilmSurface:
         included and flattened; sums over ranks are not taken."""
         self._x.x.array[:] = x
         self._parts[:] = 0
+        assert self._form is not None
         add_to_vector(self._parts, self._form)
         summands = self._parts.reshape(-1, 3)[self._summands]
         return np.add.reduceat(summands, self._row_starts)
