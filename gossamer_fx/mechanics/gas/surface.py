@@ -107,6 +107,12 @@ class FilmSurface:
         constants = fem.functionspace(domain, ("Discontinuous Lagrange", 0))
         self._x = fem.Function(film.space)
         self._pressure = fem.Function(constants)
+        # One value in each triangle
+        self._pressure_dofs = cell_nodes(constants)[:, 0]
+        # Positions [m] of this rank's nodes, ghosts included, at the start and end of the step:
+        # views of the functions' values.
+        self._start: Array = self._coordinates.q0.x.array
+        self._end: Array = self._coordinates.q1.x.array
 
         # w is a test function, or another vector field, on the film.
         def flux(x: Any, w: Any) -> Any:
@@ -170,15 +176,14 @@ class FilmSurface:
         """
         if self._form is None:
             self._compile()
-        q0 = self._at_nodes(self._coordinates.q0)
-        q1 = self._at_nodes(self._coordinates.q1)
+        q0 = self._start.reshape(-1, 3)[self._nodes]
+        q1 = self._end.reshape(-1, 3)[self._nodes]
         # The end itself, without the round-off and the cost of a weighted sum.
-        self._at_end = self._gradient(self._coordinates.q1.x.array)
+        self._at_end = self._gradient(self._end)
         self._at_mid = self._at_end
         if not self._acts_at_end:
-            start = self._coordinates.q0.x.array
-            end = self._coordinates.q1.x.array
-            self._at_mid = self._gradient((1 - self._alpha) * start + self._alpha * end)
+            middle = (1 - self._alpha) * self._start + self._alpha * self._end
+            self._at_mid = self._gradient(middle)
         self._totals_at_mid.clear()
         self._totals_at_end.clear()
         volume_terms = self._at_end * q1
@@ -207,11 +212,6 @@ class FilmSurface:
         self._initial_volume = self.volume
         for c, side in enumerate(self._sides):
             side.initial_gradient = self._total_at_end(c)
-
-    def _at_nodes(self, function: fem.Function) -> Array:
-        """Values of a function at the nodes of all chambers (rows, 3)."""
-        values: Array = function.x.array.reshape(-1, 3)
-        return values[self._nodes]
 
     def _rows(self, c: int) -> slice:
         """The rows of chamber c in arrays over the nodes of all chambers."""
@@ -299,10 +299,8 @@ class FilmSurface:
         triangles that two chambers share."""
         pressure = self._pressure.x.array
         pressure[:] = 0
-        # one value in each triangle
-        dofs = cell_nodes(self._pressure.function_space)[:, 0]
         for side, acting in zip(self._sides, self.pressures, strict=True):
-            pressure[dofs[side.cells]] += acting
+            pressure[self._pressure_dofs[side.cells]] += acting
         yield self._tangent
 
 
