@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from gossamer_fx.core.checks.errors import OutputFailure
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import plain_text
-from gossamer_fx.records.plot.colours import Scale
+from gossamer_fx.records.plot.colours import MISSING_COLOUR, Colouring
 from gossamer_fx.records.plot.curve_panels import INK, Curves
 
 if TYPE_CHECKING:
@@ -37,6 +39,13 @@ _MAX_IMAGES = 4.8  # height of all images together
 _PANEL = 2.9  # height of a panel with its title and axis
 _PAD = 0.1  # around everything
 _GAP = 3 * _PAD  # between images, about
+
+_TICK = 0.35  # least distance of numbers at the bar of a scale
+_TIP = 0.12  # of the triangles at its ends
+
+# Left end and width of that bar, of the width of the page
+_BAR_LEFT = 0.012
+_BAR_WIDTH = 0.25
 
 # Points of the letters of the title, on a wide and on a narrow page.
 _TITLE_SIZE = 13
@@ -75,13 +84,13 @@ class Views:
         captions: of each image.
         size: width and height of what each image shows [m].
         draw: makes the images (height, width, 3) in [0, 1] at a number of pixels per metre.
-        key: names and colours of what is shown, or a scale.
+        colours: of what is shown, for the legend.
     """
 
     captions: Sequence[str]
     size: tuple[float, float]
     draw: Callable[[float], Iterable[Array]]
-    key: dict[str, Any] | Scale
+    colours: Colouring
 
 
 @dataclass(frozen=True)
@@ -143,7 +152,7 @@ def write_page(
         place = None
         if views is not None:
             header = next(parts).subplots()
-            _draw_key(header, views.key)
+            _draw_key(header, views.colours, width)
             frames = _frames(next(parts), views, image_rows, image_columns, width)
         if curves is not None and panels:
             _draw_panels(next(parts), curves, panel_rows)
@@ -272,35 +281,97 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
 # ---- key and scale bar ---------------------------------------------------------------------------
 
 
-def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Draw names and colours at the left end of the line above the images, or a bar of a scale."""
+def _draw_key(header: Axes, colours: Colouring, page_width: float) -> None:
+    """Draw what colours mean at the left end of the line above the images: a bar, or names.
+
+    Args:
+        page_width: [inches].
+    """
     from matplotlib.patches import Patch
 
     header.set_axis_off()
-    if isinstance(key, Scale):
-        factor, label = key.label
-        bar = header.inset_axes((0.0, 0.35, 0.25, 0.4))
-        bar.imshow(
-            key.table[None], aspect="auto", extent=(key.low / factor, key.high / factor, 0, 1)
+    swatches = [
+        Patch(facecolor=colour, edgecolor=INK, lw=0.6, label=plain_text(name))
+        for name, colour in colours.names.items()
+    ]
+    if colours.has_slack:
+        swatches.append(Patch(facecolor="white", edgecolor=INK, lw=0.6, hatch="/////"))
+        swatches[-1].set_label("slack")
+    if colours.has_missing:
+        swatches.append(Patch(facecolor=MISSING_COLOUR, edgecolor=INK, lw=0.6, label="no value"))
+    left = 0.0
+    if colours.scale is not None:
+        bar = header.inset_axes((_BAR_LEFT, 0.35, _BAR_WIDTH, 0.4))
+        _draw_bar(bar, colours, _BAR_WIDTH * page_width)
+        left = _BAR_LEFT + _BAR_WIDTH + 0.02
+        words = colours.scale.label[1]
+        if colours.scale.beyond and not colours.scales:
+            words += f"; {colours.scale.beyond}"
+        header.text(
+            left,
+            0.55,
+            plain_text(words),
+            va="bottom" if swatches else "center",
+            transform=header.transAxes,
         )
-        bar.set(yticks=[])
-        bar.locator_params(axis="x", nbins=4)
-        bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
-        bar.spines[:].set_visible(False)
-        header.text(0.27, 0.55, plain_text(label), va="center", transform=header.transAxes)
-    elif key:
-        swatches = [Patch(facecolor=colour, edgecolor=INK, lw=0.6) for colour in key.values()]
+    if swatches:
         header.legend(
             swatches,
-            [f" {plain_text(name)}" for name in key],  # names that begin with "_" would be left out
-            loc="center left",
-            ncols=len(key),
+            # names that begin with "_" would be left out
+            [f" {patch.get_label()}" for patch in swatches],
+            loc="upper left" if colours.scale else "center left",
+            bbox_to_anchor=(left, 0.5),
+            ncols=len(swatches),
             frameon=False,
             handlelength=1.0,
             handleheight=1.0,
             borderaxespad=0.0,
             borderpad=0.0,
         )
+
+
+def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
+    """Draw the colours of a scale, with numbers at both ends, and triangles where values are
+    beyond them.
+
+    Args:
+        colours: with a scale.
+        width: of the bar [inches].
+    """
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    scale = colours.scale
+    assert scale is not None
+    table = colours.table[:-1]
+    bar.imshow(table[None], aspect="auto", extent=(0, 1, 0, 1))
+    # Each picture has its own ends, which its caption says.
+    ends = ("least", "largest")
+    inner = np.zeros(0)
+    factor, _ = scale.label
+    if not colours.scales:
+        ends = scale.ends
+        locator = LogLocator() if scale.log else MaxNLocator(4)
+        inner = np.asarray(locator.tick_values(scale.low / factor, scale.high / factor))
+    at = scale.parts(inner * factor)
+    gap = _TICK / width
+    is_apart = (at > gap) & (at < 1 - gap)
+    if (np.diff(at[is_apart]) < gap).any():
+        is_apart[:] = False
+    labels = [ends[0], *(f"{value:.4g}" for value in inner[is_apart]), ends[1]]
+    bar.set(yticks=[])
+    if scale.low == scale.high:
+        bar.set_xticks([0.0], labels[:1])
+    else:
+        bar.set_xticks([0.0, *at[is_apart], 1.0], labels)
+    bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
+    bar.spines[:].set_visible(False)
+    tip = _TIP / width
+    for is_beyond, base, point, colour in zip(
+        scale.clipped, (0.0, 1.0), (-tip, 1 + tip), (table[0], table[-1]), strict=True
+    ):
+        if is_beyond and not colours.scales:
+            bar.fill([base, point, base], [0, 0.5, 1], color=colour, lw=0, clip_on=False)
+    bar.set(xlim=(0, 1), ylim=(0, 1))
 
 
 def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
