@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
+from PIL import Image
 
 import gossamer_fx as gx
 from gossamer_fx.app.cli.command import main
@@ -85,6 +86,20 @@ def test_every_pixel_of_a_bent_film_has_a_colour_of_the_bar(
     _, distance = nearest(pixels, colours.table[:-1])
     # A pixel may be the mean of two neighbours on the bar.
     assert distance.max() < 0.02
+
+
+def test_an_animation_keeps_the_colours_of_the_bar(
+    recorded: gx.plot.RunReader, tmp_path: Path
+) -> None:
+    """Within four of 255 steps: a GIF has 255 colours besides white, which stays white."""
+    gx.plot.animate(recorded, "displacement", path=tmp_path / "a.gif", seconds=0.2)
+    with Image.open(tmp_path / "a.gif") as frames:
+        frames.seek(1)
+        image = np.asarray(frames.convert("RGB")) / 255
+    assert image[-2, 1] == pytest.approx(1.0)
+    is_coloured = is_inside(image) & (np.ptp(image, axis=2) > 0.1)
+    _, distance = nearest(image[is_coloured], colouring(recorded, "displacement").table[:-1])
+    assert distance.max() < 4.5 / 255 + 0.01
 
 
 def test_numbers_are_read_back_from_a_picture(recorded: gx.plot.RunReader) -> None:
@@ -185,8 +200,6 @@ def test_values_beyond_given_limits_are_marked(
         file = BytesIO()
         views = Views([" "], (1.0, 1.0), lambda scale: [np.ones((2, 2, 3))], one)
         write_page(file, "", views)
-        from PIL import Image
-
         page = np.asarray(Image.open(file).convert("RGB")).astype(int)
         is_coloured = (np.ptp(page, axis=2) > 40).any(axis=0)
         widths.append(int(is_coloured.sum()))

@@ -31,7 +31,8 @@ DPI = 150  # pixels per inch
 # ---- lengths in inches
 WIDTH = 12.0
 _TITLE = 0.45
-_KEY = 0.45  # height of the line with key and scale bar
+_KEY = 0.45  # height of the line with key and scale bar, of which a narrow page has two
+_NARROW = 6.0  # width of a page below which key and scale bar do not fit into one line
 _CAPTION = 0.35  # height of the line above an image
 _CAPTION_LINE = 0.16  # height of a further line of a caption
 _LETTER = 0.075  # width of a letter of a caption, of wide ones: a little more than the mean
@@ -42,10 +43,8 @@ _GAP = 3 * _PAD  # between images, about
 
 _TICK = 0.35  # least distance of numbers at the bar of a scale
 _TIP = 0.12  # of the triangles at its ends
-
-# Left end and width of that bar, of the width of the page
-_BAR_LEFT = 0.012
-_BAR_WIDTH = 0.25
+_BAR_SPACE = 0.18  # left and right of the bar, for the triangles
+_BAR_SHARE = 0.25  # width of the bar, of the width of the page
 
 # Points of the letters of the title, on a wide and on a narrow page.
 _TITLE_SIZE = 13
@@ -132,7 +131,8 @@ def write_page(
     if views is not None:
         image_height = _image_height(views, image_rows, image_columns, width)
         caption_height = _caption_height(views, image_columns, width)
-        heights += [_KEY, image_rows * (caption_height + image_height)]
+        key_height = 2 * _KEY if width < _NARROW else _KEY
+        heights += [key_height, image_rows * (caption_height + image_height)]
     if panels:
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
@@ -160,7 +160,8 @@ def write_page(
             figure.draw_without_rendering()
             figure.set_layout_engine("none")  # it is laid out
             place = _draw_images(figure, frames, views)
-            _draw_scale_bar(header, place.scale, views.size[0])
+            corner = "lower right" if width < _NARROW else "center right"
+            _draw_scale_bar(header, place.scale, views.size[0], corner)
         try:
             figure.savefig(path, format="png", dpi=dpi)
         except OSError as error:
@@ -299,29 +300,45 @@ def _draw_key(header: Axes, colours: Colouring, page_width: float) -> None:
         swatches[-1].set_label("slack")
     if colours.has_missing:
         swatches.append(Patch(facecolor=MISSING_COLOUR, edgecolor=INK, lw=0.6, label="no value"))
-    left = 0.0
+    is_narrow = page_width < _NARROW
+    swatches_at = (0.0, 0.5)
+    swatches_from = "center left"
     if colours.scale is not None:
-        bar = header.inset_axes((_BAR_LEFT, 0.35, _BAR_WIDTH, 0.4))
-        _draw_bar(bar, colours, _BAR_WIDTH * page_width)
-        left = _BAR_LEFT + _BAR_WIDTH + 0.02
+        left_of_bar = _BAR_SPACE / page_width
+        right_of_bar = 2 * left_of_bar + _BAR_SHARE
         words = colours.scale.label[1]
         if colours.scale.beyond and not colours.scales:
             words += f"; {colours.scale.beyond}"
+        bar_bottom = 0.35
+        bar_height = 0.4
+        words_at = (right_of_bar, 0.55)
+        swatches_at = (right_of_bar, 0.5)
+        swatches_from = "upper left"
+        if is_narrow:
+            bar_bottom = 0.2
+            bar_height = 0.2
+            words_at = (0.0, 0.75)
+        bar = header.inset_axes((left_of_bar, bar_bottom, _BAR_SHARE, bar_height))
+        _draw_bar(bar, colours, _BAR_SHARE * page_width)
+        is_above = is_narrow or bool(swatches)
         header.text(
-            left,
-            0.55,
+            *words_at,
             plain_text(words),
-            va="bottom" if swatches else "center",
+            va="bottom" if is_above else "center",
             transform=header.transAxes,
         )
+    elif is_narrow:
+        swatches_at = (0.0, 1.0)
+        swatches_from = "upper left"
     if swatches:
         header.legend(
             swatches,
             # names that begin with "_" would be left out
             [f" {patch.get_label()}" for patch in swatches],
-            loc="upper left" if colours.scale else "center left",
-            bbox_to_anchor=(left, 0.5),
+            loc=swatches_from,
+            bbox_to_anchor=swatches_at,
             ncols=len(swatches),
+            columnspacing=1.2,
             frameon=False,
             handlelength=1.0,
             handleheight=1.0,
@@ -374,12 +391,13 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
     bar.set(xlim=(0, 1), ylim=(0, 1))
 
 
-def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
+def _draw_scale_bar(header: Axes, scale: float, width: float, corner: str) -> None:
     """A round length at the right end of the line above the images, about a quarter of an image
     long.
 
     Args:
         width: of an image [m].
+        corner: name of the position for matplotlib.
     """
     from matplotlib.transforms import IdentityTransform
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
@@ -398,7 +416,7 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
             IdentityTransform(),  # a length in pixels
             length * scale,
             name,
-            loc="center right",
+            loc=corner,
             frameon=False,
             color=INK,
             sep=4,

@@ -70,7 +70,7 @@ _INK = (51, 56, 61)
 _MIN_PAUSE = 20
 
 # Pixels with a channel below this number are drawn on; all others are nearly white.
-_SHORT_OF_WHITE = 250
+_SHORT_OF_WHITE = 240
 
 # Bits of red, green and blue by which the colours of a GIF are told apart before its palette is
 # made.
