@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
-from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
+from gossamer_fx.records.plot.colours import Colouring, colouring, default_field
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
 
@@ -213,7 +213,7 @@ def _part(
 def _is_smooth(colours: Colouring) -> bool:
     """Whether a field has a colour at each corner of a triangle, instead of one for the
     triangle."""
-    return isinstance(colours.key, Scale)
+    return colours.scale is not None
 
 
 def _piece_values(
@@ -272,18 +272,19 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
         "smooth": _is_smooth(colours),
         "table": np.rint(255 * colours.table).astype(int).tolist(),
     }
-    if isinstance(colours.key, Scale):
-        factor, label = colours.key.label
+    if colours.scale is not None:
+        _, label = colours.scale.label
+        low, high = colours.scale.ends
         return legend | {
-            "low": f"{colours.key.low / factor:.4g}",
-            "high": f"{colours.key.high / factor:.4g}",
+            "low": low,
+            "high": high,
             "unit": label[label.find("[") + 1 : -1],
         }
     from matplotlib.colors import to_rgb
 
     legend["names"] = [
         [kind, int(abs(colours.table - np.asarray(to_rgb(colour))).sum(axis=1).argmin())]
-        for kind, colour in colours.key.items()
+        for kind, colour in colours.names.items()
     ]
     return legend
 
