@@ -20,7 +20,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot import plot as pictures
-from gossamer_fx.records.plot.colours import STATE_COLOURS
+from gossamer_fx.records.plot.colours import STATE_COLOURS, by_state
 from gossamer_fx.records.plot.curve_panels import _area_shares, label_ends, run_curves, wrapped
 from gossamer_fx.records.plot.viewer import RunView
 from tests.small_scenes import WRINKLING
@@ -186,7 +186,7 @@ def test_captions_of_images_side_by_side_do_not_meet(count: int) -> None:
     from matplotlib.figure import Figure
 
     captions = [f"equilibrium of t = 0.{k}234 s, {k}.9 times larger" for k in range(count)]
-    views = page.Views(captions, size=(0.2, 2.0), draw=lambda scale: [], key={})
+    views = page.Views(captions, size=(0.2, 2.0), draw=lambda scale: [], colours=by_state(False))
     rows, columns = page._arrange(views, page.WIDTH)
     height = page._caption_height(views, columns, page.WIDTH)
     height += page._image_height(views, rows, columns, page.WIDTH)

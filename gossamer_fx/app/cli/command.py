@@ -292,6 +292,18 @@ def _parser() -> argparse.ArgumentParser:
         help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
     )
     plot.add_argument(
+        "--range",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="ends of the colours, in SI units; values beyond are marked",
+    )
+    plot.add_argument("--part", default="", metavar="NAME", help="colour one film or line only")
+    plot.add_argument(
+        "--each-time", action="store_true", help="each picture has its own ends of the colours"
+    )
+    plot.add_argument("--log", action="store_true", help="colours follow the logarithm")
+    plot.add_argument(
         "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
     )
     plot.add_argument(
@@ -589,7 +601,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.core.checks.errors import check
     from gossamer_fx.records.plot import plot as pictures
     from gossamer_fx.records.plot.camera import View
-    from gossamer_fx.records.plot.colours import default_field
+    from gossamer_fx.records.plot.colours import Limits, default_field
     from gossamer_fx.records.plot.run_reader import RunReader
 
     run, folder = RunReader(wanted.run), wanted.run
@@ -611,6 +623,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
+    low, high = wanted.range or (None, None)
+    limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
     # Curves have no field.
     if not field and chosen not in (["curves"], ["with"]):
@@ -619,17 +633,21 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if not chosen or wanted.strip:
         _write_and_print(
             output or folder / f"{field}.png",
-            lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
+            lambda path: pictures.strip(
+                run, field, path=path, count=wanted.strip or 6, view=view, limits=limits
+            ),
         )
     if wanted.time:
         _write_and_print(
             output or folder / f"{field}_at.png",
-            lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
+            lambda path: pictures.field(
+                run, field, times=wanted.time, path=path, view=view, limits=limits
+            ),
         )
     if wanted.animate:
         _write_and_print(
             output or folder / f"{field}.{wanted.animate}",
-            lambda path: pictures.animate(run, field, path=path, view=view),
+            lambda path: pictures.animate(run, field, path=path, view=view, limits=limits),
         )
     # Equilibria and modes have no curves over time.
     if wanted.curves or (not chosen and run.kind == "run"):

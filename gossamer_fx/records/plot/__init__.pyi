@@ -1,4 +1,5 @@
 from .camera import View as View
+from .colours import Limits as Limits
 from .picture import Picture as Picture
 from .plot import animate as animate
 from .plot import curves as curves

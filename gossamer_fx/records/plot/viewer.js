@@ -41,14 +41,14 @@
     const key = given.states ? record : `${record}/${field}`;
     if (!states.has(key)) {
       const packed = given.states ? given.states[record] : await ask(`state/${version}/${key}`);
-      const values = packed.values[field] || [];
       const state = { mesh: packed.mesh, moved: packed.moved.map(unpacked), values: {} };
       if (states.size >= MOST_STATES) states.delete(states.keys().next().value);
       states.set(key, state);
       state.packed = packed.values;
     }
     const state = states.get(key);
-    state.values[field] ||= (state.packed[field] || []).map(one => one && { numbers: unpacked(one), atPoints: one.atPoints });
+    for (const one of [field, header.stateField])
+      state.values[one] ||= (state.packed[one] || []).map(packed => packed && { numbers: unpacked(packed), atPoints: packed.atPoints });
     return state;
   }
 
@@ -63,10 +63,22 @@
   light.target.position.set(0, 0, 0);
   scene.add(camera, new THREE.AmbientLight(0xffffff, 0.55 * Math.PI));
   renderer.setClearColor(0xffffff);
-  const table = new THREE.DataTexture(new Uint8Array(8), 1, 2);
+  // Three rows of colours: by value, of what has no value, and by value for film that is slack.
+  const table = new THREE.DataTexture(new Uint8Array(12), 1, 3);
   table.colorSpace = THREE.SRGBColorSpace;
-  const BLANK = [214, 217, 221], INK = [76, 84, 94];
-  const surface = new THREE.MeshLambertMaterial({ map: table, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2 });
+  const COLOURED = 1 / 6, BLANK = 3 / 6, SLACK = 5 / 6, INK = [76, 84, 94];
+  function film(Material) {
+    const material = new Material({ map: table, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2 });
+    // White and black lines of the image, not of the film.
+    material.onBeforeCompile = shader => {
+      shader.fragmentShader = shader.fragmentShader.replace("#include <map_fragment>", `#include <map_fragment>
+        float stripe = mod(floor(gl_FragCoord.x) + floor(gl_FragCoord.y), 16.0);
+        if (vMapUv.y > 0.7 && stripe < 4.0) diffuseColor.rgb = vec3(stripe < 2.0 ? 1.0 : 0.0);`);
+    };
+    return material;
+  }
+  // Numbers have the colour of the bar, without light and shade.
+  const lit = film(THREE.MeshLambertMaterial), plain = film(THREE.MeshBasicMaterial);
   const stroke = new THREE.LineMaterial({ linewidth: 2, vertexColors: true });
   const dot = new THREE.PointsMaterial({ size: 8, sizeAttenuation: false, color: new THREE.Color().setRGB(...INK.map(c => c / 255), THREE.SRGBColorSpace) });
   const mark = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 11, sizeAttenuation: false, color: 0xd00060, depthTest: false }));
@@ -91,7 +103,7 @@
       else {
         for (const [name, size] of [["position", 3], ["normal", 3], ["uv", 2]])
           geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(size * part.pieces.length), size));
-        part.object = new THREE.Mesh(geometry, surface);
+        part.object = new THREE.Mesh(geometry, lit);
       }
       part.object.frustumCulled = false;
       part.object.visible = !hidden.has(part.name);
@@ -115,8 +127,8 @@
   // Row of the table of colours for the value of a piece or at a point of it, in [0, 1]; NaN where there is none.
   function row(values, piece, point) {
     if (!values || !legend) return NaN;
-    const value = values.numbers[values.atPoints ? point : piece], rows = legend.table.length;
-    if (!legend.smooth) return (Math.round(value) + 0.5) / rows;
+    const value = values.numbers[values.atPoints ? point : piece], rows = legend.table.length - 1;
+    if (!legend.smooth) return (Math.round(value) % rows + 0.5) / rows;
     const range = legend.high - legend.low;
     const part = range > 0 ? Math.min(Math.max((value - legend.low) / range, 0), 1) : 0;
     return (part * (rows - 1) + 0.5) / rows;
@@ -136,7 +148,7 @@
     return low[0] <= high[0] ? [low, high] : [[-1, -1, -1], [1, 1, 1]];
   }
 
-  function fill(part, values) {
+  function fill(part, values, states) {
     const { pieces, x, object } = part, at = Float64Array.from(x, (value, i) => value - centre[i % 3]);
     if (!pieces.length) {
       object.geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(at), 3));
@@ -146,7 +158,7 @@
       for (let i = 0; i < pieces.length; i++) {
         for (let k = 0; k < 3; k++) positions[3 * i + k] = at[3 * pieces[i] + k];
         const found = legend && legend.onLines ? row(values, i >> 1, pieces[i]) : NaN;
-        const rgb = found >= 0 ? legend.table[Math.floor(found * legend.table.length)] : INK;
+        const rgb = found >= 0 ? legend.table[Math.floor(found * (legend.table.length - 1))] : INK;
         colour.setRGB(...rgb.map(c => c / 255), THREE.SRGBColorSpace).toArray(colours, 3 * i);
       }
       object.geometry.dispose();
@@ -167,12 +179,14 @@
           position.array[3 * i + k] = at[p + k];
           normal.array[3 * i + k] = normals[p + k] / size;
         }
-        const found = row(values, Math.floor(i / 3), pieces[i]);
+        const piece = Math.floor(i / 3), found = row(values, piece, pieces[i]);
+        const isSlack = legend && legend.hasSlack && states && Math.round(states.numbers[piece]) === header.slack;
         uv.array[2 * i] = found >= 0 ? found : 0.5;
-        uv.array[2 * i + 1] = found >= 0 ? 0.25 : 0.75; // the second row of the texture is blank
+        uv.array[2 * i + 1] = !(found >= 0) ? BLANK : isSlack ? SLACK : COLOURED;
       }
       position.needsUpdate = normal.needsUpdate = uv.needsUpdate = true;
       object.geometry.computeBoundingSphere();
+      object.material = legend && legend.smooth && part.X ? plain : lit;
     }
   }
 
@@ -191,7 +205,8 @@
       centre = low.map((value, k) => (value + high[k]) / 2);
     }
     shown = { record, values: state.values[field] || [] };
-    parts.forEach((part, i) => fill(part, shown.values[i]));
+    const states = state.values[header.stateField] || [];
+    parts.forEach((part, i) => fill(part, shown.values[i], states[i]));
     $("time-label").textContent = header.labels[record];
     Object.assign(canvas.dataset, { record, field: header.fields[field] || "" });
     if (isFirst) home();
@@ -244,8 +259,8 @@
     plane = null;
     if (cut.value && parts.length) {
       const axis = "xyz".indexOf(cut.value[0]), sign = cut.value[1] === ">" ? 1 : -1, [low, high] = box();
-      const at = low[axis] + depth.value / 1000 * (high[axis] - low[axis]);
-      $("depth-label").textContent = `${at.toPrecision(4)} m`;
+      const size = high[axis] - low[axis], at = low[axis] + depth.value / 1000 * size;
+      $("depth-label").textContent = `${digits(rounded(at, size), 4)} m`;
       plane = () => new THREE.Plane(new THREE.Vector3(...[0, 1, 2].map(k => k === axis ? sign : 0)), -sign * (at - centre[axis]));
     } else $("depth-label").textContent = "";
     draw();
@@ -276,6 +291,8 @@
     draw();
   }
 
+  // What is below the resolution of numbers of 16 bits is zero.
+  const rounded = (value, range) => Math.abs(value) < range / 65534 ? 0 : value;
   const digits = (value, count = 5) => String(Number(value.toPrecision(count)));
   const triple = (array, point, count) => `(${[0, 1, 2].map(k => digits(array[3 * point + k], count)).join(", ")})`;
 
@@ -294,14 +311,14 @@
     const lines = [`${part.name}: at ${triple(part.x, picked.point)} m`];
     if (values && legend) {
       const value = values.numbers[values.atPoints ? picked.point : picked.piece];
-      const kind = (legend.names || []).find(one => one[1] === Math.round(value));
+      const kind = legend.names.find(one => !legend.smooth && one[1] === Math.round(value) % (legend.table.length - 1));
       if (kind) lines.push(`${legend.name}: ${kind[0]}`);
-      else if (legend.smooth) lines.push(`${legend.name}: ${Number.isNaN(value) ? "none" : `${digits(value / legend.factor)} ${legend.unit}`}`);
+      else if (legend.smooth) lines.push(`${legend.name}: ${Number.isNaN(value) ? "none" : `${digits(rounded(value, legend.high - legend.low) / legend.factor)} ${legend.unit}`}`);
     }
     if (part.X) {
       const point = triple(part.X, picked.point, 10), name = part.name.replace(/\W+/g, "_").replace(/^(?=\d)/, "_");
       lines.push(`Point of the mesh: ${point} m`);
-      $("probe").value = `"${part.name.replace(/["\\]/g, "\\$&")} ${point} z [m]": gx.probes.Displacement(${name}.port_at(${point}), "z"),`;
+      $("probe").value = `"${part.name.replace(/["\\]/g, "\\$&")} ${triple(part.X, picked.point, 4)} z [m]": gx.probes.Displacement(${name}.port_at(${point}), "z"),`;
     }
     $("picked").textContent = lines.join("\n");
   }
@@ -310,21 +327,24 @@
   function explain() {
     $("legend").replaceChildren();
     if (!legend) return;
-    const rgba = [...legend.table.flatMap(colour => [...colour, 255]), ...legend.table.flatMap(() => [...BLANK, 255])];
+    const colours = legend.table.slice(0, -1), missing = legend.table.at(-1);
+    const rgba = [colours, colours.map(() => missing), colours].flat().flatMap(colour => [...colour, 255]);
     table.dispose();
-    table.image = { data: Uint8Array.from(rgba), width: legend.table.length, height: 2 };
+    table.image = { data: Uint8Array.from(rgba), width: colours.length, height: 3 };
     table.needsUpdate = true;
-    const swatch = (kind, background) => {
+    const add = (kind, background, words) => {
       const one = document.createElement(kind);
       one.style.background = background;
-      return one;
+      $("legend").append(one, words);
     };
-    if (legend.names) for (const [name, kind] of legend.names) $("legend").append(swatch("i", `rgb(${legend.table[kind]})`), ` ${name}  `);
-    else {
-      const bar = swatch("b", `linear-gradient(to right, ${legend.table.map(colour => `rgb(${colour})`).join(",")})`);
-      const [low, high] = [legend.low, legend.high].map(value => digits(value / legend.factor, 4));
-      $("legend").append(`${low} `, bar, ` ${high}  ${legend.unit}`);
+    for (const [name, kind] of legend.names) add("i", `rgb(${colours[kind]})`, ` ${name}  `);
+    if (legend.smooth) {
+      $("legend").append(`${legend.ends[0]} `);
+      add("b", `linear-gradient(to right, ${colours.map(colour => `rgb(${colour})`).join(",")})`, ` ${legend.ends[1]} ${legend.unit}  `);
+      if (legend.beyond) $("legend").append(`(${legend.beyond})  `);
     }
+    if (legend.hasSlack) add("i", "repeating-linear-gradient(135deg, #fff 0 2px, #000 2px 4px)", " slack  ");
+    if (legend.hasMissing) add("i", `rgb(${missing})`, " no value");
   }
 
   // ---- the user ----

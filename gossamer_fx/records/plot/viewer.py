@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
-from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
+from gossamer_fx.records.plot.colours import Colouring, colouring, default_field
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
 
@@ -110,6 +111,9 @@ class RunView:
         return {
             "labels": [self.run.caption(record) for record in records],
             "fields": [NAMES.get(name, name) for name in self.fields],
+            # Slack film is marked in every field.
+            "stateField": self.fields.index("state") if "state" in self.fields else -1,
+            "slack": SLACK,
             "follows": self._travels_far(),
             "meshes": [
                 [_mesh(part, start) for part, start in zip(parts, starts, strict=True)]
@@ -342,24 +346,29 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
     """The colours of a field, with its scale or the names of its kinds."""
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
-        "smooth": isinstance(colours.key, Scale),
+        "smooth": colours.scale is not None,
         "onLines": name in LINE_FIELDS,
+        "hasMissing": colours.has_missing,
+        "hasSlack": colours.has_slack,
+        # The last row is that of what has no value.
         "table": np.rint(255 * colours.table).astype(int).tolist(),
+        "names": [],
     }
-    if isinstance(colours.key, Scale):
-        factor, label = colours.key.label
+    if colours.scale is not None:
+        factor, label = colours.scale.label
         return legend | {
-            "low": colours.key.low,
-            "high": colours.key.high,
+            "low": colours.scale.low,
+            "high": colours.scale.high,
+            "ends": colours.scale.ends,
+            "beyond": colours.scale.beyond,
             "factor": factor,
             "unit": label[label.find("[") + 1 : -1],
         }
     from matplotlib.colors import to_rgb
 
-    legend["names"] = [
-        [kind, int(abs(colours.table - np.asarray(to_rgb(colour))).sum(axis=1).argmin())]
-        for kind, colour in colours.key.items()
-    ]
+    for kind, colour in colours.names.items():
+        distance = abs(colours.table[:-1] - np.asarray(to_rgb(colour))).sum(axis=1)
+        legend["names"].append([kind, int(distance.argmin())])
     return legend
 
 

@@ -34,7 +34,7 @@ _HOST = "127.0.0.1"
 _CURVES_WIDTH = 4.0  # of the picture of the curves, which stands beside the view [inches]
 # Time from one picture of the curves to the next over the time that it takes to draw one: the cores
 # belong to the run.
-_CURVES_PAUSE = 20.0
+_CURVES_PAUSE = 8.0
 _CURVES = '<div id="beside"><img id="curves" alt=""></div>'
 _MAX_PORT = 65535
 
@@ -173,6 +173,11 @@ class _Answers:
         run = self.read()
         self._draw_curves(run)
         kind, words = status_words(run.about)
+        reached = run.along(run.table("ledger.csv"))
+        # run.json is written again at the end only.
+        if run.about["status"] == "running" and len(reached):
+            until = run.about["axis"]["until"]
+            words = f"running, {run.axis.words(reached[-1])} of {until:.6g} {run.axis.unit}"
         return {
             "title": run.title,
             "kind": kind,
@@ -227,7 +232,9 @@ class _Answers:
         if name == "legend" and len(numbers) == 1 and numbers[0] < len(view.fields):
             return view.legend(view.fields[numbers[0]])
         if name == "state" and len(numbers) == 2 and numbers[0] < len(view.run.times):
-            return view.state(numbers[0], view.fields[numbers[1] : numbers[1] + 1])
+            # The state of films is needed to mark those that are slack.
+            asked = dict.fromkeys([*view.fields[numbers[1] : numbers[1] + 1], "state"])
+            return view.state(numbers[0], [field for field in asked if field in view.fields])
         return None
 
 
