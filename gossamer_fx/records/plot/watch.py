@@ -205,7 +205,7 @@ class _Answers:
         """Type and contents of what is asked for; None if there is no such thing."""
         if words == [""]:
             return "text/html; charset=utf-8", self.page().encode(errors="replace")
-        if words[0] == "curves" and self._curves:
+        if words == ["curves", str(self._curves_count)]:
             return "image/png", self._curves
         data: Mapping[str, Any] | None = None
         try:
@@ -232,9 +232,12 @@ class _Answers:
         if name == "legend" and len(numbers) == 1 and numbers[0] < len(view.fields):
             return view.legend(view.fields[numbers[0]])
         if name == "state" and len(numbers) == 2 and numbers[0] < len(view.run.times):
-            # The state of films is needed to mark those that are slack.
-            asked = dict.fromkeys([*view.fields[numbers[1] : numbers[1] + 1], "state"])
-            return view.state(numbers[0], [field for field in asked if field in view.fields])
+            record, field = numbers
+            # A scene without bodies on meshes has no fields.
+            if field < max(len(view.fields), 1):
+                # The state of films is needed to mark those that are slack.
+                asked = dict.fromkeys([*view.fields[field : field + 1], "state"])
+                return view.state(record, [name for name in asked if name in view.fields])
         return None
 
 
