@@ -194,10 +194,12 @@ def test_a_browser_that_goes_disturbs_nothing(
     fall: Fall, watch: gx.plot.Watch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     port = int(watch.address.split(":")[2].split("/")[0])
-    for words in (b"", b"GET", f"GET {watch.address[21:]}progress HTTP/1.0\r\n\r\n".encode()):
+    path = watch.address.removeprefix(f"http://127.0.0.1:{port}")
+    asked = [f"GET {path}{name} HTTP/1.0\r\n\r\n".encode() for name in ("", "", "", "progress")]
+    for words in (b"", b"GET", *asked):
         line = socket.create_connection(("127.0.0.1", port))
         line.sendall(words)
-        # The connection is cut instead of closed.
+        # The connection is cut instead of closed; PETSc would end the program at SIGPIPE.
         line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         line.close()
     fall.go(3)

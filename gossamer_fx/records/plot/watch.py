@@ -11,6 +11,7 @@ import errno
 import json
 import os
 import secrets
+import socket
 import sys
 import time
 from collections.abc import Mapping
@@ -286,6 +287,18 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers one request: GET /TOKEN/WORDS."""
 
     server: _Server
+
+    def setup(self) -> None:
+        """Collect the answer, so that it is sent at once."""
+        super().setup()
+        self.wfile = BytesIO()
+
+    def finish(self) -> None:
+        """Send the answer without the signal that a connection cut by the browser would raise:
+        PETSc ends the program at it."""
+        no_signal = getattr(socket, "MSG_NOSIGNAL", 0)
+        self.connection.sendall(self.wfile.getvalue(), no_signal)
+        super().finish()
 
     def do_GET(self) -> None:
         token, *words = urlsplit(self.path).path.removeprefix("/").split("/")
