@@ -17,7 +17,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.records.plot import report
-from gossamer_fx.records.plot.colours import scale
+from gossamer_fx.records.plot.colours import NO_LIMITS, Scale, scale
 from gossamer_fx.records.plot.curve_panels import grouped
 from gossamer_fx.records.plot.viewer import RunView
 
@@ -227,14 +227,20 @@ def test_large_films_are_thinned_for_the_view(
     assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
 
 
+def scale_of(field: str, values: np.ndarray) -> Scale:
+    """The scale of all values of a field."""
+    extremes = (float(values.min(initial=0.0)), float(values.max(initial=0.0)))
+    return scale(field, values, extremes, NO_LIMITS)
+
+
 def test_scales_show_what_matters() -> None:
     even = np.linspace(0, 1, 1001)
-    assert scale("stress1", [3e6 * even]).label == (1e6, "Larger principal stress [MPa]")
-    assert scale("stress1", [3e6 * even - 1.0]).low == 0.0
-    signed = scale("stress2", [3.0 * even - 1.0])
+    assert scale_of("stress1", 3e6 * even).label == (1e6, "Larger principal stress [MPa]")
+    assert scale_of("stress1", 3e6 * even - 1.0).low == 0.0
+    signed = scale_of("stress2", 3.0 * even - 1.0)
     assert signed.signed and signed.low == -signed.high
-    assert scale("strain2", [-even]).high == 0.0
-    assert scale("pressure", []).bins(np.array([1.0])) == 0
+    assert scale_of("strain2", -even).high == 0.0
+    assert scale_of("pressure", np.zeros(0)).parts(np.array([1.0])) == 0
 
 
 @pytest.mark.parametrize(

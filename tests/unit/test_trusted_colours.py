@@ -17,7 +17,8 @@ import gossamer_fx as gx
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.camera import aim, render
-from gossamer_fx.records.plot.colours import MISSING_COLOUR, Limits, _scale, by_state, colouring
+from gossamer_fx.records.plot.colours import MISSING_COLOUR, Limits, by_state, colouring
+from gossamer_fx.records.plot.colours import scale as scale_of
 from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plot import strip_views
 from gossamer_fx.records.plot.shapes import Shape
@@ -173,7 +174,7 @@ def test_a_scale_ends_at_the_largest_value(recorded: gx.plot.RunReader) -> None:
 def test_single_values_far_beyond_are_clipped_and_told() -> None:
     """One value of 50 among 999 from 0 to 1, as at a corner where the stress has no bound."""
     values = np.append(np.linspace(0, 1, 999), 50.0)
-    scale = _scale("strain1", values, (0.0, 50.0), Limits())
+    scale = scale_of("strain1", values, (0.0, 50.0), Limits())
     assert scale.high == pytest.approx(0.996, abs=1e-3)
     assert scale.clipped == (False, True)
     assert "largest 5e+04" in scale.beyond  # in units of 10⁻³
@@ -231,7 +232,7 @@ def test_each_time_has_its_own_limits_in_its_caption(recorded: gx.plot.RunReader
 
 
 def test_a_logarithmic_scale_has_equal_colours_for_equal_ratios() -> None:
-    scale = _scale("stress1", np.geomspace(1.0, 1e4, 99), (1.0, 1e4), Limits(1.0, 1e4, log=True))
+    scale = scale_of("stress1", np.geomspace(1.0, 1e4, 99), (1.0, 1e4), Limits(1.0, 1e4, log=True))
     assert scale.parts(np.array([1.0, 10.0, 100.0, 1e3, 1e4])) == pytest.approx(
         [0.0, 0.25, 0.5, 0.75, 1.0]
     )
@@ -240,9 +241,9 @@ def test_a_logarithmic_scale_has_equal_colours_for_equal_ratios() -> None:
 
 
 def test_zero_has_the_middle_colour_on_a_scale_that_is_not_symmetric() -> None:
-    scale = _scale("stress1", np.zeros(1), (0.0, 0.0), Limits(-1.0, 4.0))
+    scale = scale_of("stress1", np.zeros(1), (0.0, 0.0), Limits(-1.0, 4.0))
     zero = scale.table[np.rint(scale.parts(np.zeros(1)) * (len(scale.table) - 1)).astype(int)]
-    symmetric = _scale("stress1", np.zeros(1), (0.0, 0.0), Limits(-4.0, 4.0)).table
+    symmetric = scale_of("stress1", np.zeros(1), (0.0, 0.0), Limits(-4.0, 4.0)).table
     assert zero[0] == pytest.approx(symmetric[len(symmetric) // 2], abs=0.02)
 
 

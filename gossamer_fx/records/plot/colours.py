@@ -120,13 +120,17 @@ class Scale:
     log: bool = False
 
     @property
+    def signed(self) -> bool:
+        return self.low < 0 < self.high
+
+    @property
     def table(self) -> Array:
         """Red, green and blue in [0, 1] (bins, 3)."""
         from matplotlib import colormaps
 
         name = "viridis"
         ends = np.array([0.0, 1.0])
-        if self.low < 0 < self.high:
+        if self.signed:
             # Zero is in the middle of the colours, also if the limits are not symmetric.
             name = "RdYlBu_r"
             ends = 0.5 + 0.5 * np.array([self.low, self.high]) / max(-self.low, self.high)
@@ -176,7 +180,7 @@ class Scale:
         return ", ".join(words)
 
 
-def _scale(name: str, samples: Array, extremes: tuple[float, float], limits: Limits) -> Scale:
+def scale(name: str, samples: Array, extremes: tuple[float, float], limits: Limits) -> Scale:
     """The scale of colours for samples (n,) of a field; symmetric if both signs matter.
 
     It has the extremes, or the 0.5 and 99.5 percentiles if the values beyond them reach far, and
@@ -358,12 +362,12 @@ def _by_number(
         if record in chosen:
             samples.append(at_corners)
         if limits.each_time and record in records:
-            scales[record] = _scale(field, at_corners, extremes, limits)
+            scales[record] = scale(field, at_corners, extremes, limits)
     if least > largest:
         # No part has a value in any of the states.
         least = 0.0
         largest = 0.0
-    found = _scale(field, np.concatenate(samples), (least, largest), limits)
+    found = scale(field, np.concatenate(samples), (least, largest), limits)
     return Colouring(field, _with_missing(found.table), scale=found, scales=scales)
 
 

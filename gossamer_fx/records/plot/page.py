@@ -41,7 +41,7 @@ _PANEL = 2.9  # height of a panel with its title and axis
 _PAD = 0.1  # around everything
 _GAP = 3 * _PAD  # between images, about
 
-_TICK = 0.35  # least distance of numbers at the bar of a scale
+_TICK_LETTER = 0.07  # width of a letter of the numbers at the bar of a scale
 _TIP = 0.12  # of the triangles at its ends
 _BAR_SPACE = 0.18  # left and right of the bar, for the triangles
 _BAR_SHARE = 0.25  # width of the bar, of the width of the page
@@ -60,6 +60,8 @@ _STYLE = {
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
     "axes.linewidth": 0.6,
+    # Numbers at an axis are whole: nothing is to be added to them in mind.
+    "axes.formatter.useoffset": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.xmargin": 0,
@@ -370,11 +372,13 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
         locator = LogLocator() if scale.log else MaxNLocator(4)
         inner = np.asarray(locator.tick_values(scale.low / factor, scale.high / factor))
     at = scale.parts(inner * factor)
-    gap = _TICK / width
+    numbers = [f"{value:.4g}" for value in inner]
+    longest = max(len(number) for number in (*ends, *numbers))
+    gap = _TICK_LETTER * (longest + 1) / width
     is_apart = (at > gap) & (at < 1 - gap)
     if (np.diff(at[is_apart]) < gap).any():
         is_apart[:] = False
-    labels = [ends[0], *(f"{value:.4g}" for value in inner[is_apart]), ends[1]]
+    labels = [ends[0], *np.array(numbers)[is_apart], ends[1]]
     bar.set(yticks=[])
     if scale.low == scale.high:
         bar.set_xticks([0.0], labels[:1])

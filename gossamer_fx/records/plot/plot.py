@@ -326,8 +326,10 @@ def modes(
             f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes "
             "made.",
         )
-    # All modes have the same largest displacement, and so the colours of the first one.
-    colours = colouring(runs[0], MODE_FIELD)
+    # All modes are shown with the same largest displacement, which may be that of a body without a
+    # mesh.
+    shown = runs[0].about["result"]["largest displacement shown [m]"]
+    colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
     shapes = [colours.shape(run, 0) for run in runs]
     camera = aim(shapes, replace(view or View(), zoom=False))
     views = Views(

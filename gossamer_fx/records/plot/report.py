@@ -26,7 +26,7 @@ from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
-from gossamer_fx.records.plot.curve_panels import run_curves
+from gossamer_fx.records.plot.curve_panels import STORED, run_curves
 from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
@@ -83,6 +83,10 @@ _NARROW_WIDTH = 4.0
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
+_LEDGER_HEAD = ("", "start", "end", "largest magnitude")
+_EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
+# Rows of the table of equilibria, which are evenly spread over a longer path.
+_MAX_EQUILIBRIA = 12
 _PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
 _TENSIONS_HEAD = ("[N]", "mean", "least", "largest")
 
@@ -171,15 +175,17 @@ def _page(run: RunReader) -> Iterable[str]:
         if len(run.times) > 1:
             yield f"<h2>Over the {escape(run.axis.name)}</h2>"
         yield _image(partial(_draw_strip, run, field), f"{field} at six times")
-    if len(run.along(ledger)) > 1:
+    # The energies of a mode are those of an arbitrary amplitude.
+    if run.kind != "mode" and len(run.along(ledger)) > 1:
         yield _image(
             partial(draw_curves, run),
             "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
-    yield "<h2>Ledger</h2>" + _table(
-        ("", "start", "end", "largest magnitude"), _ledger(run, ledger)
-    )
+    if run.kind == "equilibrium":
+        yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
+    elif run.kind == "run":
+        yield "<h2>Ledger</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
     prestress = run.about.get("prestress", {})
     if prestress:
         yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
@@ -242,6 +248,8 @@ def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
     if "result" in about:
         pairs = _pairs(about["result"])
         words = ", ".join(f"{name} {value}" for name, value in pairs)
+        if about["kind"] == "mode":
+            words += "; the amplitude of a mode is arbitrary"
         return "status", words
     kind = "status" if status in ("finished", "running") else "status bad"
     along = about["axis"]
@@ -290,10 +298,29 @@ def _image(draw: Callable[[Path, float], None], words: str) -> str:
     )
 
 
+def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+    """Load, unbalanced force over the load, iterations, work of loads and supports, and stored
+    energy of all parts, in states of a path."""
+    loads = run.along(dict(ledger))
+    stored = sum(values for name, values in ledger.items() if name.startswith(STORED))
+    energy = np.broadcast_to(stored, loads.shape)
+    # Older records do not have it.
+    residuals = ledger.get("residual", np.full(len(loads), np.nan))
+    for row in np.unique(np.linspace(0, len(loads) - 1, _MAX_EQUILIBRIA).astype(int)):
+        residual = f"{residuals[row]:.1e}" if np.isfinite(residuals[row]) else ""
+        yield (
+            run.axis.words(float(loads[row]), digits=4),
+            residual,
+            f"{ledger['iterations'][row]:.0f}",
+            f"{ledger['supplied'][row]:.6g}",
+            f"{energy[row]:.6g}",
+        )
+
+
 def _ledger(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
-    """Start, end and largest magnitude of each column."""
+    """Start, end and largest magnitude of each column that is not zero throughout."""
     for name, values in ledger.items():
-        if name not in (*run.not_values, "iterations", "substeps"):
+        if name not in (*run.not_values, "iterations", "substeps") and values.any():
             largest = values[int(np.abs(values).argmax())]
             numbers = (values[0], values[-1], largest)
             yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
@@ -334,11 +361,14 @@ def _pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table whose first column has names, and the others numbers."""
+    """A table whose first column has names, and the others numbers; empty columns are left out."""
+    cells = list(rows)
+    columns = len(cells[0]) if cells else 0
+    used = [k for k in range(columns) if k == 0 or any(row[k] for row in cells)]
     found = []
-    if head:
-        found.append(_row("th", head))
-    found += [_row("td", row) for row in rows]
+    if head and cells:
+        found.append(_row("th", tuple(head[k] for k in used)))
+    found += [_row("td", tuple(row[k] for k in used)) for row in cells]
     return f'<div class="table"><table>{"".join(found)}</table></div>'
 
 
