@@ -178,7 +178,7 @@ def _page(run: RunReader) -> Iterable[str]:
     # The energies of a mode are those of an arbitrary amplitude.
     if run.kind != "mode" and len(run.along(ledger)) > 1:
         yield _image(
-            partial(draw_curves, run),
+            partial(_draw_curves, run),
             "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
@@ -274,7 +274,7 @@ def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:
     write_page(file, "", views, width=width)
 
 
-def draw_curves(run: RunReader, file: Path, width: float) -> None:
+def _draw_curves(run: RunReader, file: Path, width: float) -> None:
     """Draw all curves on a page of a width [inches]."""
     write_page(file, "", None, run_curves(run), width=width)
 
