@@ -1,4 +1,4 @@
-// What viewer.js uses of three.js; `npm ci && npm run build` in this folder writes gossamer_fx/records/plot/three.min.js.
+// What viewer.js uses of three.js; `npm install && npm run build` in this folder writes gossamer_fx/records/plot/three.min.js.
 export {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DataTexture, DirectionalLight, DoubleSide, Mesh, MeshBasicMaterial, MeshLambertMaterial,
   OrthographicCamera, Plane, Points, PointsMaterial, Raycaster, Scene, SRGBColorSpace, Vector2, Vector3, WebGLRenderer,

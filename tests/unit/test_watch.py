@@ -249,7 +249,7 @@ def test_the_command_refuses_what_it_cannot_show(tmp_path: Path) -> None:
     for words, said in (
         (["none"], "There is no folder 'none'"),
         (["none.py"], "There is no scene file 'none.py'"),
-        ([".", "until=1"], "is no scene file"),
+        ([".", "until=1"], "is not a scene file"),
     ):
         command = [sys.executable, "-P", "-m", "gossamer_fx", "watch", *words]
         found = subprocess.run(

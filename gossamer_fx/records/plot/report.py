@@ -51,7 +51,7 @@ th { color: #66707a; } td.number, th.number { text-align: right; font-variant-nu
 div.table { overflow-x: auto; }
 @media (min-width: 1100px) {
   #watch { display: grid; grid-template-columns: minmax(0, 1fr) 380px; gap: 1.5em; }
-  #beside { max-height: 85vh; overflow-y: auto; } #watch #view { height: 60vh; }
+  #curves-frame { max-height: 85vh; overflow-y: auto; } #watch #view { height: 60vh; }
 }
 @media (max-width: 700px) {
   body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }

@@ -94,9 +94,10 @@
     for (const part of parts) { scene.remove(part.object); part.object.geometry.dispose(); }
     mesh = number;
     parts = header.meshes[number].map(about => {
-      const part = { name: about.name, corners: about.corners, origin: about.origin, pieces: new Uint32Array(binary(about.pieces)),
-        start: new Float32Array(binary(about.start)), X: about.X && new Float64Array(binary(about.X)) };
-      part.x = new Float64Array(part.start.length);
+      const part = { name: about.name, corners: about.corners, pieces: new Uint32Array(binary(about.pieces)),
+        start: Float64Array.from(new Float32Array(binary(about.start)), (value, i) => about.origin[i % 3] + value),
+        X: about.X && new Float64Array(binary(about.X)) };
+      part.x = part.start.slice();
       const geometry = new THREE.BufferGeometry();
       if (!part.pieces.length) part.object = new THREE.Points(geometry, dot);
       else if (part.corners === 2) part.object = new THREE.LineSegments2(new THREE.LineSegmentsGeometry(), stroke);
@@ -136,7 +137,7 @@
 
   function place(part, moved) {
     const by = Number(factor.value) || 0;
-    for (let i = 0; i < part.x.length; i++) part.x[i] = part.origin[i % 3] + part.start[i] + by * moved[i];
+    for (let i = 0; i < part.x.length; i++) part.x[i] = part.start[i] + by * moved[i];
   }
   // The lowest and the highest coordinates of what is shown [m].
   function box() {
@@ -226,13 +227,14 @@
     canvas.dataset.drawn = `${renderer.info.render.triangles} ${renderer.info.render.calls}`;
   }
 
-  // Look at all of what is shown.
+  // Look at all of what is shown, and at where it started unless the view moves along.
   function home() {
     const [azimuth, elevation] = [-25, 25].map(degrees => degrees * Math.PI / 180);
     const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
     const right = [ca, sa, 0], up = [-sa * se, ca * se, ce], eye = [sa * ce, -ca * ce, se];
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    for (const { x, object } of parts) if (object.visible) for (let i = 0; i < x.length; i += 3)
+    const seen = parts.filter(part => part.object.visible).flatMap(part => $("follow").checked ? [part.x] : [part.x, part.start]);
+    for (const x of seen) for (let i = 0; i < x.length; i += 3)
       [right, up, eye].forEach((axis, k) => {
         const along = axis[0] * (x[i] - centre[0]) + axis[1] * (x[i + 1] - centre[1]) + axis[2] * (x[i + 2] - centre[2]);
         low[k] = Math.min(low[k], along);

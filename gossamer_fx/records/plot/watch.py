@@ -32,11 +32,11 @@ from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import RunView
 
 _HOST = "127.0.0.1"
-_CURVES_WIDTH = 4.0  # of the picture of the curves, which stands beside the view [inches]
+_CURVES_WIDTH = 4.0  # of the picture of the curves, at the right of the view [inches]
 # Time from one picture of the curves to the next over the time that it takes to draw one: the cores
 # belong to the run.
 _CURVES_PAUSE = 8.0
-_CURVES = '<div id="beside"><img id="curves" alt=""></div>'
+_CURVES = '<div id="curves-frame"><img id="curves" alt=""></div>'
 _MAX_PORT = 65535
 
 
@@ -278,7 +278,7 @@ class _Server(ThreadingHTTPServer):
         self.lock = Lock()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that has gone is no error; others are shown as usual."""
+        """A browser that has gone is not an error; others are shown as usual."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
