@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot, report, export, demo, validate and doctor.
+"""The commands run, watch, sweep, plot, report, export, demo, validate and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -62,7 +62,14 @@ def main(words: Sequence[str]) -> int:
 
         return validate(words[1:])
     complete = _with_values(words)
-    wanted = _parser().parse_args(complete)
+    parser = _parser()
+    wanted, others = parser.parse_known_args(complete)
+    if wanted.name == "watch":  # what it does not know is for the run that it starts
+        from gossamer_fx.app.cli.watch import watch
+
+        return watch(wanted.what, wanted.output, wanted.port, others)
+    if others:
+        parser.error(f"unrecognized arguments: {' '.join(others)}")
     wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
@@ -185,7 +192,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True,
         dest="name",
-        metavar="run|sweep|plot|report|export|demo|validate|doctor",
+        metavar="run|watch|sweep|plot|report|export|demo|validate|doctor",
         parser_class=_Parser,
     )
 
@@ -225,6 +232,15 @@ def _parser() -> argparse.ArgumentParser:
         help="steps between checkpoints",
     )
     run.set_defaults(command=_run)
+
+    watch = commands.add_parser(
+        "watch", help="a run in the browser, also while it computes; further words are those of run"
+    )
+    watch.add_argument(
+        "what", type=Path, metavar="SCENE|RUN", help="scene file to run, or folder of a run"
+    )
+    watch.add_argument("-o", "--output", type=Path, help="folder of the run of a scene, as of run")
+    watch.add_argument("--port", type=_positive, default=0, help="default: any that is free")
 
     sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
     sweep.add_argument(

@@ -10,3 +10,4 @@ from .plot import strip as strip
 from .report import InlineReport as InlineReport
 from .run_reader import RunReader as RunReader
 from .vtk_export import export as export
+from .watch import Watch as Watch

@@ -11,7 +11,7 @@ import json
 import tempfile
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import cache, partial
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -30,7 +30,7 @@ from gossamer_fx.records.plot.curve_panels import STORED, run_curves
 from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
-from gossamer_fx.records.plot.viewer import view_data
+from gossamer_fx.records.plot.viewer import RunView
 from gossamer_fx.solve.view import Axis
 
 _STYLE = """
@@ -42,22 +42,34 @@ img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 1
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
 th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
-#bar { display: flex; flex-wrap: wrap; gap: 0.5em 1em; align-items: center; margin: 0.5em 0; }
-#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; }
+.bar { display: flex; flex-wrap: wrap; gap: 0.4em 1em; align-items: center; margin: 0.5em 0; }
+#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; } #factor { width: 5em; } #probe { flex: 1; min-width: 0; }
+#parts { max-height: 8em; overflow-y: auto; } #parts label { overflow-wrap: anywhere; } select { max-width: 14em; }
 #legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
 #legend b { display: inline-block; width: 12em; height: 0.7em; max-width: 40vw; }
+#picked { white-space: pre-line; overflow-wrap: anywhere; margin: 0.3em 0; } [hidden] { display: none !important; }
 div.table { overflow-x: auto; }
+@media (min-width: 1100px) {
+  #watch { display: grid; grid-template-columns: minmax(0, 1fr) 380px; gap: 1.5em; }
+  #curves-frame { max-height: 85vh; overflow-y: auto; } #watch #view { height: 60vh; }
+}
 @media (max-width: 700px) {
   body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }
   td, th { padding-right: 0.8em; } div.table { font-size: 13px; }
 }
 """.strip()
 
-_VIEW = """
+VIEW = """
 <div id="viewer"><canvas id="view" tabindex="0"></canvas>
-<div id="bar"><button id="play">Play</button><input id="time" type="range" min="0"><span id="time-label"></span>
-<select id="field"></select><span id="legend"></span></div></div>
-<p class="status">Drag to turn, shift-drag to move, wheel to zoom, double click to go back.</p>
+<div class="bar"><button id="play">Play</button><input id="time" type="range" min="0" value="0">
+<span id="time-label"></span></div>
+<div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span></div>
+<div class="bar"><label>Deformation × <input id="factor" type="number" value="1" step="any"></label>
+<label>Cut <select id="cut"></select></label><input id="depth" type="range" min="0" max="1000" value="500" hidden><span id="depth-label"></span>
+<label><input id="follow" type="checkbox"> move along</label><button id="home">Show all</button></div>
+<div class="bar" id="parts"></div>
+<p id="picked" class="status">Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.</p>
+<div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>
 """.strip()
 
 # Screens of at most this width [pixels] show pictures that are laid out for them.
@@ -152,18 +164,14 @@ def _check_recorded(run: RunReader) -> None:
 
 def _page(run: RunReader) -> Iterable[str]:
     """Yield the lines of the HTML page of a report."""
-    script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0
-    yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-    yield f'<meta http-equiv="Content-Security-Policy" content="{_policy(script)}">'
-    yield f"<title>{escape(run.title)}</title>"
-    yield f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-    yield f"<h1>{escape(run.title)}</h1>"
-    yield _status(run.about)
+    yield page_head(run.title)
+    kind, words = status_words(run.about)
+    yield f'<p class="{kind}">{escape(words)}</p>'
     if shows_scene:
         field = default_field(run)
-        yield _VIEW
+        yield VIEW
         if len(run.times) > 1:
             yield f"<h2>Over the {escape(run.axis.name)}</h2>"
         yield _image(partial(_draw_strip, run, field), f"{field} at six times")
@@ -188,27 +196,53 @@ def _page(run: RunReader) -> Iterable[str]:
     yield "<h2>Solver</h2>" + _table((), numbers)
     yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
     if shows_scene:
-        yield f'<script type="application/json" id="run-data">{_json(view_data(run))}</script>'
-        yield f"<script>{script}</script>"
+        yield view_scripts(RunView(run).whole())
     yield "</body></html>"
 
 
-def _policy(script: str) -> str:
-    """The content security policy: images and styles in the page, and this one script."""
-    sources = [
+def page_head(title: str, sources: str = "img-src data:") -> str:
+    """The HTML page up to its heading, with a content security policy: styles and scripts of this
+    module alone.
+
+    Args:
+        sources: of what else the page loads, in the words of a policy.
+    """
+    script_hash, style_hash = (
         f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
-        for text in (script, _STYLE)
-    ]
-    return f"default-src 'none'; img-src data:; script-src {sources[0]}; style-src {sources[1]}"
+        for text in (_script(), _STYLE)
+    )
+    policy = f"default-src 'none'; {sources}; script-src {script_hash}; style-src {style_hash}"
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f"<title>{escape(title)}</title>"
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
+        f'<h1 id="title">{escape(title)}</h1>'
+    )
 
 
-def _json(data: Any) -> str:
-    """Data for a script element: no character in it can end the element or begin another one."""
-    return json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+def view_scripts(data: Mapping[str, Any]) -> str:
+    """The data of a view and the script that shows it, as elements at the end of a page.
+
+    No character in the data can end its element or begin another one.
+    """
+    text = json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+    return (
+        f'<script type="application/json" id="run-data">{text}</script><script>{_script()}</script>'
+    )
 
 
-def _status(about: Mapping[str, Any]) -> str:
-    """The HTML paragraph that states how the run ended."""
+@cache
+def _script() -> str:
+    """The library three.js and our script, which uses it."""
+    folder = Path(__file__).parent
+    return "\n".join(
+        (folder / name).read_text(encoding="utf-8") for name in ("three.min.js", "viewer.js")
+    )
+
+
+def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
+    """Class of the HTML paragraph that states how a run ended, and its words."""
     status = about["status"]
     numbers = about["statistics"]
     if "result" in about:
@@ -216,7 +250,7 @@ def _status(about: Mapping[str, Any]) -> str:
         words = ", ".join(f"{name} {value}" for name, value in pairs)
         if about["kind"] == "mode":
             words += "; the amplitude of a mode is arbitrary"
-        return f'<p class="status">{escape(words)}</p>'
+        return "status", words
     kind = "status" if status in ("finished", "running") else "status bad"
     along = about["axis"]
     axis = Axis(along["name"], along["unit"])
@@ -231,7 +265,7 @@ def _status(about: Mapping[str, Any]) -> str:
         if "energy defect" in numbers and "largest energy" in numbers:
             largest = energy_words(numbers["largest energy"])
             words += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
-    return f'<p class="{kind}">{escape(words)}</p>'
+    return kind, words
 
 
 def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:

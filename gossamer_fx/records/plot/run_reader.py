@@ -56,6 +56,8 @@ class RunReader:
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
         axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
+        connector_names: of the items to which the lines of `connector_lines` belong.
+        point_names: of the bodies without a mesh, in the order of `dots`.
         groups: names of the groups of the films' cells, see `fields.groups_of`; empty if the
             field "group" was not recorded.
         times: values on the axis at which pictures can be drawn: those of the fields or, without
@@ -83,10 +85,12 @@ class RunReader:
         self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
+        columns = [name for name in self.table("points.csv") if name not in self.not_values]
+        self.point_names = [name.removesuffix(" x") for name in columns[::3]]
         self._poses = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
-        self._connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
+        self.connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
         self._tensions = self.table("tensions.csv")
         self.times: Array = self._points[0]
         if self.bodies:
@@ -339,19 +343,19 @@ class RunReader:
             for name in self._lines_with_means():
                 if part not in ("", name):
                     continue
-                mean = self._mean_tension(name, float(self.times[record]))
+                mean = self.mean_tension(name, float(self.times[record]))
                 found.append(np.full((1, 2), mean))
         return found
 
     def _lines_with_means(self) -> list[str]:
         """Names of connectors, and of cables and beams whose field "tension" was not recorded."""
-        names = list(dict.fromkeys(self._connector_names))
+        names = list(dict.fromkeys(self.connector_names))
         for name, body in self.bodies.items():
             if not body.is_film and "tension" not in self.fields[name]:
                 names.append(name)
         return names
 
-    def _mean_tension(self, name: str, time: float) -> float:
+    def mean_tension(self, name: str, time: float) -> float:
         """Mean tension [N] of a line at a recorded time [s]; NaN if it was not recorded."""
         values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
         if not len(values):
@@ -383,7 +387,7 @@ class RunReader:
 
     def _mean_tensions(self, names: list[str], time: float) -> Array:
         """Mean tensions (n,) [N] of lines, which may be named several times."""
-        of_name = {name: self._mean_tension(name, time) for name in set(names)}
+        of_name = {name: self.mean_tension(name, time) for name in set(names)}
         return np.array([of_name[name] for name in names])
 
     def film_corners(self, record: int) -> list[Array]:
@@ -462,7 +466,7 @@ class RunReader:
                 lines.append(X[solid.lines])
                 line_kinds.append(np.full(len(solid.lines), INK))
         lines.append(self.connector_lines(time))
-        line_kinds.append(self._line_kinds(self._connector_names, field, time, kinds, part))
+        line_kinds.append(self._line_kinds(self.connector_names, field, time, kinds, part))
         of_all = np.concatenate(of_triangles)
         return Shape(
             time=time,
@@ -482,7 +486,7 @@ class RunReader:
 
     def connector_tensions(self, time: float) -> Array:
         """Mean tensions (n,) [N] of the items to which these lines belong; NaN if unknown."""
-        return self._mean_tensions(self._connector_names, time)
+        return self._mean_tensions(self.connector_names, time)
 
     def dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh at a time [m]."""
@@ -548,6 +552,7 @@ class RecordedBody:
 
     def __init__(self, folder: Path, name: str) -> None:
         records = read_records(folder / f"{file_name(name)}.pvd")
+        self.mesh_files = [mesh for one in records for mesh in one.meshes]
         self.segments = [RecordedMesh(one) for one in records]
         self._located = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))
