@@ -45,7 +45,7 @@ def best(body, surface, **given):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("offset", [0.0, 0.8])
 def test_a_paraboloid_has_its_focal_length_vertex_and_tilt(comm, order, offset) -> None:
-    """Also if the film is beside the vertex, and of a paraboloid that is open downwards."""
+    """Also if the film is next to the vertex, and of a paraboloid that is open downwards."""
     for f in (0.4, -0.4):
         body = film(
             comm,
@@ -167,8 +167,8 @@ def test_areas_by_state_are_those_of_the_group(comm) -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_largest_stress_is_where_the_strain_is_largest(comm, order) -> None:
-    """A film that is stretched along x by 1 + 2 a X²: the stress of each element is a closed form
-    for order 2, in which the displacement is no polynomial of its order but its ends are exact."""
+    """A film that is moved along x by a X²: that of order 2 has this displacement, that of order 1
+    the mean stretch of each cell."""
     stretch = 1e-3
     body = film(comm, lambda X: np.vstack([X[0] + stretch * X[0] ** 2, X[1], X[2]]), order=order)
     scene = gx.Equilibrium(gx.Scene(body))

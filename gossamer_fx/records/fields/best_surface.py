@@ -172,10 +172,11 @@ def cells_of(film: Membrane, group: str) -> Array:
     if not group:
         return np.arange(owned)
     dimension, cells = mesh.group(group)
+    kind = ("points", "curves", "triangles")[dimension]
     check(
         dimension == 2,
-        f"The group '{group}' of '{film.name}' has no film: it is made of "
-        f"{('points', 'curves')[dimension % 2]}; give a group of triangles.",
+        f"The group '{group}' of '{film.name}' has no film: it is made of {kind}; "
+        "give a group of triangles.",
     )
     return cells[cells < owned]
 

@@ -161,7 +161,7 @@ class ContactArea(_TouchedNodes):
     """Area [m²] of the nodes of a body on which contact presses, on the stress-free shape.
 
     Contact begins to press at its activation distance.  The area is that of whole nodes, so that
-    it has an error of the width of a cell along the border of the contact.
+    it has an error of the width of a cell along the edge of the contact.
 
     Args:
         contact: in the scene.
