@@ -76,15 +76,15 @@ def arc_polygon(
         geo = model.geo
         tags = [geo.addPoint(*point, 0.0, size) for point in points]
         curves = []
-        for k, chord in enumerate(chords):
+        for k in range(len(tags)):
             ends = (tags[k], tags[(k + 1) % len(tags)])
             if sag == 0:
                 curves.append(geo.addLine(*ends))
                 continue
             radius = arc_radius(float(lengths[k]), sag)
             # The centre is outside of the film, to the right of the chord.
-            outwards = np.array([chord[1], -chord[0]]) / lengths[k]
-            middle = points[k] + chord / 2
+            outwards = np.array([chords[k, 1], -chords[k, 0]]) / lengths[k]
+            middle = points[k] + chords[k] / 2
             centre = middle + (radius - sag * lengths[k]) * outwards
             curves.append(geo.addCircleArc(ends[0], geo.addPoint(*centre, 0.0), ends[1]))
         surface = geo.addPlaneSurface([geo.addCurveLoop(curves)])

@@ -56,7 +56,7 @@ def mesh_of_arrays(
             )
         parts = {name: nodes for name, nodes in groups.items() if _dimension(nodes) == 2}
         others = {name: nodes for name, nodes in groups.items() if name not in parts}
-        film = []
+        film: list[int] = []
         for name, nodes in (parts or {"": triangles}).items():
             entity = model.addDiscreteEntity(2)
             if not film:

@@ -40,12 +40,12 @@ class Ring(NamedTuple):
 
     Attributes:
         radius, height: of the circle [m], along the axis.
-        count: of its nodes, the first one at the angle zero.
+        nodes: their number, the first one at the angle zero.
     """
 
     radius: float
     height: float
-    count: int
+    nodes: int
 
 
 class _Surface(NamedTuple):
@@ -76,15 +76,15 @@ def _surface(rings: Sequence[Ring], *, about_x: bool = False) -> _Surface:
     Normals point away from the axis where the next ring is higher.
     """
     points = []
-    numbers = []
+    numbers: list[Numbers] = []
     start = 0
     for ring in rings:
-        angle = 2 * math.pi * np.arange(ring.count) / ring.count
+        angle = 2 * math.pi * np.arange(ring.nodes) / ring.nodes
         across = ring.radius * np.stack([np.cos(angle), np.sin(angle)])
-        along = np.full(ring.count, ring.height)
+        along = np.full(ring.nodes, ring.height)
         points.append(np.column_stack([*across, along]))
-        numbers.append(np.arange(start, start + ring.count))
-        start += ring.count
+        numbers.append(np.arange(start, start + ring.nodes, dtype=np.int64))
+        start += ring.nodes
     nodes = np.concatenate(points)
     if about_x:
         nodes = np.roll(nodes, 1, axis=1)
@@ -318,8 +318,8 @@ def balloon(
         surface = _surface(rings)
         triangles = np.concatenate(surface.strips)
         middles = surface.points[triangles].mean(axis=1)
-        angle = np.arctan2(middles[:, 1], middles[:, 0]) % (2 * math.pi)
-        gore = (angle * gores / (2 * math.pi)).astype(int)
+        azimuths = np.arctan2(middles[:, 1], middles[:, 0]) % (2 * math.pi)
+        gore = np.floor(azimuths * gores / (2 * math.pi))
         groups: dict[str, Numbers] = {}
         for k in range(gores):
             seam = np.array([ring[k * m] for ring, m in zip(surface.rings, across, strict=True)])

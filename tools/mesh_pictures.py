@@ -71,7 +71,7 @@ def draw(axes: Axes3D, mesh: gx.Mesh, title: str) -> None:
     axes.add_collection3d(triangles)
     # Lines and dots are drawn over all triangles: those behind are left out.
     axes.computed_zorder = False
-    is_flat = np.ptp(vertices[:, 2]) < 1e-9
+    is_flat = _is_flat(mesh)
     elevation = 90 if is_flat else 28
     azimuth = -90 if is_flat else -60
     axes.view_init(elev=elevation, azim=azimuth)
@@ -98,10 +98,16 @@ def draw(axes: Axes3D, mesh: gx.Mesh, title: str) -> None:
     axes.set_title(title, fontsize=9, y=1.0)
 
 
+def _is_flat(mesh: gx.Mesh) -> bool:
+    """Whether a mesh is in a plane of one z."""
+    heights = mesh.domain.geometry.x[:, 2]
+    return float(heights.max() - heights.min()) < 1e-9
+
+
 def _faces(mesh: gx.Mesh, elevation: float, azimuth: float) -> npt.NDArray[np.bool_]:
     """Whether each vertex of a closed mesh faces the viewer; of an open one all do."""
     vertices = mesh.domain.geometry.x
-    if (mesh.edges.count == 1).any() or np.ptp(vertices[:, 2]) < 1e-9:
+    if (mesh.edges.count == 1).any() or _is_flat(mesh):
         return np.ones(len(vertices), dtype=bool)
     cells = mesh.domain.geometry.dofmap
     normals = np.zeros_like(vertices)

@@ -1,4 +1,4 @@
-"""The largest principal stress of a film, its location, and its ratio to what the material bears."""
+"""The largest principal stress of a film, its location, and its ratio to a limit."""
 
 from __future__ import annotations
 
