@@ -210,3 +210,12 @@ def test_the_stiffness_of_a_tip_is_that_of_the_cantilever(comm) -> None:
     assert math.isinf(gx.analysis.point_stiffness(scene, clamp))
     with pytest.raises(gx.InputError, match="direction is zero"):
         gx.analysis.point_stiffness(scene, tip, direction=(0, 0, 0))
+
+
+@pytest.mark.mpi
+def test_a_saddle_is_no_better_on_a_paraboloid_than_on_a_plane(comm) -> None:
+    body = film(comm, lambda X: np.vstack([X[0], X[1], 0.1 * (X[0] ** 2 - X[1] ** 2)]))
+    plane = best(body, "plane")
+    paraboloid = best(body, "paraboloid")
+    assert paraboloid.rms <= plane.rms * (1 + 1e-9)
+    assert paraboloid.radius > 1e3

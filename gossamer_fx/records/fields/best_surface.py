@@ -8,16 +8,18 @@ over the nodes i of the film.  The weight w_i is a third of the areas of the def
 the node; cells of order 2 are four triangles.  So nodes on a paraboloid have the distance zero,
 though the triangles between them have not.
 
-Distances are those across the surface.  With the coordinates x, y, z of a paraboloid's own axes, c
-= 1/(4 f) and ρ² = x² + y²,
+Distances are those across the surface.  In coordinates (x, y, h) about the centroid of the film,
+with h along an axis, a surface has the distances
 
-    plane       d = n·(x - x̄)
-    sphere      d = |x - m| - R
-    paraboloid  d = (z - c ρ²)/sqrt(1 + 4 c² ρ²)
+    paraboloid  d = (h - k - a x - b y - c (x² + y²))/|(a + 2 c x, b + 2 c y, 1)|
+    sphere      d = e/(1 + sqrt(1 - κ e)),  e = 2 g - κ (x² + y² + g²),  g = h - k               (1)
 
-of which the last one is right to first order of d/f.  The plane follows from the moments of the
-film.  The others are found by Gauss and Newton's method: a rank adds what its nodes contribute to
-the normal equations JᵀWJ Δp = -JᵀWd, at most 6 × 6, and no rank gathers a field.
+with c = 1/(4 f) and κ = 1/R; both are planes without curvature.  The first one is right to first
+order of d/f, the second one is |x - m| - R without its round-off for large radii.  The plane
+follows from the moments of the film.  The others, of which the axis turns, are found by Levenberg
+and Marquardt's method from the polynomial that fits the heights best: a rank adds what its nodes
+contribute to the normal equations JᵀWJ Δp = -JᵀWd, at most 6 × 6, and no rank gathers a field.  No
+step increases the mean square.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rotations import rotations
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import Array, Vector
 from gossamer_fx.core.model.state import HasSystem, State
@@ -47,12 +49,17 @@ Z_AXIS = (0.0, 0.0, 1.0)
 # or its height over its width, is below 1e-7.
 DEGENERATE = 1e-14
 
-# Newton's method ends where a step moves the surface by less than this share of the film's size,
-# some ten times its round-off.
+# The search ends where a step moves the surface by less than this share of the film's size, some
+# ten times its round-off, or lowers the mean square by less than this share.
 SMALLEST_STEP = 1e-14
-MAX_ITERATIONS = 100
+SMALLEST_DECREASE = 1e-15
+MAX_ITERATIONS = 200
+# Factors of the diagonal of the normal equations that is added to them: at the start, and where no
+# step lowers the mean square any more.
+FIRST_DAMPING = 1e-3
+LAST_DAMPING = 1e6
 # Singular values of the normal equations, relative to the largest, that count as zero: distances
-# from a shallow paraboloid hardly tell a turn from a shift, and round-off would decide.
+# from a shallow paraboloid hardly tell a turn of its axis from a slope a.
 NEGLIGIBLE = 1e-13
 
 
@@ -112,14 +119,13 @@ def best_surface(
         surface: "plane", "paraboloid" or "sphere".
         group: of cells of the film's mesh; empty: the whole film.
         axis: the designed axis, in either sense, from which the tilt is measured; the search for a
-            paraboloid begins with it.  Where the focal length is above some thirty times the size
-            of the film, a tilt cannot be told from a shift, and this axis stays.
+            paraboloid begins with it and with the normal of the film.
         at: "end" of the last step, or "mean": the film in the middle of the step, where what
             alternates from step to step is left out.
 
     Raises:
-        InputError: the film is not in the scene, the group has no cells, the axis is zero, the
-            film has shrunk to a line or a point, or no paraboloid was found from this axis.
+        InputError: the film is not in the scene, the group has no cells, the axis is zero, or the
+            film has shrunk to a line or a point.
 
     Example:
         >>> bowl = gx.Membrane(
@@ -187,159 +193,190 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
     length = float(np.linalg.norm(designed))
     check(length > 0, "best_surface: the axis is zero; give the designed axis.")
     designed = designed / length
+    on_a_line = (
+        "best_surface: the points lie on a line, on which no surface is best; give a film with a "
+        "width."
+    )
     area = float(samples.sum(np.ones(len(samples.points))))
-    check_on_all(samples.comm, area > 0, "best_surface: the film has no area; it is a line.")
+    check(area > 0, on_a_line)
     centroid = samples.sum(samples.points) / area
     offsets = samples.points - centroid
     moments = samples.sum(offsets[:, :, None] * offsets[:, None, :]) / area
     squares, directions = np.linalg.eigh(moments)
-    check_on_all(
-        samples.comm,
-        squares[1] > DEGENERATE * squares[2],
-        "best_surface: the points lie on a line, on which no surface is best; give a film with "
-        "a width.",
-    )
+    check(squares[1] > DEGENERATE * squares[2], on_a_line)
     size = math.sqrt(float(squares.sum()))
     # Lengths over the size of the film, from its centroid, make the equations well scaled.
     scaled = Samples(samples.comm, offsets / size, samples.weights / area)
-    is_flat = squares[0] <= DEGENERATE * squares[1]
-    if surface == "plane" or is_flat:
-        found = _Fitted(np.zeros(3), directions[:, 0], math.inf, scaled.points @ directions[:, 0])
-    elif surface == "sphere":
-        found = _sphere(scaled)
-    else:
-        found = _paraboloid(scaled, designed)
+    normal = directions[:, 0]
+    found = _Shape(_axes_along(normal), np.zeros(2))
+    distances = scaled.points @ normal
+    if surface != "plane" and squares[0] > DEGENERATE * squares[1]:
+        distances_of = {"sphere": _from_sphere, "paraboloid": _from_paraboloid}[surface]
+        ends = [
+            _least_squares(scaled, _start(scaled, axis, surface), distances_of)
+            # From a wrong axis the search may end in another minimum.  The designed one is that of
+            # a part next to the vertex, the normal that of a shallow dish.
+            for axis in (designed, normal)
+        ]
+        found = min(ends, key=lambda shape: shape.mean_square(scaled, distances_of))
+        distances, _, _ = distances_of(scaled.points, found)
 
-    direction = found.axis
+    direction = found.axes[2]
+    curvature = float(found.numbers[-1])
+    point = np.zeros(3)
+    radius = math.inf
+    if curvature:
+        direction = math.copysign(1.0, curvature) * direction
+        if surface == "sphere":
+            radius = size / abs(curvature)
+            point = found.axes[2] * (found.numbers[0] + 1 / curvature)
+            direction = -point / (float(np.linalg.norm(point)) or 1.0)
+        else:
+            radius = size / (2 * abs(curvature))
+            k, a, b, c = found.numbers
+            vertex = np.array([-a / (2 * c), -b / (2 * c), k - (a**2 + b**2) / (4 * c)])
+            point = found.axes.T @ vertex
     # A plane has no side: its normal is taken near the designed axis.
-    if math.isinf(found.radius) and direction @ designed < 0:
+    elif direction @ designed < 0:
         direction = -direction
     across = float(np.linalg.norm(np.cross(direction, designed)))
-    distances = size * found.distances
     highest = samples.comm.allreduce(float(distances.max(initial=-np.inf)), op=MPI.MAX)
     lowest = samples.comm.allreduce(float(distances.min(initial=np.inf)), op=MPI.MIN)
-    x, y, z = centroid + size * found.point
+    x, y, z = centroid + size * point
     return BestSurface(
-        rms=math.sqrt(float(samples.sum(distances**2)) / area),
-        peak_to_valley=highest - lowest,
+        rms=size * math.sqrt(float(scaled.sum(distances**2))),
+        peak_to_valley=size * (highest - lowest),
         area=area,
         point=(float(x), float(y), float(z)),
         axis=(float(direction[0]), float(direction[1]), float(direction[2])),
         tilt=math.atan2(across, abs(float(direction @ designed))),
-        radius=size * found.radius,
+        radius=radius,
     )
+
+
+# Of points (n, 3) and a surface: distances (n,), and their derivatives by the coordinates of the
+# points in its axes (n, 3) and by its numbers (n, m)
+_Distances = Callable[[Array, "_Shape"], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
-class _Fitted:
-    """A surface in scaled coordinates, and the distances (n,) of this rank's points from it."""
+class _Shape:
+    """A surface in scaled coordinates, see (1): its axes (3, 3) as rows, the last one that of h,
+    and its numbers, (k, a, b, c) of a paraboloid or (k, κ) of a sphere."""
 
-    point: Array
-    axis: Array
-    radius: float
-    distances: Array
+    axes: Array
+    numbers: Array
 
-
-def _sphere(samples: Samples) -> _Fitted:
-    """The best sphere of scaled points."""
-    x = samples.points
-    # |x|² = 2 m·x + R² - |m|² is linear in m and the constant: a start near the best sphere.
-    columns = np.column_stack([2 * x, np.ones(len(x))])
-    normal = samples.sum(columns[:, :, None] * columns[:, None, :])
-    right = samples.sum(columns * (x**2).sum(axis=1)[:, None])
-    start = np.linalg.lstsq(normal, right, rcond=NEGLIGIBLE)[0]
-    centre = start[:3]
-    radius = math.sqrt(start[3] + float(centre @ centre))
-
-    def distances_and_slopes() -> tuple[Array, Array]:
-        away = x - centre
-        distance = np.linalg.norm(away, axis=1)
-        return distance - radius, np.column_stack([-away / distance[:, None], -np.ones(len(x))])
-
-    def move(step: Array) -> None:
-        nonlocal centre, radius
-        centre = centre + step[:3]
-        radius += float(step[3])
-
-    distances = _least_squares(samples, distances_and_slopes, move, "sphere")
-    # The centroid of the film is the origin.
-    outwards = -centre / (float(np.linalg.norm(centre)) or 1.0)
-    return _Fitted(centre, outwards, radius, distances)
-
-
-def _paraboloid(samples: Samples, designed: Array) -> _Fitted:
-    """The best paraboloid of scaled points, from the designed axis (3,) on."""
-    # Rows are the paraboloid's own axes, the last one along its axis.
-    third = np.eye(3)[np.argmin(np.abs(designed))]
-    first = np.cross(designed, third)
-    first /= np.linalg.norm(first)
-    axes = np.array([first, np.cross(designed, first), designed])
-    x, y, z = (samples.points @ axes.T).T
-    # z = k + a x + b y + c (x² + y²) is linear in its numbers: a start near the best paraboloid.
-    columns = np.column_stack([np.ones(len(x)), x, y, x**2 + y**2])
-    normal = samples.sum(columns[:, :, None] * columns[:, None, :])
-    k, a, b, c = np.linalg.lstsq(normal, samples.sum(columns * z[:, None]), rcond=NEGLIGIBLE)[0]
-    check_on_all(
-        samples.comm,
-        bool(abs(c) > NEGLIGIBLE),
-        "best_surface: the film does not curve along this axis; give the axis of the paraboloid.",
-    )
-    vertex = axes.T @ np.array([-a / (2 * c), -b / (2 * c), k - (a**2 + b**2) / (4 * c)])
-
-    def distances_and_slopes() -> tuple[Array, Array]:
-        own = (samples.points - vertex) @ axes.T
-        squared_radius = (own[:, :2] ** 2).sum(axis=1)
-        height = own[:, 2] - c * squared_radius
-        slope = np.sqrt(1 + 4 * c**2 * squared_radius)
-        # ∂d/∂(own coordinates), of the height and of the factor in front of it.
-        by_point = np.column_stack([-2 * c * own[:, :2], np.ones(len(own))]) / slope[:, None]
-        by_point[:, :2] -= (height * 4 * c**2 / slope**3)[:, None] * own[:, :2]
-        by_curvature = -squared_radius / slope - height * 4 * c * squared_radius / slope**3
-        # A turn δθ of the paraboloid moves points by -δθ × x in its own axes.
-        by_turn = -np.cross(own, by_point)[:, :2]
-        return height / slope, np.column_stack([-by_point, by_turn, by_curvature])
-
-    def move(step: Array) -> None:
-        nonlocal axes, vertex, c
-        vertex = vertex + axes.T @ step[:3]
-        turn = np.array([step[3], step[4], 0.0])
+    def moved(self, step: Array) -> _Shape:
+        """The surface after a turn (2,) about its first two axes and changes of its numbers."""
+        turn = np.array([step[0], step[1], 0.0])
         angle = float(np.linalg.norm(turn))
+        axes = self.axes
         # A rotation by nothing has no axis.
         if angle > 0:
             axes = rotations(turn / angle, -angle) @ axes
-        c += float(step[5])
+        return _Shape(axes, self.numbers + step[2:])
 
-    distances = _least_squares(samples, distances_and_slopes, move, "paraboloid")
-    axis = math.copysign(1.0, c) * axes[2]
-    return _Fitted(vertex, axis, float(1 / (2 * abs(c))), distances)
+    def mean_square(self, samples: Samples, distances_of: _Distances) -> float:
+        """Mean square of the distances of points.  Collective."""
+        distances, _, _ = distances_of(samples.points, self)
+        return float(samples.sum(distances**2))
 
 
-def _least_squares(
-    samples: Samples,
-    distances_and_slopes: Callable[[], tuple[Array, Array]],
-    move: Callable[[Array], None],
-    surface: str,
-) -> Array:
-    """Move a surface until the mean square of the distances is least; returns the distances (n,).
+def _from_paraboloid(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
+    """Distances from a paraboloid, and their derivatives, see (1)."""
+    k, a, b, c = shape.numbers
+    x, y, h = shape.axes @ points.T
+    height = h - k - a * x - b * y - c * (x**2 + y**2)
+    slope_x = a + 2 * c * x
+    slope_y = b + 2 * c * y
+    length = np.sqrt(1 + slope_x**2 + slope_y**2)
+    # d = height/length, hence ∂d = ∂height/length - stretch (slope·∂slope).
+    stretch = height / length**3
+    by_point = np.column_stack(
+        [
+            -slope_x / length - stretch * slope_x * 2 * c,
+            -slope_y / length - stretch * slope_y * 2 * c,
+            1 / length,
+        ]
+    )
+    by_numbers = np.column_stack(
+        [
+            -1 / length,
+            -x / length - stretch * slope_x,
+            -y / length - stretch * slope_y,
+            -(x**2 + y**2) / length - stretch * 2 * (slope_x * x + slope_y * y),
+        ]
+    )
+    return height / length, by_point, by_numbers
 
-    Args:
-        distances_and_slopes: distances (n,) of the points of this rank and their derivatives (n, p)
-            by the p parameters of the surface.
-        move: changes the parameters by a step (p,).
-    """
+
+def _from_sphere(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
+    """Distances from a sphere, and their derivatives, see (1)."""
+    k, curvature = shape.numbers
+    own = points @ shape.axes.T - np.array([0.0, 0.0, k])
+    squared_distance = (own**2).sum(axis=1)
+    numerator = 2 * own[:, 2] - curvature * squared_distance
+    # Distance from the centre over the radius; not zero, where its direction is not defined.
+    ratio = np.sqrt(np.maximum(1 - curvature * numerator, np.finfo(float).tiny))
+    distances = numerator / (1 + ratio)
+    by_point = (np.array([0.0, 0.0, 1.0]) - curvature * own) / ratio[:, None]
+    ratio_by_curvature = (curvature * squared_distance - own[:, 2]) / ratio
+    by_curvature = -(squared_distance + distances * ratio_by_curvature) / (1 + ratio)
+    return distances, by_point, np.column_stack([-by_point[:, 2], by_curvature])
+
+
+def _axes_along(axis: Array) -> Array:
+    """Right-handed orthonormal axes (3, 3) as rows, the last one a unit vector (3,)."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(axis, first), axis])
+
+
+def _start(samples: Samples, axis: Array, surface: Surface) -> _Shape:
+    """The surface with an axis (3,) whose heights fit those of the points best.  Collective."""
+    axes = _axes_along(axis)
+    x, y, h = axes @ samples.points.T
+    columns = np.column_stack([np.ones(len(x)), x, y, x**2 + y**2])
+    normal = samples.sum(columns[:, :, None] * columns[:, None, :])
+    right = samples.sum(columns * h[:, None])
+    k, a, b, c = np.linalg.lstsq(normal, right, rcond=NEGLIGIBLE)[0]
+    if surface == "paraboloid":
+        return _Shape(axes, np.array([k, a, b, c]))
+    # A sphere has no slopes at the centroid: its axis is normal there.
+    slope = math.sqrt(1 + a**2 + b**2)
+    tilted = axes.T @ np.array([-a, -b, 1.0]) / slope
+    return _Shape(_axes_along(tilted), np.array([k / slope, 2 * c / slope**3]))
+
+
+def _least_squares(samples: Samples, start: _Shape, distances_of: _Distances) -> _Shape:
+    """The surface near a start with the least mean square of the distances.  Collective."""
+    shape = start
+    mean_square = shape.mean_square(samples, distances_of)
+    damping = FIRST_DAMPING
     for _ in range(MAX_ITERATIONS):
-        distances, slopes = distances_and_slopes()
+        distances, by_point, by_numbers = distances_of(samples.points, shape)
+        # A turn δθ of the surface moves points by -δθ × x in its axes.
+        by_turn = -np.cross(samples.points @ shape.axes.T, by_point)[:, :2]
+        slopes = np.column_stack([by_turn, by_numbers])
         normal = samples.sum(slopes[:, :, None] * slopes[:, None, :])
         right = samples.sum(slopes * distances[:, None])
-        step = -np.linalg.lstsq(normal, right, rcond=NEGLIGIBLE)[0]
-        # How far the step moves the surface, as root of the mean square.
+        damped = normal + damping * np.diag(np.diag(normal))
+        step = -np.linalg.lstsq(damped, right, rcond=NEGLIGIBLE)[0]
+        trial = shape.moved(step)
+        lowered = trial.mean_square(samples, distances_of)
+        # Written so that NaN does not count as a decrease.
+        if not lowered < mean_square:
+            damping *= 10
+            if damping > LAST_DAMPING:
+                break
+            continue
+        decrease = mean_square - lowered
+        shape = trial
+        mean_square = lowered
+        damping /= 10
+        # How far the step moved the surface, as root of the mean square.
         moved = math.sqrt(max(float(step @ normal @ step), 0.0))
-        if not math.isfinite(moved):
+        if moved <= SMALLEST_STEP or decrease <= SMALLEST_DECREASE * mean_square:
             break
-        move(step)
-        if moved <= SMALLEST_STEP:
-            return distances_and_slopes()[0]
-    raise InputError(
-        f"best_surface: no {surface} was found in {MAX_ITERATIONS} iterations; give its axis, or "
-        "ask for the plane."
-    )
+    return shape

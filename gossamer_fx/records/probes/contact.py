@@ -21,9 +21,8 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.records.probes.points import AXES, check_axis
 from gossamer_fx.solve.view import StateView
-
-AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
@@ -82,10 +81,7 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        check(
-            axis in AXES,
-            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
-        )
+        check_axis(axis)
         known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         numbers = [k for k, one in enumerate(known) if one is body]
