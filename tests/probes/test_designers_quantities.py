@@ -45,8 +45,9 @@ def best(body, surface, **given):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("offset", [0.0, 0.8])
 def test_a_paraboloid_has_its_focal_length_vertex_and_tilt(comm, order, offset) -> None:
-    """Also if the film is next to the vertex, and of a paraboloid that is open downwards."""
-    for f in (0.4, -0.4):
+    """Also if the film is next to the vertex, and of a paraboloid that is open downwards, or is
+    shallow."""
+    for f in (0.4, -0.4, 20.0):
         body = film(
             comm,
             lambda X, f=f: placed(
@@ -56,11 +57,13 @@ def test_a_paraboloid_has_its_focal_length_vertex_and_tilt(comm, order, offset) 
         )
         found = best(body, "paraboloid")
         assert found.rms < 1e-14 and found.peak_to_valley < 1e-13
-        assert found.focal_length == pytest.approx(0.4, rel=1e-12)
-        assert found.tilt == pytest.approx(0.2, rel=1e-11)
-        np.testing.assert_allclose(found.point, VERTEX, atol=1e-12)
+        # Of a shallow paraboloid round-off turns the axis, and shifts the vertex by 2 f times that.
+        turned = 1e-13 * max(1.0, f**2)
+        assert found.focal_length == pytest.approx(abs(f), rel=1e-12)
+        assert found.tilt == pytest.approx(0.2, abs=10 * turned)
+        np.testing.assert_allclose(found.point, VERTEX, atol=10 * turned * max(1.0, 2 * f))
         # From the vertex to the focus.
-        np.testing.assert_allclose(found.axis, math.copysign(1, f) * TURN[:, 2], atol=1e-12)
+        np.testing.assert_allclose(found.axis, math.copysign(1, f) * TURN[:, 2], atol=10 * turned)
 
 
 @pytest.mark.mpi

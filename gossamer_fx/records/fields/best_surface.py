@@ -221,23 +221,9 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
         found = min(ends, key=lambda shape: shape.mean_square(scaled, distances_of))
         distances, _, _ = distances_of(scaled.points, found)
 
-    direction = found.axes[2]
-    curvature = float(found.numbers[-1])
-    point = np.zeros(3)
-    radius = math.inf
-    if curvature:
-        direction = math.copysign(1.0, curvature) * direction
-        if surface == "sphere":
-            radius = size / abs(curvature)
-            point = found.axes[2] * (found.numbers[0] + 1 / curvature)
-            direction = -point / (float(np.linalg.norm(point)) or 1.0)
-        else:
-            radius = size / (2 * abs(curvature))
-            k, a, b, c = found.numbers
-            vertex = np.array([-a / (2 * c), -b / (2 * c), k - (a**2 + b**2) / (4 * c)])
-            point = found.axes.T @ vertex
+    point, direction, radius = found.description(surface)
     # A plane has no side: its normal is taken near the designed axis.
-    elif direction @ designed < 0:
+    if math.isinf(radius) and direction @ designed < 0:
         direction = -direction
     across = float(np.linalg.norm(np.cross(direction, designed)))
     highest = samples.comm.allreduce(float(distances.max(initial=-np.inf)), op=MPI.MAX)
@@ -250,7 +236,7 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
         point=(float(x), float(y), float(z)),
         axis=(float(direction[0]), float(direction[1]), float(direction[2])),
         tilt=math.atan2(across, abs(float(direction @ designed))),
-        radius=radius,
+        radius=size * radius,
     )
 
 
@@ -276,6 +262,22 @@ class _Shape:
         if angle > 0:
             axes = rotations(turn / angle, -angle) @ axes
         return _Shape(axes, self.numbers + step[2:])
+
+    def description(self, surface: Surface) -> tuple[Array, Array, float]:
+        """Vertex of a paraboloid or centre of a sphere (3,), its axis (3,), and its radius of
+        curvature, see `BestSurface`; without curvature the centroid and the normal."""
+        direction = self.axes[2]
+        curvature = float(self.numbers[-1])
+        if curvature == 0:
+            return np.zeros(3), direction, math.inf
+        if surface == "sphere":
+            centre = direction * (self.numbers[0] + 1 / curvature)
+            # The centroid of the film is the origin.
+            outwards = -centre / (float(np.linalg.norm(centre)) or 1.0)
+            return centre, outwards, 1 / abs(curvature)
+        k, a, b, c = self.numbers
+        vertex = np.array([-a / (2 * c), -b / (2 * c), k - (a**2 + b**2) / (4 * c)])
+        return self.axes.T @ vertex, math.copysign(1.0, c) * direction, 1 / (2 * abs(curvature))
 
     def mean_square(self, samples: Samples, distances_of: _Distances) -> float:
         """Mean square of the distances of points.  Collective."""
