@@ -27,6 +27,8 @@ UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "orbit.HeatBalance",
     "steppers.EndPoint",
+    "analysis.BestSurface",
+    "analysis.StressPeak",
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumPath",
@@ -169,6 +171,17 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("probes.Length", line=spring)
     add("probes.AngularVelocity", frame=A, axis="x")
     add("probes.AreaFraction", body=film, state="taut")
+    add("probes.StateArea", body=film, state="taut", group="film")
+    add("probes.SurfaceError", film=film, surface="sphere", quantity="tilt")
+    add("probes.LargestStress", film=film, limit=1e6)
+    add("analysis.best_surface", state=gx.Equilibrium(scene), film=film, surface="plane")
+    add("analysis.largest_stress", state=gx.Equilibrium(scene), film=film, limit=1e6)
+    add("analysis.Rate", of=gx.analysis.EnclosedVolume(film))
+    add(
+        "analysis.point_stiffness",
+        equilibrium=inputs.equilibrium,
+        port=inputs.film.port_at((0.4, 0.4, 0.0)),
+    )
     add("At", time=0.1)
     add("connectors.AttachedMass", port=film.port("bottom left"), mass=1.0)
     add("probes.Attitude", orbit=orbit, of=film, axis="along")
@@ -196,6 +209,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Checkpoints", folder=folder / "checkpoints", minutes=10.0)
     add("probes.ContactForce", contact=touching, body=film, axis="x")
     add("probes.ContactGap", contact=touching)
+    add("probes.ContactArea", contact=touching, body=film)
+    add("probes.ContactPressure", contact=touching, body=film)
     add("analysis.Continuation")
     add(
         "connectors.Crease",

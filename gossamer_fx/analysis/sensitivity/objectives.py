@@ -163,6 +163,40 @@ class EnclosedVolume(Integral):
 
 
 @check_arguments
+class Rate:
+    """Rate of change in time of a result that depends on positions, e.g. of an enclosed volume: a
+    probe.
+
+    It is ∂J/∂q·v of the present state, with the velocities v.
+
+    Args:
+        of: the result, e.g. an `EnclosedVolume`.
+
+    Raises:
+        InputError: the result has no derivative.
+
+    Example:
+        >>> inflow = gx.analysis.Rate(gx.analysis.EnclosedVolume(film))
+        >>> inflow.unit, inflow(gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1)))
+        ('m³/s', 0.0)
+    """
+
+    def __init__(self, of: Objective) -> None:
+        self.of = of
+        self.unit = f"{of.unit}/s"
+
+    def __call__(self, run: HasScene) -> float:
+        system = run.system
+        by_position = system.numbering.vector()
+        by_velocity = system.numbering.vector()
+        self.of.add_derivative(system, by_position, by_velocity)
+        rate = float(by_position.dot(system.v0))
+        by_position.destroy()
+        by_velocity.destroy()
+        return rate
+
+
+@check_arguments
 class Energy:
     """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the
     stored one.
