@@ -76,9 +76,21 @@ class Dual:
     def __rtruediv__(self, other: Number) -> Dual:
         return self**-1 * other
 
-    def __pow__(self, exponent: float) -> Dual:
+    def __pow__(self, exponent: Number) -> Dual:
+        if isinstance(exponent, Dual):
+            fixed = self**exponent.value
+            slopes = np.log(self.value) * fixed.value * exponent.slopes
+            return Dual(fixed.value, fixed.slopes + slopes)
         slope = exponent * self.value ** (exponent - 1)
         return Dual(self.value**exponent, slope * self.slopes)
+
+    def __rpow__(self, base: complex) -> Dual:
+        value = base**self.value
+        return Dual(value, np.log(base) * value * self.slopes)
+
+    def log(self) -> Dual:
+        """Natural logarithm."""
+        return Dual(np.log(self.value), self.slopes / self.value)
 
     __radd__ = __add__
     __rmul__ = __mul__

@@ -12,8 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Holder, Volume
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -27,9 +26,7 @@ MAX_LAMINAR = 0.1
 MIN_LAMINAR = 1e-12
 
 
-def isentropic_flow(
-    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
-) -> complex:
+def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu [Pa] and Tu [K] to
     pd ≤ pu.
 
@@ -43,7 +40,8 @@ def isentropic_flow(
     at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
     within `laminar` of each other equalise later than by (3).
 
-    It is analytic in pu, Tu and pd within each branch, so derivatives by complex steps are exact.
+    γ and R are those of the gas upstream, γ at its temperature.  The flow is analytic in pu, Tu, pd
+    and the properties of the gas within each branch, so derivatives by complex steps are exact.
 
     Example:
         >>> air = IdealGas(gamma=1.4, R=287.0)
@@ -52,11 +50,11 @@ def isentropic_flow(
     """
     if pu.real <= 0:
         return 0.0
-    γ = gas.gamma
+    γ = gas.heat_ratio(Tu)
     x = pd / pu
     scale = pu / (gas.R * Tu) ** 0.5
     critical_ratio = (2 / (γ + 1)) ** (γ / (γ - 1))
-    if x.real <= critical_ratio:
+    if x.real <= critical_ratio.real:
         # (2)
         return scale * γ**0.5 * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
     if (1 - x).real >= laminar:
@@ -151,13 +149,17 @@ class Orifice:
         return opening
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gases: tuple[Gas, Gas],
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Mass flow [kg/s] from the first end to the second through an effective area [m²], at the
         pressures p [Pa] and temperatures T [K] of both ends."""
         if p[0].real >= p[1].real:
-            return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
-        return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
+            return area * isentropic_flow(gases[0], p[0], T[0], p[1], self.laminar)
+        return -area * isentropic_flow(gases[1], p[1], T[1], p[0], self.laminar)
 
 
 @check_arguments
