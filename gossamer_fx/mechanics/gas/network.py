@@ -420,6 +420,10 @@ class GasNetwork(ScalarUnknowns):
             mass_supplied=float(self._mass_supplied.sum()),
         )
 
+    def supplied_mass(self, gas: Gas) -> float:
+        """Mass [kg] of a species that came from boundaries since the start."""
+        return float(self._mass_supplied[self.contents.species.index(gas)])
+
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
 

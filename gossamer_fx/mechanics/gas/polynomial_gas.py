@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -25,8 +26,9 @@ class PolynomialGas:
         c_p/R = a_1 T^-2 + a_2 T^-1 + a_3 + a_4 T + a_5 T² + a_6 T³ + a_7 T⁴                   (1)
 
     (McBride, Zehe and Gordon, NASA/TP-2002-211556, equation 1.)  The five coefficients of the older
-    form of seven, a_1 + a_2 T + ..., are a_3 to a_7.  The enthalpy is the integral of (1) from 298.15
-    K on, where it is `enthalpy_298`; it is continuous.  Outside of the ranges c_p is constant.
+    form of seven, a_1 + a_2 T + ..., are a_3 to a_7.  The enthalpy is the integral of (1) from
+    298.15 K on, where it is `enthalpy_298`, without heats of formation.  Outside of the ranges c_p
+    is constant.
 
     Args:
         R: specific gas constant [J/(kg K)], > 0.
@@ -61,7 +63,7 @@ class PolynomialGas:
             "give the ends of all ranges, one more than there are ranges.",
         )
         check(
-            all(low < high for low, high in zip(limits, limits[1:], strict=False)),
+            all(low < high for low, high in pairwise(limits)),
             f"Gas '{self.name}': the ends of its ranges are {limits} K; give rising temperatures.",
         )
         for a in self.coefficients:
@@ -126,8 +128,7 @@ class PolynomialGas:
         """∫ c_p/R dT from 298.15 K to a temperature inside the ranges, [K]."""
         reference = self._inside(298.15)
         result: Number = 0.0
-        ranges = zip(self.temperatures, self.temperatures[1:], self.coefficients, strict=False)
-        for low, high, a in ranges:
+        for (low, high), a in zip(pairwise(self.temperatures), self.coefficients, strict=True):
             # The part of the way that lies in this range; its sign is that of the way.
             first = min(max(reference, low), high)
             last = T
