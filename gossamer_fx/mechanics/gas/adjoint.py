@@ -145,7 +145,8 @@ class GasAdjoint:
         for passage in self._passages:
             opening = passage.opening
             if isinstance(opening, Discharge):
-                units[id(opening), "discharge_coefficient"] = ""
+                if isinstance(opening.discharge_coefficient, int | float):
+                    units[id(opening), "discharge_coefficient"] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
                 elif callable(opening.area):
@@ -281,8 +282,11 @@ class GasAdjoint:
             opening = passage.opening
             if not isinstance(opening, Discharge):
                 continue
-            coefficient = opening.discharge_coefficient
-            self._add(opening, "discharge_coefficient", derivative * passage.area / coefficient)
+            coefficient = 1.0
+            if isinstance(opening.discharge_coefficient, int | float):
+                coefficient = opening.discharge_coefficient
+                by_coefficient = derivative * passage.area / coefficient
+                self._add(opening, "discharge_coefficient", by_coefficient)
             if isinstance(opening.area, Ring):
                 loop = self._network.geometry.loop(opening.area)
                 gradient = loop.aperture_gradient(self._h)

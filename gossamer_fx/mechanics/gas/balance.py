@@ -113,6 +113,8 @@ class Passage:
             end e: positions among the masses of a chamber, or among all species for a boundary.
         aperture: effective area as a function of step length and time.
         area: that of the current step, C_d A [m²].
+        was_open: whether a `Switch` was open in the last accepted step.
+        is_open: whether it is in the current step.
     """
 
     opening: Opening
@@ -121,6 +123,8 @@ class Passage:
     rows: list[list[list[int]]]
     aperture: Aperture
     area: Number = 0.0
+    was_open: bool = True
+    is_open: bool = True
 
 
 @dataclass
@@ -176,7 +180,7 @@ class Balance:
         self._pV0 = p * V
         self.temperatures = self.contents.temperatures(self._pV0, m)
         for passage in self.passages:
-            passage.area = passage.aperture(h, t)
+            passage.area = passage.aperture(h, t) if passage.is_open else 0.0
         self._choose_weights(V)
 
     # ---- equations -------------------------------------------------------------------------------

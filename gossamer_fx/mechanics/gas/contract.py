@@ -192,6 +192,21 @@ class Opening(Protocol):
 
 
 @runtime_checkable
+class Switch(Opening, Protocol):
+    """An opening that is open or closed in a whole step, by the pressures at its start: valves and
+    burst vents.  Whether it was open is part of the state of a run."""
+
+    @property
+    def starts_open(self) -> bool:
+        """Whether it is open at the start of a run."""
+        ...
+
+    def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
+        """Whether it is open in the coming step; p [Pa] are the pressures of the ends a and b."""
+        ...
+
+
+@runtime_checkable
 class Discharge(Opening, Protocol):
     """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
     Gradients know derivatives by these two; of another opening they know none by its numbers."""
@@ -202,8 +217,9 @@ class Discharge(Opening, Protocol):
         ...
 
     @property
-    def discharge_coefficient(self) -> float:
-        """C_d."""
+    def discharge_coefficient(self) -> object:
+        """C_d; something else than a number, of which there is no derivative, multiplies the
+        flow."""
         ...
 
 

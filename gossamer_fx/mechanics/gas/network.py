@@ -38,7 +38,15 @@ from petsc4py import PETSc
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
-from gossamer_fx.mechanics.gas.contract import ChamberState, Gas, Holder, Opening, Volume, Wall
+from gossamer_fx.mechanics.gas.contract import (
+    ChamberState,
+    Gas,
+    Holder,
+    Opening,
+    Switch,
+    Volume,
+    Wall,
+)
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
 from gossamer_fx.mechanics.gas.mixture import Contents
 from gossamer_fx.mechanics.gas.surface import Geometry
@@ -97,6 +105,10 @@ class GasNetwork(ScalarUnknowns):
         # Two chambers may have equal values; they are told apart by identity.
         numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
         self._passages = _passages(openings, numbers, self.geometry, self.contents)
+        # Openings that open and close by pressures
+        self._switches = [
+            passage for passage in self._passages if isinstance(passage.opening, Switch)
+        ]
         self._walls = [
             (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
         ]
@@ -219,6 +231,9 @@ class GasNetwork(ScalarUnknowns):
         masses = self._masses()
         energies = np.array([state.internal_energy for state in self.chambers])
         volumes = np.array([state.volume for state in self.chambers])
+        for passage in self._switches:
+            acting = tuple(self._pressure_at(end) for end in passage.ends)
+            passage.is_open = passage.opening.is_open(passage.was_open, acting)
         self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
         # The volumes of the last iterate are not used: they may be those of a step that failed.
         self.volumes = volumes
@@ -343,6 +358,8 @@ class GasNetwork(ScalarUnknowns):
         self._supplied += h * rates.energy_supplied
         self._mass_supplied = self._mass_supplied + h * rates.mass_supplied
         self._flows = rates.openings
+        for passage in self._switches:
+            passage.was_open = passage.is_open
 
     def _supply_at_rest(self, expansion: Array) -> None:
         """Count the gas that holds the pressures of the chambers, and the heat that holds their
@@ -359,6 +376,19 @@ class GasNetwork(ScalarUnknowns):
         for state, energy in zip(self.chambers, energies, strict=True):
             self._supplied += float(energy) - state.internal_energy
             state.internal_energy = float(energy)
+
+    def _pressure_at(self, end: End) -> float:
+        """Pressure [Pa] at one end of an opening after the last accepted step."""
+        if isinstance(end, int):
+            return self.chambers[end].pressure
+        return end.pressure
+
+    def switch(self, opening: Switch) -> Passage:
+        """The passage of a valve, whose `was_open` may be set between steps.  `InputError`: the
+        valve is not in the scene."""
+        found = [passage for passage in self._switches if passage.opening is opening]
+        check(bool(found), f"'{opening.name}' is not in the scene; add it.")
+        return found[0]
 
     def _masses(self) -> Array:
         """Masses [kg] of the species in all chambers (s,) after the last accepted step."""
@@ -447,6 +477,7 @@ class GasNetwork(ScalarUnknowns):
             "supplied": self._supplied,
             "mass supplied": self._mass_supplied.tolist(),
             "flows": self._flows,
+            "open": [passage.was_open for passage in self._switches],
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -460,6 +491,8 @@ class GasNetwork(ScalarUnknowns):
         self._supplied = state["supplied"]
         self._mass_supplied = np.array(state["mass supplied"], dtype=float)
         self._flows = state["flows"]
+        for passage, was_open in zip(self._switches, state["open"], strict=True):
+            passage.was_open = was_open
 
     # ---- chambers --------------------------------------------------------------------------------
 
@@ -532,6 +565,8 @@ def _passages(
             rows=rows,
             aperture=opening.aperture(geometry),
         )
+        if isinstance(opening, Switch):
+            passage.was_open = opening.starts_open
         found.append(passage)
     return found
 

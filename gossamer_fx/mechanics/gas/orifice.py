@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
+from itertools import pairwise
 from typing import Annotated, Any
 
 from mpi4py import MPI
@@ -17,6 +18,9 @@ from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Chamber
+
+# C_d, the effective over the geometric area
+Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
 
 # Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
 # would replace (3) in flows that are far from rest.
@@ -80,7 +84,8 @@ class Orifice:
         a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
             between two chambers, whose deformed area counts.
-        discharge_coefficient: C_d, effective over geometric area, in (0, 1].
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a table of pairs
+            (p_down/p_up, C_d) by rising ratio, linear between them and constant outside.
         laminar: pressure difference as a share of the upstream pressure below which the flow law is
             regularised; in (0, 0.1).
         name: in messages.
@@ -97,27 +102,41 @@ class Orifice:
     b: Volume | Holder
     _: KW_ONLY
     area: float | Callable[[float], float] | Ring
-    discharge_coefficient: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
+    discharge_coefficient: Coefficient | tuple[tuple[float, float], ...] = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        check(
-            self.a is not self.b,
-            f"Orifice '{self.name}' leads from '{self.a.name}' back into it.",
-        )
+        what = f"{type(self).__name__} '{self.name}'"
+        check(self.a is not self.b, f"{what} leads from '{self.a.name}' back into it.")
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
-            f"Orifice '{self.name}': area is {self.area!r} m²; "
+            f"{what}: area is {self.area!r} m²; "
             "give a positive number, a function of time, or a ring.",
         )
         check(
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
-            f"Orifice '{self.name}': laminar is {self.laminar!r}; "
-            "give a small fraction such as 1e-5.",
+            f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
+        if not isinstance(self.discharge_coefficient, int | float):
+            self._check_table(what, self.discharge_coefficient)
+
+    def _check_table(self, what: str, table: tuple[tuple[float, float], ...]) -> None:
+        """Refuse a table of discharge coefficients out of range or order."""
+        ratios = [ratio for ratio, _ in table]
+        check(
+            bool(table) and all(low < high for low, high in pairwise(ratios)),
+            f"{what}: the pressure ratios of its discharge coefficients are {ratios}; "
+            "give them rising.",
+        )
+        for ratio, coefficient in table:
+            check(
+                0 <= ratio <= 1 and 0 < coefficient <= 1,
+                f"{what}: the discharge coefficient {coefficient!r} at the pressure ratio "
+                f"{ratio!r} is out of range; give ratios of 0 to 1 and coefficients up to 1.",
+            )
 
     def requires(self) -> Iterable[Any]:
         yield self.a
@@ -132,7 +151,10 @@ class Orifice:
         The function is collective, and raises `InputError` if a valve's area is negative or not a
         number.
         """
-        coefficient = self.discharge_coefficient
+        # A table multiplies the flow instead.
+        coefficient = 1.0
+        if isinstance(self.discharge_coefficient, int | float):
+            coefficient = self.discharge_coefficient
         area = self.area
         if isinstance(area, Ring):
             loop = geometry.loop(area)
@@ -143,7 +165,7 @@ class Orifice:
 
     def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
         """The area [m²] that a user's function gives at time t, checked.  Collective."""
-        what = f"Orifice '{self.name}': its area at t = {t:.6g} s"
+        what = f"{type(self).__name__} '{self.name}': its area at t = {t:.6g} s"
         opening = float(ask_numbers(comm, what, lambda: area(t)))
         check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
         return opening
@@ -158,8 +180,25 @@ class Orifice:
         """Mass flow [kg/s] from the first end to the second through an effective area [m²], at the
         pressures p [Pa] and temperatures T [K] of both ends."""
         if p[0].real >= p[1].real:
-            return area * isentropic_flow(gases[0], p[0], T[0], p[1], self.laminar)
-        return -area * isentropic_flow(gases[1], p[1], T[1], p[0], self.laminar)
+            return area * self._flux(gases[0], p[0], T[0], p[1])
+        return -area * self._flux(gases[1], p[1], T[1], p[0])
+
+    def _flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """Mass flow per effective area [kg/(s m²)] from the upstream to the downstream pressure."""
+        flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
+        if isinstance(self.discharge_coefficient, int | float) or pu.real <= 0:
+            return flux
+        return flux * _interpolated(self.discharge_coefficient, pd / pu)
+
+
+def _interpolated(table: tuple[tuple[float, float], ...], x: complex) -> complex:
+    """Linear interpolation in a table of pairs, constant outside of it."""
+    if x.real <= table[0][0]:
+        return table[0][1]
+    for (low, first), (high, last) in pairwise(table):
+        if x.real <= high:
+            return first + (last - first) / (high - low) * (x - low)
+    return table[-1][1]
 
 
 @check_arguments

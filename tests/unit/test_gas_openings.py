@@ -1,0 +1,211 @@
+"""Valves, vents, porous films and pipes: their laws, and their state after a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.mechanics.gas.orifice import isentropic_flow
+from tests.small_scenes import AIR
+
+OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
+
+
+def tank(pressure, name="tank", volume=0.01):
+    return gx.Tank(volume, gas=AIR, pressure=pressure, temperature=300.0, name=name)
+
+
+def run_of(*items, dt: float, **options) -> gx.Simulation:
+    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
+
+
+# ---- valves --------------------------------------------------------------------------------------
+
+
+def relief(vessel, **changes):
+    given = {"area": 1e-5, "opens": 2e4, "closes": 1e4, "one_way": True, "name": "relief"}
+    return gx.gas.Valve(vessel, OUTSIDE, **{**given, **changes})
+
+
+def test_a_relief_valve_keeps_the_pressure_between_closing_and_opening():
+    """A vessel that is filled: the valve opens above 1.2e5 Pa and closes below 1.1e5 Pa, again and
+    again; between them it stays as it is."""
+    vessel = tank(1e5)
+    valve = relief(vessel)
+    supply = gx.gas.Ambient(6e5, 300.0, name="supply")
+    run = run_of(gx.Orifice(supply, vessel, area=1e-6, name="inlet"), valve, dt=5e-3)
+    state = run.chamber("tank")
+    cycles = 0
+    was_open = False
+    start = 1e5
+    for k in range(1, 2001):
+        run.run(until=k * 5e-3)
+        is_open = valve.was_open(run)
+        if is_open and not was_open:
+            cycles += 1
+            assert start >= 1.2e5
+        if was_open and not is_open:
+            assert start < 1.1e5
+        was_open = is_open
+        start = state.pressure
+        # One step passes a limit by its change of pressure.
+        assert state.pressure < 1.22e5
+        assert cycles == 0 or state.pressure > 1.05e5
+    assert cycles > 3
+    assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
+
+
+def test_a_burst_vent_stays_open():
+    vessel = tank(1.6e5)
+    vent = gx.gas.Valve(vessel, OUTSIDE, area=1e-4, opens=5e4, name="vent")
+    run = run_of(vent, dt=1e-2)
+    run.run(until=3.0)
+    assert vent.was_open(run)
+    assert run.chamber("tank").pressure == pytest.approx(1e5, rel=1e-4)
+
+
+def test_a_check_valve_lets_no_gas_back():
+    """The lower pressure outside rises it never; from the vessel of higher pressure gas leaves."""
+    low = tank(5e4, "low")
+    high = tank(2e5, "high")
+    valves = [
+        gx.gas.Valve(
+            vessel,
+            OUTSIDE,
+            area=1e-5,
+            opens=0.0,
+            closes=0.0,
+            one_way=True,
+            name=f"of {vessel.name}",
+        )
+        for vessel in (low, high)
+    ]
+    run = run_of(*valves, dt=0.05)
+    run.run(until=8.0)
+    assert run.chamber("low").pressure == pytest.approx(5e4, rel=1e-14)
+    assert run.chamber("high").pressure == pytest.approx(1e5, rel=1e-3)
+
+
+def test_an_event_opens_a_valve_and_a_restart_keeps_it_open(tmp_path: Path):
+    def scene():
+        vessel = tank(2e5)
+        valve = gx.gas.Valve(vessel, OUTSIDE, area=1e-6)
+        return valve, {"events": [gx.At(0.3, valve.open), gx.At(0.8, valve.close)]}
+
+    valve, options = scene()
+    saved = gx.Checkpoints(tmp_path / "checkpoints")
+    run = run_of(valve, dt=0.1, checkpoints=saved, **options)
+    state = run.chamber("tank")
+    run.run(until=0.3)
+    assert state.pressure == pytest.approx(2e5, rel=1e-14)
+    run.run(until=0.5)
+    assert state.pressure < 2e5 and valve.was_open(run)
+    other, options = scene()
+    again = run_of(other, dt=0.1, restart=tmp_path / "checkpoints", **options)
+    assert other.was_open(again)
+    for one in (run, again):
+        one.run(until=1.0)
+    assert again.chamber("tank").pressure == state.pressure
+    # Of five steps the valve was open: choked at the start, 2e5 Pa over 1e5 Pa.
+    choked = 1e-6 * isentropic_flow(AIR, 2e5, 300.0, 1e5, 1e-5)
+    start = 2e5 * 0.01 / (AIR.R * 300.0)
+    assert start - state.mass == pytest.approx(0.5 * choked, rel=0.05)
+    assert not valve.was_open(run)
+
+
+def test_gradients_by_the_area_of_a_valve_are_those_of_differences():
+    """The valve opens after some steps of filling; the step in which it does is the same."""
+
+    def of(area):
+        vessel = tank(1.19e5)
+        supply = gx.gas.Ambient(6e5, 300.0, name="supply")
+        run = run_of(
+            gx.Orifice(supply, vessel, area=1e-6, name="inlet"), relief(vessel, area=area), dt=5e-3
+        )
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.25)
+        pressure = gx.analysis.ChamberPressure(vessel)
+        return tape, pressure, run.chamber("tank").pressure
+
+    tape, pressure, _ = of(1e-6)
+    found = gx.analysis.gradient(tape, of=pressure, by=["relief.area"])["relief.area"].values[0]
+    δ = 1e-9
+    values = [of(1e-6 + k * δ)[2] for k in (-1, 1)]
+    assert found == pytest.approx((values[1] - values[0]) / (2 * δ), rel=1e-6)
+    assert found < 0
+
+
+def test_a_valve_that_closes_above_its_opening_is_refused():
+    with pytest.raises(gx.InputError, match="closes at 30000"):
+        relief(tank(1e5), closes=3e4)
+
+
+# ---- discharge coefficients against the ratio of pressures ---------------------------------------
+
+# Sharp-edged orifices, Perry, Trans. ASME 71 (1949) 757: from incompressible to choked flow.
+SHARP = ((0.0, 0.84), (0.5, 0.75), (1.0, 0.6))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "coefficient"), [(0.0, 0.84), (0.25, 0.795), (0.75, 0.675), (0.999999, 0.6)]
+)
+def test_the_coefficient_is_that_of_the_pressure_ratio(ratio, coefficient):
+    a = tank(1e5)
+    orifice = gx.Orifice(a, OUTSIDE, area=1.0, discharge_coefficient=SHARP)
+    ideal = gx.Orifice(a, OUTSIDE, area=1.0)
+    pressures = (1e5, ratio * 1e5)
+    flows = [one.flow((AIR, AIR), 1.0, pressures, (300.0, 300.0)) for one in (orifice, ideal)]
+    back = orifice.flow((AIR, AIR), 1.0, pressures[::-1], (300.0, 300.0))
+    assert flows[0] / flows[1] == pytest.approx(coefficient, rel=1e-5)
+    assert back == pytest.approx(-flows[0], rel=1e-14)
+
+
+def test_a_run_with_a_table_conserves_and_has_gradients():
+    def of(area):
+        a = tank(3e5, "a")
+        b = tank(1e5, "b")
+        between = gx.Orifice(a, b, area=area, discharge_coefficient=SHARP, name="between")
+        run = run_of(between, dt=0.02)
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.5)
+        assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
+        return tape, b, run.chamber("b").pressure
+
+    tape, b, _ = of(2e-6)
+    by = gx.analysis.gradient(tape, of=gx.analysis.ChamberPressure(b), by=["between.area"])
+    δ = 2e-10
+    values = [of(2e-6 + k * δ)[2] for k in (-1, 1)]
+    difference = (values[1] - values[0]) / (2 * δ)
+    assert by["between.area"].values[0] == pytest.approx(difference, rel=1e-6)
+    with pytest.raises(gx.InputError, match="discharge_coefficient"):
+        gx.analysis.gradient(
+            tape, of=gx.analysis.ChamberPressure(b), by=["between.discharge_coefficient"]
+        )
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ((), "give them rising"),
+        (((0.5, 0.6), (0.2, 0.8)), "give them rising"),
+        (((0.5, 1.6),), "out of range"),
+    ],
+)
+def test_tables_out_of_order_or_range_are_refused(table, message):
+    with pytest.raises(gx.InputError, match=message):
+        gx.Orifice(tank(1e5), OUTSIDE, area=1e-6, discharge_coefficient=table)
+
+
+def test_openings_do_not_depend_on_the_order_of_their_ends():
+    """A table at either end: only the sign of the flow turns."""
+    found = []
+    for order in (1, -1):
+        ends = (tank(3e5, "a"), tank(1e5, "b"))[::order]
+        orifice = gx.Orifice(*ends, area=2e-6, discharge_coefficient=SHARP)
+        run = run_of(orifice, dt=0.05)
+        run.run(until=0.5)
+        found.append([run.chamber(name).pressure for name in "ab"])
+    assert np.array(found[0]) == pytest.approx(np.array(found[1]), rel=1e-13)
