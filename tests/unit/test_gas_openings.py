@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 import gossamer_fx as gx
+from gossamer_fx.core.mesh.quality import area_vectors
 from gossamer_fx.mechanics.gas.orifice import isentropic_flow
+from gossamer_fx.meshes.sphere import sphere
 from tests.small_scenes import AIR
 
 OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
@@ -209,3 +213,115 @@ def test_openings_do_not_depend_on_the_order_of_their_ends():
         run.run(until=0.5)
         found.append([run.chamber(name).pressure for name in "ab"])
     assert np.array(found[0]) == pytest.approx(np.array(found[1]), rel=1e-13)
+
+
+# ---- porous films --------------------------------------------------------------------------------
+
+RADIUS = 0.2
+SOFT = {"nu": 0.3, "density": 1000.0, "thickness": 1e-4}
+
+
+def porous_sphere(comm, viscous=2e3, inertial=0.0, E=1e9, p=1.2e5, dt=2e-3, start=None):
+    film = gx.Membrane(sphere(comm, RADIUS, 6), gx.Linear(E=E, **SOFT), velocity=start)
+    outside = gx.gas.Ambient(1e5, 300.0, name="outside")
+    bag = gx.Chamber(film, gas=AIR, pressure=p, temperature=300.0, outside=outside, name="bag")
+    leak = gx.gas.PorousFilm(
+        bag,
+        outside,
+        area=gx.gas.FilmArea(film),
+        viscous=viscous,
+        inertial=inertial,
+        name="leak",
+    )
+    return gx.Simulation(
+        gx.Scene(film, bag, leak),
+        gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12)),
+    )
+
+
+def flat_area(run) -> float:
+    """Area [m²] of the triangles of the only film of a scene on one rank, on the mesh."""
+    geometry = run.system.bodies[0].mesh.domain.geometry
+    corners = geometry.x[geometry.dofmap]
+    return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
+
+
+@pytest.mark.parametrize(("viscous", "inertial"), [(2e3, 0.0), (1e3, 2e3)])
+def test_leak_down_of_a_porous_sphere(viscous, inertial):
+    """A stiff sphere of 1.2e5 Pa in air of 1e5 Pa against the ordinary differential equation of its
+    gas at constant volume and area; the film stretches by some 1e-5."""
+    run = porous_sphere(MPI.COMM_SELF, viscous, inertial, E=1e12)
+    state = run.chamber("bag")
+    volume = state.volume
+    flat = flat_area(run)
+
+    def rates(t, y):
+        mass, energy = y
+        p = (AIR.gamma - 1) * energy / volume
+        T = energy / (mass * AIR.cv)
+        # The positive root of Δp = viscous v + inertial v²
+        v = np.roots([inertial, viscous, 1e5 - p]).max()
+        flow = mass / volume * flat * v
+        return [-flow, -flow * AIR.cp * T]
+
+    until = 0.2
+    start = [state.mass, state.internal_energy]
+    exact = solve_ivp(rates, (0, until), start, rtol=1e-11, atol=1e-12).y[:, -1]
+    run.run(until=until)
+    assert [state.mass, state.internal_energy] == pytest.approx(exact, rel=1e-4)
+    assert state.pressure < 1.1e5
+    assert abs(run.energy_error) <= 1e-10 and abs(run.mass_error) <= 1e-13
+
+
+@pytest.mark.mpi
+def test_a_porous_film_leaks_the_same_on_several_ranks(comm):
+    found = []
+    for ranks in (MPI.COMM_SELF, comm):
+        run = porous_sphere(ranks, E=1e7)
+        run.run(until=0.02)
+        state = run.chamber("bag")
+        found.append([state.pressure, state.mass])
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+
+
+def test_the_leak_counts_the_deformed_area():
+    """A soft sphere stretches: its flow over the density and v is the area of the film, at the
+    middle of the step."""
+    run = porous_sphere(MPI.COMM_SELF, E=2e7, dt=1e-3, viscous=2e5)
+    run.run(until=0.02)
+    leak = next(item for item in run.scene.items if item.name == "leak")
+    area = run.system.scalar_unknowns[0].geometry.area(leak.area)
+    x = run.system.q0.array_r.reshape(-1, 3)
+    radius = np.linalg.norm(x, axis=1).mean()
+    assert radius > 1.01 * RADIUS
+    assert area.aperture(0.0) == pytest.approx(flat_area(run) * (radius / RADIUS) ** 2, rel=1e-3)
+
+
+def test_gradients_through_a_porous_film_are_those_of_differences():
+    """By the thickness of the film: it acts through the motion, and the area through which the gas
+    leaks."""
+
+    def of(thickness):
+        def inwards(X):
+            return -X / RADIUS
+
+        law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=thickness)
+        film = gx.Membrane(sphere(MPI.COMM_SELF, RADIUS, 4), law, velocity=inwards, name="film")
+        outside = gx.gas.Ambient(1e5, 300.0, name="outside")
+        bag = gx.Chamber(film, gas=AIR, pressure=1.1e5, temperature=300.0, outside=outside)
+        leak = gx.gas.PorousFilm(bag, outside, area=gx.gas.FilmArea(film), viscous=500.0)
+        run = gx.Simulation(
+            gx.Scene(film, bag, leak),
+            gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-13)),
+        )
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.01)
+        return tape, gx.analysis.ChamberPressure(bag), run.chamber("chamber").pressure
+
+    tape, pressure, _ = of(1e-4)
+    found = gx.analysis.gradient(tape, of=pressure, by=["film.thickness"])
+    slope = found["film.thickness"].values[0]
+    δ = 1e-7
+    values = [of(1e-4 + k * δ)[2] for k in (-2, -1, 1, 2)]
+    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * δ)
+    assert slope == pytest.approx(difference, rel=1e-6)

@@ -1,7 +1,9 @@
 from .enclosure import Piston as Piston
+from .film_area import FilmArea as FilmArea
 from .mixture import Mixture as Mixture
 from .orifice import WallHeat as WallHeat
 from .polynomial_gas import PolynomialGas as PolynomialGas
+from .porous_film import PorousFilm as PorousFilm
 from .ring import Ring as Ring
 from .valve import Valve as Valve
 from .volumes import Ambient as Ambient

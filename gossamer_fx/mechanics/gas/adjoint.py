@@ -57,9 +57,10 @@ from gossamer_fx.mechanics.gas.contract import (
     Volume,
     Wall,
 )
+from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.mixture import Contents
-from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.surface import Geometry, MovingArea
 
 # Name of the number by which the area of a valve, a function of time, is multiplied.
 AREA_FACTOR = "area_factor"
@@ -121,7 +122,7 @@ class GasAdjoint:
         self._by: dict[str, Array] = {}
         self._to_volumes: Array = np.zeros(self._n)
         self._to_swept: Array = np.zeros(self._n)
-        self._to_areas: list[tuple[Loop, Array, float]] = []
+        self._to_areas: list[tuple[MovingArea, Array, float]] = []
         self._h = 0.0
 
     def start(self) -> None:
@@ -145,7 +146,7 @@ class GasAdjoint:
         for passage in self._passages:
             opening = passage.opening
             if isinstance(opening, Discharge):
-                if isinstance(opening.discharge_coefficient, int | float):
+                if isinstance(getattr(opening, "discharge_coefficient", None), int | float):
                     units[id(opening), "discharge_coefficient"] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
@@ -283,14 +284,15 @@ class GasAdjoint:
             if not isinstance(opening, Discharge):
                 continue
             coefficient = 1.0
-            if isinstance(opening.discharge_coefficient, int | float):
-                coefficient = opening.discharge_coefficient
+            given = getattr(opening, "discharge_coefficient", None)
+            if isinstance(given, int | float):
+                coefficient = given
                 by_coefficient = derivative * passage.area / coefficient
                 self._add(opening, "discharge_coefficient", by_coefficient)
-            if isinstance(opening.area, Ring):
-                loop = self._network.geometry.loop(opening.area)
-                gradient = loop.aperture_gradient(self._h)
-                self._to_areas.append((loop, gradient, coefficient * derivative))
+            if isinstance(opening.area, Ring | FilmArea):
+                area = self._network.geometry.area(opening.area)
+                gradient = area.aperture_gradient(self._h)
+                self._to_areas.append((area, gradient, coefficient * derivative))
             elif callable(opening.area):
                 self._add(opening, AREA_FACTOR, derivative * passage.area)
             else:
@@ -324,10 +326,10 @@ class GasAdjoint:
             _, of_volume, of_swept = state.enclosure.gradients()
             by_position -= self._to_volumes[k] * of_volume
             by_position += self._to_swept[k] * of_swept
-        for loop, gradient, factor in self._to_areas:
+        for area, gradient, factor in self._to_areas:
             # The vectors are those of all unknowns, of which the film has some.
-            loop.add_own(by_position, 0, factor * gradient)
-            loop.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
+            area.add_own(by_position, 0, factor * gradient)
+            area.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
 
     def add_energy_derivative(self, share: float) -> None:
         """Add a share of ∂U/∂V = p ∂U/∂(pV) of each rigid volume, at a given pressure."""

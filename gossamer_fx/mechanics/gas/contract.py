@@ -208,18 +208,13 @@ class Switch(Opening, Protocol):
 
 @runtime_checkable
 class Discharge(Opening, Protocol):
-    """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
-    Gradients know derivatives by these two; of another opening they know none by its numbers."""
+    """An opening with a geometric area A, and perhaps a number `discharge_coefficient` C_d, whose
+    effective area is C_d A.  Gradients know derivatives by these two; of another opening they know
+    none by its numbers."""
 
     @property
     def area(self) -> object:
-        """A number [m²], a function of time [s], or a `ring.Ring`."""
-        ...
-
-    @property
-    def discharge_coefficient(self) -> object:
-        """C_d; something else than a number, of which there is no derivative, multiplies the
-        flow."""
+        """A number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`."""
         ...
 
 

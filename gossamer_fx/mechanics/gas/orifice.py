@@ -14,10 +14,14 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negati
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Chamber
+
+# Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
+Area = float | Callable[[float], float] | Ring | FilmArea
 
 # C_d, the effective over the geometric area
 Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
@@ -83,7 +87,7 @@ class Orifice:
     Args:
         a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
-            between two chambers, whose deformed area counts.
+            between two chambers or a `FilmArea`, whose deformed area counts.
         discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a table of pairs
             (p_down/p_up, C_d) by rising ratio, linear between them and constant outside.
         laminar: pressure difference as a share of the upstream pressure below which the flow law is
@@ -101,7 +105,7 @@ class Orifice:
     a: Volume | Holder
     b: Volume | Holder
     _: KW_ONLY
-    area: float | Callable[[float], float] | Ring
+    area: Area
     discharge_coefficient: Coefficient | tuple[tuple[float, float], ...] = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
@@ -112,7 +116,9 @@ class Orifice:
         what = f"{type(self).__name__} '{self.name}'"
         check(self.a is not self.b, f"{what} leads from '{self.a.name}' back into it.")
         check(
-            isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
+            isinstance(self.area, Ring | FilmArea)
+            or callable(self.area)
+            or 0 <= self.area < math.inf,
             f"{what}: area is {self.area!r} m²; "
             "give a positive number, a function of time, or a ring.",
         )
@@ -141,7 +147,7 @@ class Orifice:
     def requires(self) -> Iterable[Any]:
         yield self.a
         yield self.b
-        if isinstance(self.area, Ring):
+        if isinstance(self.area, Ring | FilmArea):
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
@@ -155,20 +161,8 @@ class Orifice:
         coefficient = 1.0
         if isinstance(self.discharge_coefficient, int | float):
             coefficient = self.discharge_coefficient
-        area = self.area
-        if isinstance(area, Ring):
-            loop = geometry.loop(area)
-            return lambda h, t: coefficient * loop.aperture(h)
-        if callable(area):
-            return lambda h, t: coefficient * self._opening(geometry.comm, area, t)
-        return lambda h, t: coefficient * area
-
-    def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
-        """The area [m²] that a user's function gives at time t, checked.  Collective."""
-        what = f"{type(self).__name__} '{self.name}': its area at t = {t:.6g} s"
-        opening = float(ask_numbers(comm, what, lambda: area(t)))
-        check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
-        return opening
+        what = f"{type(self).__name__} '{self.name}'"
+        return compile_aperture(self.area, coefficient, geometry, what)
 
     def flow(
         self,
@@ -189,6 +183,25 @@ class Orifice:
         if isinstance(self.discharge_coefficient, int | float) or pu.real <= 0:
             return flux
         return flux * _interpolated(self.discharge_coefficient, pd / pu)
+
+
+def compile_aperture(area: Area, coefficient: float, geometry: Geometry, user: str) -> Aperture:
+    """The area of an opening times a discharge coefficient [m²] as a function of step length and
+    time; collective.  It raises `InputError` if the area of a valve is negative or no number."""
+    if isinstance(area, Ring | FilmArea):
+        moving = geometry.area(area)
+        return lambda h, t: coefficient * moving.aperture(h)
+    if callable(area):
+        return lambda h, t: coefficient * _area_at(geometry.comm, area, t, user)
+    return lambda h, t: coefficient * area
+
+
+def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user: str) -> float:
+    """The area [m²] that a user's function gives at time t, checked.  Collective."""
+    what = f"{user}: its area at t = {t:.6g} s"
+    opening = float(ask_numbers(comm, what, lambda: area(t)))
+    check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+    return opening
 
 
 def _interpolated(table: tuple[tuple[float, float], ...], x: complex) -> complex:
