@@ -88,10 +88,6 @@ class Dual:
         value = base**self.value
         return Dual(value, np.log(base) * value * self.slopes)
 
-    def log(self) -> Dual:
-        """Natural logarithm."""
-        return Dual(np.log(self.value), self.slopes / self.value)
-
     __radd__ = __add__
     __rmul__ = __mul__
 
@@ -110,6 +106,13 @@ class Dual:
 
 def _value(number: Number) -> complex:
     return number.value if isinstance(number, Dual) else number
+
+
+def log(number: Number) -> Number:
+    """Natural logarithm of a real, complex or dual number."""
+    if isinstance(number, Dual):
+        return Dual(np.log(number.value), number.slopes / number.value)
+    return np.log(number)
 
 
 def variables(values: Array) -> Array:

@@ -115,6 +115,7 @@ class Passage:
         area: that of the current step, C_d A [m²].
         was_open: whether a `Switch` was open in the last accepted step.
         is_open: whether it is in the current step.
+        is_driven: whether gas flows also at equal pressures.
     """
 
     opening: Opening
@@ -125,6 +126,7 @@ class Passage:
     area: Number = 0.0
     was_open: bool = True
     is_open: bool = True
+    is_driven: bool = False
 
 
 @dataclass
@@ -441,8 +443,12 @@ class Balance:
             # z of (5) has Δp in its denominator: it is taken at no smaller difference than this
             # one.
             almost_equal = p_high * (1 - REST_DIFFERENCE)
-            moving = _conductance(passage, at_ends, upstream, min(p_low, almost_equal))
-            resting = _conductance(passage, at_ends, upstream, almost_equal)
+            moving: Number = 0.0
+            resting: Number = 0.0
+            # A driven flow does not fall to zero with the difference of pressures.
+            if not passage.is_driven:
+                moving = _conductance(passage, at_ends, upstream, min(p_low, almost_equal))
+                resting = _conductance(passage, at_ends, upstream, almost_equal)
             for side, (k, sign) in enumerate(zip(passage.ends, (-1, 1), strict=True)):
                 if not isinstance(k, int):
                     continue

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -204,6 +204,13 @@ class Switch(Opening, Protocol):
     def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
         """Whether it is open in the coming step; p [Pa] are the pressures of the ends a and b."""
         ...
+
+
+@runtime_checkable
+class Driven(Opening, Protocol):
+    """An opening whose flow does not vanish at equal pressures: an inflator or a blower."""
+
+    is_driven: ClassVar[bool]
 
 
 @runtime_checkable

@@ -40,6 +40,7 @@ from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
+    Driven,
     Gas,
     Holder,
     Opening,
@@ -564,6 +565,7 @@ def _passages(
             gases=gases,
             rows=rows,
             aperture=opening.aperture(geometry),
+            is_driven=isinstance(opening, Driven),
         )
         if isinstance(opening, Switch):
             passage.was_open = opening.starts_open

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from itertools import pairwise
 from typing import Annotated, Any
 
 from mpi4py import MPI
@@ -18,6 +17,7 @@ from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.table import Table
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 # Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
@@ -88,8 +88,8 @@ class Orifice:
         a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
             between two chambers or a `FilmArea`, whose deformed area counts.
-        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a table of pairs
-            (p_down/p_up, C_d) by rising ratio, linear between them and constant outside.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a `Table` of it
+            over the ratio p_down/p_up.
         laminar: pressure difference as a share of the upstream pressure below which the flow law is
             regularised; in (0, 0.1).
         name: in messages.
@@ -106,7 +106,7 @@ class Orifice:
     b: Volume | Holder
     _: KW_ONLY
     area: Area
-    discharge_coefficient: Coefficient | tuple[tuple[float, float], ...] = 1.0
+    discharge_coefficient: Coefficient | Table = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
@@ -126,18 +126,12 @@ class Orifice:
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
             f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
-        if not isinstance(self.discharge_coefficient, int | float):
+        if isinstance(self.discharge_coefficient, Table):
             self._check_table(what, self.discharge_coefficient)
 
-    def _check_table(self, what: str, table: tuple[tuple[float, float], ...]) -> None:
-        """Refuse a table of discharge coefficients out of range or order."""
-        ratios = [ratio for ratio, _ in table]
-        check(
-            bool(table) and all(low < high for low, high in pairwise(ratios)),
-            f"{what}: the pressure ratios of its discharge coefficients are {ratios}; "
-            "give them rising.",
-        )
-        for ratio, coefficient in table:
+    def _check_table(self, what: str, table: Table) -> None:
+        """Refuse a table of discharge coefficients out of range."""
+        for ratio, coefficient in table.points:
             check(
                 0 <= ratio <= 1 and 0 < coefficient <= 1,
                 f"{what}: the discharge coefficient {coefficient!r} at the pressure ratio "
@@ -159,7 +153,7 @@ class Orifice:
         """
         # A table multiplies the flow instead.
         coefficient = 1.0
-        if isinstance(self.discharge_coefficient, int | float):
+        if not isinstance(self.discharge_coefficient, Table):
             coefficient = self.discharge_coefficient
         what = f"{type(self).__name__} '{self.name}'"
         return compile_aperture(self.area, coefficient, geometry, what)
@@ -180,9 +174,9 @@ class Orifice:
     def _flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
         """Mass flow per effective area [kg/(s m²)] from the upstream to the downstream pressure."""
         flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
-        if isinstance(self.discharge_coefficient, int | float) or pu.real <= 0:
-            return flux
-        return flux * _interpolated(self.discharge_coefficient, pd / pu)
+        if isinstance(self.discharge_coefficient, Table) and pu.real > 0:
+            flux = flux * self.discharge_coefficient(pd / pu)
+        return flux
 
 
 def compile_aperture(area: Area, coefficient: float, geometry: Geometry, user: str) -> Aperture:
@@ -202,16 +196,6 @@ def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user
     opening = float(ask_numbers(comm, what, lambda: area(t)))
     check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
     return opening
-
-
-def _interpolated(table: tuple[tuple[float, float], ...], x: complex) -> complex:
-    """Linear interpolation in a table of pairs, constant outside of it."""
-    if x.real <= table[0][0]:
-        return table[0][1]
-    for (low, first), (high, last) in pairwise(table):
-        if x.real <= high:
-            return first + (last - first) / (high - low) * (x - low)
-    return table[-1][1]
 
 
 @check_arguments

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
-
-from gossamer_fx.core.algebra.dual_numbers import Dual, Number
+from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 
@@ -150,16 +147,9 @@ def _polynomial(a: tuple[float, ...], T: Number) -> Number:
 
 def _primitive(a: tuple[float, ...], T: Number) -> Number:
     """A primitive of (1)."""
-    result: Number = a[1] * _log(T)
+    result: Number = a[1] * log(T)
     for position, coefficient in enumerate(a):
         power = position + LOWEST_POWER + 1
         if power:
             result = result + coefficient / power * T**power
     return result
-
-
-def _log(T: Number) -> Any:
-    """Natural logarithm of a real, complex or dual number."""
-    if isinstance(T, Dual):
-        return T.log()
-    return math.log(T) if isinstance(T, float) else np.log(T)
