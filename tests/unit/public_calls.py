@@ -46,6 +46,7 @@ UNCALLED = {
 }
 UNCALLED |= {
     "Contact",
+    "gas.Table",
     "probes.Crossings",
     "StepFailure",
     "StartFrom",

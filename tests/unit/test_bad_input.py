@@ -138,6 +138,7 @@ def files_of(calls: dict[str, Call]) -> dict[str, Path]:
 
 # Numbers that may be negative.
 OF_ANY_SIGN = {
+    "gas.Antoine": "A B C",
     "Case": "halvings",
     "Fixed": "twist",
     "LinearOrthotropic": "nu12",
@@ -170,6 +171,10 @@ NOT_NEGATIVE = {
     "Linear": "nu",
     "Miyazaki": "nu residual_stiffness",
     "Orifice": "area",
+    "gas.Inflator": "mass_flow",
+    "gas.PorousFilm": "area inertial",
+    "gas.Regulator": "area",
+    "gas.Valve": "area opens",
     "Orthotropic": "residual_stiffness",
     "Simulation": "halvings",
     "TensionField": "nu residual_stiffness",

@@ -117,8 +117,9 @@ class Contents:
         name."""
         held = _reachable(chambers, openings)
         found: dict[Gas, None] = {}
-        for one in (*chambers, *_boundaries(openings)):
-            found |= dict.fromkeys(_species(one.gas))
+        given = [chamber.gas for chamber in chambers]
+        for gas in (*given, *(boundary.gas for boundary in _boundaries(openings))):
+            found |= dict.fromkeys(_species(gas))
         self.species = list(found)
         names = [gas.name for gas in self.species]
         check(
@@ -127,9 +128,11 @@ class Contents:
         )
         self.owners = [k for k, own in enumerate(held) for _ in own]
         self.gases = [gas for own in held for gas in own]
-        ends = np.cumsum([len(own) for own in held]).tolist()
-        starts = [0, *ends[:-1]]
-        self.rows = [list(range(a, b)) for a, b in zip(starts, ends, strict=True)]
+        self.rows: list[list[int]] = []
+        start = 0
+        for own in held:
+            self.rows.append(list(range(start, start + len(own))))
+            start += len(own)
         self._is_pure = len(self.gases) == len(chambers)
         self._R: Array = np.array([gas.R for gas in self.gases])
         # γ - 1 of each chamber (n,) if it has a value for all temperatures and masses, else None
@@ -143,9 +146,11 @@ class Contents:
         """Number of chambers."""
         return len(self.rows)
 
-    def held(self, chamber: int) -> list[Gas]:
-        """The species of a chamber."""
-        return [self.gases[row] for row in self.rows[chamber]]
+    def held(self, end: int | Holder) -> Sequence[Gas]:
+        """The species that come from an end of an opening: a chamber, or a boundary with a gas."""
+        if isinstance(end, int):
+            return [self.gases[row] for row in self.rows[end]]
+        return _species(end.gas)
 
     def numbers(self, end: int | Holder, species: Sequence[Gas]) -> list[int]:
         """The positions of some species at an end of an opening: among the masses of all chambers,

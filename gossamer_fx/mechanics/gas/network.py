@@ -108,7 +108,9 @@ class GasNetwork(ScalarUnknowns):
         self._passages = _passages(openings, numbers, self.geometry, self.contents)
         # Openings that open and close by pressures
         self._switches = [
-            passage for passage in self._passages if isinstance(passage.opening, Switch)
+            (passage, passage.opening)
+            for passage in self._passages
+            if isinstance(passage.opening, Switch)
         ]
         self._walls = [
             (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
@@ -220,8 +222,9 @@ class GasNetwork(ScalarUnknowns):
             for one, fraction in zip(gas.species, gas.fractions, strict=True):
                 state.masses[state.species.index(one)] = fraction * mass
         masses = self._masses()
-        pV = np.array([state.pressure * state.volume for state in self.chambers])
-        for state, energy in zip(self.chambers, self.contents.energies(pV, masses), strict=True):
+        products = np.array([state.pressure * state.volume for state in self.chambers])
+        energies = self.contents.energies(products, masses)
+        for state, energy in zip(self.chambers, energies, strict=True):
             state.internal_energy = float(energy)
         self._accepted_magnitude = self._magnitudes()
 
@@ -232,9 +235,10 @@ class GasNetwork(ScalarUnknowns):
         masses = self._masses()
         energies = np.array([state.internal_energy for state in self.chambers])
         volumes = np.array([state.volume for state in self.chambers])
-        for passage in self._switches:
-            acting = tuple(self._pressure_at(end) for end in passage.ends)
-            passage.is_open = passage.opening.is_open(passage.was_open, acting)
+        for passage, valve in self._switches:
+            first, second = passage.ends
+            acting = (self._pressure_at(first), self._pressure_at(second))
+            passage.is_open = valve.is_open(passage.was_open, acting)
         self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
         # The volumes of the last iterate are not used: they may be those of a step that failed.
         self.volumes = volumes
@@ -359,7 +363,7 @@ class GasNetwork(ScalarUnknowns):
         self._supplied += h * rates.energy_supplied
         self._mass_supplied = self._mass_supplied + h * rates.mass_supplied
         self._flows = rates.openings
-        for passage in self._switches:
+        for passage, _ in self._switches:
             passage.was_open = passage.is_open
 
     def _supply_at_rest(self, expansion: Array) -> None:
@@ -387,7 +391,7 @@ class GasNetwork(ScalarUnknowns):
     def switch(self, opening: Switch) -> Passage:
         """The passage of a valve, whose `was_open` may be set between steps.  `InputError`: the
         valve is not in the scene."""
-        found = [passage for passage in self._switches if passage.opening is opening]
+        found = [passage for passage, valve in self._switches if valve is opening]
         check(bool(found), f"'{opening.name}' is not in the scene; add it.")
         return found[0]
 
@@ -478,7 +482,7 @@ class GasNetwork(ScalarUnknowns):
             "supplied": self._supplied,
             "mass supplied": self._mass_supplied.tolist(),
             "flows": self._flows,
-            "open": [passage.was_open for passage in self._switches],
+            "open": [passage.was_open for passage, _ in self._switches],
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -492,7 +496,7 @@ class GasNetwork(ScalarUnknowns):
         self._supplied = state["supplied"]
         self._mass_supplied = np.array(state["mass supplied"], dtype=float)
         self._flows = state["flows"]
-        for passage, was_open in zip(self._switches, state["open"], strict=True):
+        for (passage, _), was_open in zip(self._switches, state["open"], strict=True):
             passage.was_open = was_open
 
     # ---- chambers --------------------------------------------------------------------------------
@@ -557,7 +561,7 @@ def _passages(
         )
         rows = []
         for source, gas in zip(ends, gases, strict=True):
-            species = contents.held(source) if gas is None else gas.species
+            species = gas.species if gas is not None else contents.held(source)
             rows.append([contents.numbers(target, species) for target in ends])
         passage = Passage(
             opening=opening,
