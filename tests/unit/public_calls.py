@@ -46,7 +46,7 @@ UNCALLED = {
 }
 UNCALLED |= {
     "Contact",
-    "gas.Table",
+    "gas.LinearTable",
     "probes.Crossings",
     "StepFailure",
     "StartFrom",
@@ -167,7 +167,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("loads.AirDrag", body=film, density=0.1, wind=z)
     add("gas.Ambient", pressure=1.0)
     add("gas.Antoine", A=9.0, B=2000.0)
-    blower_curve = gx.gas.Table((0.0, 0.02), (1000.0, 0.0))
+    blower_curve = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.0))
     add("gas.Blower", a=gx.gas.Ambient(1e5), b=tank, curve=blower_curve)
     add("gas.FilmArea", body=film)
     add("gas.Inflator", b=tank, gas=gas, mass_flow=1e-3, temperature=500.0)

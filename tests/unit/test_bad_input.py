@@ -94,7 +94,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
                 tried += 1
                 try:
                     made = attrgetter(name)(gx)(**call | {argument: other})
-                    is_named_only = isinstance(made, gx.Frame | Obstacle | Actuator)
+                    is_named_only = isinstance(made, gx.Frame | Obstacle | Actuator | Gas)
                     if isinstance(made, Item) and not is_named_only:
                         gx.Scene(made).compile()
                 except Exception as error:

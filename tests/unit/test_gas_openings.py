@@ -152,7 +152,7 @@ def test_a_valve_that_closes_above_its_opening_is_refused():
 # ---- discharge coefficients against the ratio of pressures ---------------------------------------
 
 # Sharp-edged orifices, Perry, Trans. ASME 71 (1949) 757: from incompressible to choked flow.
-SHARP = gx.gas.Table((0.0, 0.84), (0.5, 0.75), (1.0, 0.6))
+SHARP = gx.gas.LinearTable((0.0, 0.84), (0.5, 0.75), (1.0, 0.6))
 
 
 @pytest.mark.parametrize(
@@ -195,9 +195,11 @@ def test_a_run_with_a_table_conserves_and_has_gradients():
 def test_tables_out_of_order_or_range_are_refused():
     for points in ((), ((0.5, 0.6), (0.2, 0.8))):
         with pytest.raises(gx.InputError, match="by rising x"):
-            gx.gas.Table(*points)
+            gx.gas.LinearTable(*points)
     with pytest.raises(gx.InputError, match="out of range"):
-        gx.Orifice(tank(1e5), OUTSIDE, area=1e-6, discharge_coefficient=gx.gas.Table((0.5, 1.6)))
+        gx.Orifice(
+            tank(1e5), OUTSIDE, area=1e-6, discharge_coefficient=gx.gas.LinearTable((0.5, 1.6))
+        )
 
 
 def test_openings_do_not_depend_on_the_order_of_their_ends():

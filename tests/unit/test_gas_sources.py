@@ -38,8 +38,8 @@ def test_an_inflator_gives_the_mass_and_the_enthalpy_of_its_tables():
     inflator = gx.gas.Inflator(
         vessel,
         gas=HOT_NITROGEN,
-        mass_flow=gx.gas.Table(*zip(times, flows, strict=True)),
-        temperature=gx.gas.Table(*zip(times, heats, strict=True)),
+        mass_flow=gx.gas.LinearTable(*zip(times, flows, strict=True)),
+        temperature=gx.gas.LinearTable(*zip(times, heats, strict=True)),
     )
     t = np.linspace(0, 0.05, 200001)
     flow = np.interp(t, times, flows)
@@ -88,7 +88,7 @@ def test_a_negative_flow_of_an_inflator_is_refused():
 
 # ---- blowers -------------------------------------------------------------------------------------
 
-CURVE = gx.gas.Table((0.0, 0.02), (1000.0, 0.01), (2000.0, 0.0))
+CURVE = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.01), (2000.0, 0.0))
 
 
 def test_a_blower_works_where_its_curve_meets_the_leak():
@@ -118,7 +118,7 @@ def test_stirred_helium_and_nitrogen_are_one_mixture_at_300_kelvin():
     b = tank(2e4, NITROGEN, "b", volume=0.02)
     run = run_of(
         gx.Orifice(a, b, area=3e-4, name="joint"),
-        gx.gas.Blower(b, a, curve=gx.gas.Table((0.0, 2e-3))),
+        gx.gas.Blower(b, a, curve=gx.gas.LinearTable((0.0, 2e-3))),
         dt=0.2,
     )
     gases = (HELIUM, NITROGEN)

@@ -2,6 +2,7 @@ from .blower import Blower as Blower
 from .enclosure import Piston as Piston
 from .film_area import FilmArea as FilmArea
 from .inflator import Inflator as Inflator
+from .linear_table import LinearTable as LinearTable
 from .mixture import Mixture as Mixture
 from .orifice import WallHeat as WallHeat
 from .pipe import Pipe as Pipe
@@ -11,6 +12,5 @@ from .regulator import Regulator as Regulator
 from .ring import Ring as Ring
 from .sublimation import Antoine as Antoine
 from .sublimation import Sublimation as Sublimation
-from .table import Table as Table
 from .valve import Valve as Valve
 from .volumes import Ambient as Ambient

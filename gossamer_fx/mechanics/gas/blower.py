@@ -9,9 +9,9 @@ from typing import Any
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.surface import Geometry
-from gossamer_fx.mechanics.gas.table import Table
 
 
 @check_arguments
@@ -24,7 +24,7 @@ class Blower:
     Args:
         a, b: chambers, tanks or surroundings; the flow is from a to b.
         curve: volume flow [m³/s] at the density of a, ≥ 0, over the pressure of b less that of a
-            [Pa]: a `Table`.
+            [Pa]: a `LinearTable`.
         name: in messages.
 
     Raises:
@@ -32,14 +32,14 @@ class Blower:
 
     Example:
         >>> outside = gx.gas.Ambient(1e5, 300.0)
-        >>> curve = gx.gas.Table((0.0, 0.02), (800.0, 0.012), (1500.0, 0.0))
+        >>> curve = gx.gas.LinearTable((0.0, 0.02), (800.0, 0.012), (1500.0, 0.0))
         >>> fan = gx.gas.Blower(outside, tank, curve=curve)
     """
 
     a: Volume | Holder
     b: Volume | Holder
     _: KW_ONLY
-    curve: Table
+    curve: LinearTable
     name: str = "blower"
     is_driven = True
     scalar_unknowns = GasNetwork

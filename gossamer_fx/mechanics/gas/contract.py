@@ -207,7 +207,7 @@ class Switch(Opening, Protocol):
 
 
 @runtime_checkable
-class Driven(Opening, Protocol):
+class DrivenOpening(Opening, Protocol):
     """An opening whose flow does not vanish at equal pressures: an inflator or a blower."""
 
     is_driven: ClassVar[bool]

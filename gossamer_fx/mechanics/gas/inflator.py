@@ -35,7 +35,7 @@ class Inflator:
     Args:
         b: the chamber or tank that receives the gas.
         gas: the gas or mixture.
-        mass_flow: [kg/s], a function of time [s], or a table: see `Table`.
+        mass_flow: [kg/s], a function of time [s], or a table: see `LinearTable`.
         temperature: of the gas [K], a number > 0, a function of time or a table.
         name: in messages.
 
@@ -44,7 +44,7 @@ class Inflator:
 
     Example:
         >>> from gossamer_fx.presets.gases import HOT_NITROGEN
-        >>> flow = gx.gas.Table((0.0, 0.0), (5e-3, 1.2), (0.05, 0.0))
+        >>> flow = gx.gas.LinearTable((0.0, 0.0), (5e-3, 1.2), (0.05, 0.0))
         >>> inflator = gx.gas.Inflator(
         ...     tank, gas=HOT_NITROGEN, mass_flow=flow, temperature=600.0
         ... )

@@ -40,7 +40,7 @@ from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
-    Driven,
+    DrivenOpening,
     Gas,
     Holder,
     Opening,
@@ -569,7 +569,7 @@ def _passages(
             gases=gases,
             rows=rows,
             aperture=opening.aperture(geometry),
-            is_driven=isinstance(opening, Driven),
+            is_driven=isinstance(opening, DrivenOpening),
         )
         if isinstance(opening, Switch):
             passage.was_open = opening.starts_open

@@ -14,10 +14,10 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
 from gossamer_fx.mechanics.gas.film_area import FilmArea
+from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
-from gossamer_fx.mechanics.gas.table import Table
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 # Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
@@ -88,8 +88,8 @@ class Orifice:
         a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
             between two chambers or a `FilmArea`, whose deformed area counts.
-        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a `Table` of it
-            over the ratio p_down/p_up.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a `LinearTable`
+            of it over the ratio p_down/p_up.
         laminar: pressure difference as a share of the upstream pressure below which the flow law is
             regularised; in (0, 0.1).
         name: in messages.
@@ -106,7 +106,7 @@ class Orifice:
     b: Volume | Holder
     _: KW_ONLY
     area: Area
-    discharge_coefficient: Coefficient | Table = 1.0
+    discharge_coefficient: Coefficient | LinearTable = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
@@ -126,10 +126,10 @@ class Orifice:
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
             f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
-        if isinstance(self.discharge_coefficient, Table):
+        if isinstance(self.discharge_coefficient, LinearTable):
             self._check_table(what, self.discharge_coefficient)
 
-    def _check_table(self, what: str, table: Table) -> None:
+    def _check_table(self, what: str, table: LinearTable) -> None:
         """Refuse a table of discharge coefficients out of range."""
         for ratio, coefficient in table.points:
             check(
@@ -153,7 +153,7 @@ class Orifice:
         """
         # A table multiplies the flow instead.
         coefficient = 1.0
-        if not isinstance(self.discharge_coefficient, Table):
+        if not isinstance(self.discharge_coefficient, LinearTable):
             coefficient = self.discharge_coefficient
         what = f"{type(self).__name__} '{self.name}'"
         return compile_aperture(self.area, coefficient, geometry, what)
@@ -174,7 +174,7 @@ class Orifice:
     def _flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
         """Mass flow per effective area [kg/(s m²)] from the upstream to the downstream pressure."""
         flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
-        if isinstance(self.discharge_coefficient, Table) and pu.real > 0:
+        if isinstance(self.discharge_coefficient, LinearTable) and pu.real > 0:
             flux = flux * self.discharge_coefficient(pd / pu)
         return flux
 

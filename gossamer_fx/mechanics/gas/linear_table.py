@@ -10,7 +10,7 @@ from gossamer_fx.core.checks.errors import check
 
 
 @check_arguments
-class Table:
+class LinearTable:
     """A function that is linear between given points and constant outside of them.
 
     Args:
@@ -20,7 +20,7 @@ class Table:
         InputError: there is no point, or x does not rise.
 
     Example:
-        >>> flow = gx.gas.Table((0.0, 0.0), (0.1, 2.0), (0.3, 1.0))
+        >>> flow = gx.gas.LinearTable((0.0, 0.0), (0.1, 2.0), (0.3, 1.0))
         >>> flow(0.05), flow(1.0)
         (1.0, 1.0)
     """
@@ -30,7 +30,7 @@ class Table:
         xs = [x for x, _ in points]
         check(
             bool(points) and all(low < high for low, high in pairwise(xs)),
-            f"Table: its points are at {xs}; give at least one, by rising x.",
+            f"LinearTable: its points are at {xs}; give at least one, by rising x.",
         )
 
     def __call__(self, x: Number) -> Number:
