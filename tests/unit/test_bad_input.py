@@ -21,6 +21,7 @@ from gossamer_fx.app.cli.user_files import guarded
 from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.control.feedback import Actuator
+from gossamer_fx.mechanics.gas.contract import Gas
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
