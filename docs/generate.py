@@ -526,6 +526,7 @@ def options() -> str:
 def presets() -> str:
     """Films, fibres, gases and surfaces with their figures and sources."""
     from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+    from gossamer_fx.mechanics.gas.polynomial_gas import PolynomialGas
     from gossamer_fx.mechanics.orbit import optics
     from gossamer_fx.presets import fibres, films, gases
 
@@ -549,8 +550,8 @@ def presets() -> str:
         + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
     )
     for name, gas in vars(gases).items():
-        if isinstance(gas, IdealGas):
-            parts.append(f"| `gases.{name}` | {gas.gamma:.4g} | {gas.R:.2f} |")
+        if isinstance(gas, IdealGas | PolynomialGas):
+            parts.append(f"| `gases.{name}` | {gas.heat_ratio(298.15):.4g} | {gas.R:.2f} |")
     parts.append("\n## Surfaces in sunlight\n\n" + markdown(inspect.getdoc(optics.Optics) or ""))
     parts.append("\n| name | r | s | ε | B |\n|---|---|---|---|---|")
     for name, sheet in vars(optics).items():

@@ -47,6 +47,7 @@ UNCALLED = {
 }
 UNCALLED |= {
     "Contact",
+    "gas.LinearTable",
     "probes.Crossings",
     "StepFailure",
     "StartFrom",
@@ -166,6 +167,21 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("orbit.Air", density=1e-12, molecule=1e-26)
     add("loads.AirDrag", body=film, density=0.1, wind=z)
     add("gas.Ambient", pressure=1.0)
+    add("gas.Antoine", A=9.0, B=2000.0)
+    blower_curve = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.0))
+    add("gas.Blower", a=gx.gas.Ambient(1e5), b=tank, curve=blower_curve)
+    add("gas.FilmArea", body=film)
+    add("gas.Inflator", b=tank, gas=gas, mass_flow=1e-3, temperature=500.0)
+    add("gas.Mixture", fractions={gas: 1.0})
+    pipe = {"diameter": 1e-3, "length": 1.0, "friction": 0.02}
+    add("gas.Pipe", a=tank, b=gx.gas.Ambient(), **pipe)
+    polynomials = ((0.0, 0.0, 3.5, 0.0, 0.0, 0.0, 0.0),)
+    ranges = {"temperatures": (200.0, 6000.0), "coefficients": polynomials}
+    add("gas.PolynomialGas", R=287.0, **ranges, enthalpy_298=3e5)
+    add("gas.PorousFilm", a=tank, b=gx.gas.Ambient(), area=1e-3, viscous=1e3)
+    add("gas.Regulator", a=gx.gas.Ambient(1e6), b=tank, area=1e-6, pressure=1e5, droop=1e3)
+    add("gas.Sublimation", b=tank, gas=gas, pressure=10.0, temperature=300.0, area=0.01)
+    add("gas.Valve", a=tank, b=gx.gas.Ambient(), area=1e-6, opens=1e3)
     add("probes.AxialStrain", line=spring)
     add("probes.Tension", line=spring, which="least")
     add("probes.Length", line=spring)
