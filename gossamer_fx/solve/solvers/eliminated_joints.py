@@ -82,13 +82,13 @@ MAX_APPLICATIONS_TO_KEEP = 7
 MAX_FACTORISED_STEPS = 8
 
 
-def eliminated_unknowns(system: System) -> Indices | None:
+def eliminated_unknowns(system: System, condensed: Indices) -> Indices | None:
     """Local indices (k,) of the few unknowns of this rank that are not films, those of rigid
-    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly.
-    Collective.
+    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly; not
+    those of multipliers that are `condensed` (c,).  Collective.
 
     None, on all ranks, if this preconditioner does not serve the scene: all ranks together have
-    none or more than 60 of them, or matrices do not have blocks of three rows.
+    more than 60 of them, or matrices do not have blocks of three rows.
     """
     numbering = system.numbering
     if numbering.block_size != 3:
@@ -97,9 +97,14 @@ def eliminated_unknowns(system: System) -> Indices | None:
     for body in system.coordinates:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
+    # Rows of condensed and held multipliers are those of the unit matrix; blocks stay whole.
+    is_unit = np.zeros(numbering.size_local, dtype=bool)
+    is_unit[condensed] = True
+    is_unit[system.supports.held] = True
+    is_film |= np.repeat(is_unit.reshape(-1, 3).all(axis=1), 3)
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
     # Summed, so that all ranks decide alike.
-    if not 0 < system.comm.allreduce(len(eliminated)) <= MAX_ELIMINATED:
+    if system.comm.allreduce(len(eliminated)) > MAX_ELIMINATED:
         return None
     return eliminated
 
