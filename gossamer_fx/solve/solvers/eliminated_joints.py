@@ -88,23 +88,23 @@ def eliminated_unknowns(system: System, condensed: Indices) -> Indices | None:
     those of multipliers that are `condensed` (c,).  Collective.
 
     None, on all ranks, if this preconditioner does not serve the scene: all ranks together have
-    more than 60 of them, or matrices do not have blocks of three rows.
+    more than 60 of them, or some and matrices do not have blocks of three rows.
     """
     numbering = system.numbering
-    if numbering.block_size != 3:
-        return None
     is_film = np.zeros(numbering.size_local, dtype=bool)
     for body in system.coordinates:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
-    # Rows of condensed and held multipliers are those of the unit matrix; blocks stay whole.
+    # Rows of condensed and held unknowns are those of the unit matrix; blocks stay whole.
     is_unit = np.zeros(numbering.size_local, dtype=bool)
     is_unit[condensed] = True
     is_unit[system.supports.held] = True
-    is_film |= np.repeat(is_unit.reshape(-1, 3).all(axis=1), 3)
+    size = numbering.block_size
+    is_film |= np.repeat(is_unit.reshape(-1, size).all(axis=1), size)
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
     # Summed, so that all ranks decide alike.
-    if system.comm.allreduce(len(eliminated)) > MAX_ELIMINATED:
+    count = system.comm.allreduce(len(eliminated))
+    if count > MAX_ELIMINATED or (count and size != 3):
         return None
     return eliminated
 
