@@ -318,6 +318,9 @@ def for_constraints(system: System) -> Any:
     left = eliminated_unknowns(system, condensed)
     if left is None:
         return None
+    # Without a coarse space, which hubs do not have, large films are factorised faster.
+    if system.comm.allreduce(len(left)) and eliminated_unknowns(system, NONE) is None:
+        return None
     context: EliminatedJoints | TwoLevel
     if system.comm.allreduce(len(left)):
         context = EliminatedJoints(system, left, max_iterations=linear.MAX_KSP_ITERATIONS)
