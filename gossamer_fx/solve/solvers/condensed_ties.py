@@ -44,11 +44,11 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
-from gossamer_fx.core.algebra.numbering import GlobalIndices
 from gossamer_fx.core.algebra.point_measures import Gather
-from gossamer_fx.core.model.body import Array, Indices
-from gossamer_fx.solve.solvers.coarse_space import NONE
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers.coarse_space import NONE, Indices
 from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from gossamer_fx.solve.system.system import System
@@ -95,7 +95,7 @@ class Ties:
         own_equations = system.constraints.linear_equations()
         equations = [each for part in numbering.comm.allgather(own_equations) for each in part]
         involved = np.unique([i for multiplier, row in equations for i in (multiplier, *row)])
-        marks = _marks(system, involved.astype(PETSc.IntType))
+        marks = _marks(system, involved)
         self.rules: dict[int, Rule] = {}
         condensed = []
         # Slaves by master, to find the rules into which a new one is substituted.
@@ -141,15 +141,15 @@ class Ties:
         )
 
 
-def _marks(system: System, unknowns: GlobalIndices) -> dict[int, float]:
+def _marks(system: System, unknowns: Indices) -> dict[int, float]:
     """The marks of unknowns of all ranks, by global index.  Collective."""
     marks = system.free_marks()
     for body in system.coordinates:
         if body.block.size == 3:
             marks.array[system.block(body).owned] *= FILM
-    found = Gather(system.numbering, [unknowns])(marks)[0]
+    found = Gather(system.numbering, [unknowns.astype(PETSc.IntType)])(marks)[0]
     marks.destroy()
-    return dict(zip(unknowns.tolist(), found.tolist(), strict=True))
+    return {int(unknown): float(mark) for unknown, mark in zip(unknowns, found, strict=True)}
 
 
 class CondensedTies:
@@ -180,7 +180,7 @@ class CondensedTies:
     @property
     def problem(self) -> str:
         """Why the last set-up failed; empty if it did not."""
-        return linear.factorisation.reason(self._inner)
+        return factorisation.reason(self._inner)
 
     def keep_factors(self) -> bool:
         """Let the inner preconditioner keep its factors for the next matrix; whether it does."""
@@ -206,15 +206,15 @@ class CondensedTies:
         end = numbering.start + numbering.size_local
         self._rows = all_rows[(all_rows >= numbering.start) & (all_rows < end)]
         self._columns = [A.getRow(int(row))[0] for row in self._rows]
-        near = set(np.unique(np.concatenate([none, *self._columns])).tolist())
+        near = {int(column) for columns in self._columns for column in columns}
         rules = {slave: self._ties.rules[slave] for slave in near if slave in self._ties.rules}
         for rule in rules.values():
             near.update(rule.masters, rule.sides)
         self._near = np.array(sorted(near), dtype=PETSc.IntType)
-        position = {unknown: k for k, unknown in enumerate(self._near.tolist())}
+        position = {int(unknown): k for k, unknown in enumerate(self._near)}
         # Rows, columns and values of T - 1 and G; slaves and multipliers vanish from T.
-        vanishing = np.flatnonzero(np.isin(self._near, gone)).tolist()
-        T = [(k, k, -1.0) for k in vanishing]
+        vanishing = np.flatnonzero(np.isin(self._near, gone))
+        T = [(int(k), int(k), -1.0) for k in vanishing]
         G = []
         for slave, rule in rules.items():
             k = position[slave]

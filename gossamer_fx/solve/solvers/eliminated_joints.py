@@ -46,11 +46,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.model.body import Array, Indices
+
+AnyIndices = npt.NDArray[np.integer]
 
 if TYPE_CHECKING:
     from gossamer_fx.solve.system.system import System
@@ -82,7 +85,7 @@ MAX_APPLICATIONS_TO_KEEP = 7
 MAX_FACTORISED_STEPS = 8
 
 
-def eliminated_unknowns(system: System, condensed: Indices) -> Indices | None:
+def eliminated_unknowns(system: System, condensed: AnyIndices) -> Indices | None:
     """Local indices (k,) of the few unknowns of this rank that are not films, those of rigid
     bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly; not
     those of multipliers that are `condensed` (c,).  Collective.

@@ -37,8 +37,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
-from gossamer_fx.core.model.body import Indices
-from gossamer_fx.solve.solvers.coarse_space import NONE, CoarseSpace
+from gossamer_fx.solve.solvers.coarse_space import NONE, CoarseSpace, Indices
 from gossamer_fx.solve.system.system import System
 
 # Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the
