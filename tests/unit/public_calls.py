@@ -244,6 +244,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("analysis.EdgeCable", body=film, edges="left", force=1.0)
     add("loads.EdgeLoad", body=film, edges="left", force=z)
     add("loads.EdgeMoment", body=plate, edges="left", moment=1.0)
+    add("materials.MooneyRivlin", C1=1e5, C2=1e4, density=950.0, thickness=1e-3)
+    add("materials.NeoHooke", shear_modulus=1e5, density=950.0, thickness=1e-3)
     add("Elastica", **film_law, half_wavelength=0.01)
     add("orbit.Elements", a=7e6)
     add("Equilibrium", scene=scene)

@@ -174,6 +174,8 @@ NOT_NEGATIVE = {
     "Simulation": "halvings",
     "TensionField": "nu residual_stiffness",
     "Tolerances": "relative absolute floor energy scalars constraint",
+    "materials.MooneyRivlin": "C2",
+    "materials.NeoHooke": "residual_stiffness",
     "analysis.Frequency": "number",
     "analysis.Limit": "high",
     "analysis.Prestress": "nu",
