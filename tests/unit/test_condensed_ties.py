@@ -14,9 +14,9 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solve.solvers import condensed_ties, eliminated_joints, two_level
+from gossamer_fx.solve.solvers import condensed_ties, two_level
 from gossamer_fx.solve.solvers.condensed_ties import CondensedTies
-from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints
+from gossamer_fx.solve.solvers.coupled_bodies import CoupledBodies
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
@@ -74,11 +74,20 @@ def chain(comm):
 
 
 def hub(comm):
-    """Two films, one of them with a rigid edge: few unknowns are left in addition to films."""
+    """Two films, one of them with a rigid edge, and a boom that swings at their corner."""
     (left, right), ties = films(comm, "left", "right")
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
     edge = gx.RigidRegion(left, "left", rigid_body=body)
-    return [left, right, body, *ties, edge, gx.Damping(left, stiffness_factor=1e-4)]
+    boom = gx.Beam(
+        line(comm, [(2, 1, 0), (3, 1, 0)], 4),
+        gx.sections.tube(0.02, 5e-4, E=1e9, nu=0.3, density=1000.0),
+        normal=(0, 0, 1),
+        velocity=lambda X: 0 * X + np.array([[0.0], [0.0], [np.sin(6.0)]]),
+        name="boom",
+    )
+    pin = gx.constraints.BallJoint(boom.port("start"), right.port("top right"), name="pin")
+    damping = gx.Damping(left, stiffness_factor=1e-4)
+    return [left, right, body, boom, *ties, edge, pin, damping]
 
 
 def plane(comm):
@@ -93,7 +102,7 @@ def plane(comm):
     ]
 
 
-INNER = {chain: TwoLevel, hub: EliminatedJoints, plane: TwoLevel}
+INNER = {chain: TwoLevel, hub: CoupledBodies, plane: TwoLevel}
 
 
 def simulation(make, comm, monkeypatch=None):
@@ -115,8 +124,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     context = run.solver.newton._preconditioner.getPythonContext()
     assert isinstance(context, CondensedTies)
     assert isinstance(context._inner.getPythonContext(), INNER[make])
-    for module in (two_level, eliminated_joints):
-        monkeypatch.setattr(module, "ILU_LEVELS", 1000)
+    monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
     system.begin_step(1e-3)

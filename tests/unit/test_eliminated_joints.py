@@ -16,7 +16,6 @@ import gossamer_fx.solve.solvers.linear as linear
 from demos.sails import ikaros
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers import eliminated_joints
-from gossamer_fx.solve.solvers.coarse_space import NONE
 from gossamer_fx.solve.solvers.eliminated_joints import (
     EliminatedJoints,
     eliminated_unknowns,
@@ -123,7 +122,7 @@ def test_one_application_solves_where_the_films_are_factorised_completely(comm, 
     A = system.tangent()
     monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
-    unknowns = eliminated_unknowns(system, NONE)
+    unknowns = eliminated_unknowns(system)
     assert comm.allreduce(len(unknowns)) == 12 + 6
     exact = EliminatedJoints(system, unknowns, max_iterations=60)
     pc = PETSc.PC().create(comm)
@@ -180,7 +179,7 @@ def test_many_joints_are_factorised(comm):
         return lambda hub: gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name=name)
 
     system = hung_film(comm, 6, *map(body, "abcd")).system
-    assert eliminated_unknowns(system, NONE) is None
+    assert eliminated_unknowns(system) is None
 
 
 @pytest.mark.mpi
@@ -189,7 +188,7 @@ def test_ranks_share_the_elimination(comm, monkeypatch):
     run = run_iteratively(comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     assert isinstance(context, EliminatedJoints)
-    assert comm.allreduce(len(eliminated_unknowns(run.system, NONE))) == 12 + 6
+    assert comm.allreduce(len(eliminated_unknowns(run.system))) == 12 + 6
     other = hung_film(MPI.COMM_SELF)
     for simulation in (run, other):
         simulation.run(until=5e-3)

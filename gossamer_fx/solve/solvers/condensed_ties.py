@@ -48,7 +48,8 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.solve.solvers.coarse_space import NONE, Indices
+from gossamer_fx.solve.solvers.coarse_space import Indices
+from gossamer_fx.solve.solvers.coupled_bodies import MAX_COUPLED, CoupledBodies
 from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from gossamer_fx.solve.system.system import System
@@ -308,30 +309,67 @@ class CondensedTies:
 
 def for_constraints(system: System) -> Any:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
-    preconditioner: ties are condensed, the few multipliers and bodies that are left are eliminated.
-    None if too many are left.  Collective."""
-    ties = None
-    condensed = NONE
-    if not system.active_sets:
-        ties = Ties(system)
-        condensed = ties.owned
-    left = eliminated_unknowns(system, condensed)
-    if left is None:
-        return None
-    # Without a coarse space, which hubs do not have, large films are factorised faster.
-    if system.comm.allreduce(len(left)) and eliminated_unknowns(system, NONE) is None:
-        return None
-    context: EliminatedJoints | TwoLevel
-    if system.comm.allreduce(len(left)):
-        context = EliminatedJoints(system, left, max_iterations=linear.MAX_KSP_ITERATIONS)
+    preconditioner; None if the matrix is to be factorised.  Collective.
+
+    Films are solved iteratively.  Their ties are condensed.  Few other unknowns are eliminated as
+    they are; beams and rigid bodies with many are factorised, if films touch them at few points.
+    """
+    few = eliminated_unknowns(system)
+    if system.active_sets:
+        ties = None
     else:
-        context = TwoLevel(system, condensed)
-    if ties is None or not ties.rules:
-        return context
+        ties = Ties(system)
+        rest = _rest(system, ties.owned)
+        count = system.comm.allreduce(len(rest))
+    if few is not None and (ties is None or count):
+        return EliminatedJoints(system, few, max_iterations=linear.MAX_KSP_ITERATIONS)
+    if ties is None:
+        return None
+    context: CoupledBodies | TwoLevel
+    if count:
+        coupled = _coupled(system, ties, rest)
+        # Where films are small, the rest would be factorised in addition to Krylov iterations.
+        if len(coupled) > MAX_COUPLED or 2 * count > system.numbering.size:
+            return None
+        context = CoupledBodies(system, ties.owned, rest, coupled)
+    else:
+        context = TwoLevel(system, ties.owned)
     inner = PETSc.PC().create(system.comm)
     inner.setType("python")
     inner.setPythonContext(context)
     return CondensedTies(system, ties, inner)
+
+
+def _rest(system: System, condensed: Indices) -> Indices:
+    """Unknowns of this rank that are neither films or cables nor `condensed` or held, in whole
+    blocks."""
+    is_rest = np.ones(system.numbering.size_local, dtype=bool)
+    for body in system.coordinates:
+        if body.block.size == 3:
+            is_rest[system.block(body).owned] = False
+    is_rest[condensed] = False
+    is_rest[system.supports.held] = False
+    size = system.numbering.block_size
+    is_rest = np.repeat(is_rest.reshape(-1, size).any(axis=1), size)
+    return np.flatnonzero(is_rest)
+
+
+def _coupled(system: System, ties: Ties, rest: Indices) -> Indices:
+    """Sorted global indices of those unknowns of `_rest`, of all ranks, that are coupled with films
+    once ties are condensed.  Collective."""
+    numbering = system.numbering
+    comm = numbering.comm
+    own_rest = numbering.start + rest
+    all_rest = np.concatenate(comm.allgather(own_rest))
+    passive = np.union1d(all_rest, ties.gone)
+    own = []
+    for row in own_rest:
+        columns = system.A.getRow(int(row))[0]
+        if not np.isin(columns, passive).all():
+            own.append(row)
+    masters = {master for rule in ties.rules.values() for master in rule.masters}
+    touched = np.concatenate([*comm.allgather(np.array(own, dtype=np.int64)), list(masters)])
+    return np.intersect1d(touched, all_rest).astype(np.int64)
 
 
 def _sparse(entries: list[tuple[int, int, float]], size: int) -> csr_matrix:

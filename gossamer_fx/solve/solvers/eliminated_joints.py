@@ -46,14 +46,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.model.body import Array, Indices
-
-AnyIndices = npt.NDArray[np.integer]
 
 if TYPE_CHECKING:
     from gossamer_fx.solve.system.system import System
@@ -85,29 +82,24 @@ MAX_APPLICATIONS_TO_KEEP = 7
 MAX_FACTORISED_STEPS = 8
 
 
-def eliminated_unknowns(system: System, condensed: AnyIndices) -> Indices | None:
+def eliminated_unknowns(system: System) -> Indices | None:
     """Local indices (k,) of the few unknowns of this rank that are not films, those of rigid
-    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly; not
-    those of multipliers that are `condensed` (c,).  Collective.
+    bodies, point masses, beams and multipliers, which the preconditioner eliminates exactly.
+    Collective.
 
     None, on all ranks, if this preconditioner does not serve the scene: all ranks together have
-    more than 60 of them, or some and matrices do not have blocks of three rows.
+    none or more than 60 of them, or matrices do not have blocks of three rows.
     """
     numbering = system.numbering
+    if numbering.block_size != 3:
+        return None
     is_film = np.zeros(numbering.size_local, dtype=bool)
     for body in system.coordinates:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
-    # Rows of condensed and held unknowns are those of the unit matrix; blocks stay whole.
-    is_unit = np.zeros(numbering.size_local, dtype=bool)
-    is_unit[condensed] = True
-    is_unit[system.supports.held] = True
-    size = numbering.block_size
-    is_film |= np.repeat(is_unit.reshape(-1, size).all(axis=1), size)
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
     # Summed, so that all ranks decide alike.
-    count = system.comm.allreduce(len(eliminated))
-    if count > MAX_ELIMINATED or (count and size != 3):
+    if not 0 < system.comm.allreduce(len(eliminated)) <= MAX_ELIMINATED:
         return None
     return eliminated
 
