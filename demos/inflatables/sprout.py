@@ -66,6 +66,7 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
+from demos.common.inflatable_tube import InflatableTube
 from demos.common.lidded_box import LiddedBox
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
@@ -267,10 +268,10 @@ def build(
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
-    tubes: dict[int, gx.assemblies.InflatableTube] = {}
+    tubes: dict[int, InflatableTube] = {}
     for name, side in SIDES.items():
         outline = [*lines, figure.axis(side)]
-        tube = gx.assemblies.InflatableTube(
+        tube = InflatableTube(
             creased_tube(
                 comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
             ),
@@ -336,9 +337,7 @@ def build(
     return deployment_case(items, TITLE, probes, until, control, dt)
 
 
-def tube_probes(
-    tubes: Mapping[int, gx.assemblies.InflatableTube], figure: Figure
-) -> dict[str, Probe]:
+def tube_probes(tubes: Mapping[int, InflatableTube], figure: Figure) -> dict[str, Probe]:
     """Pressures of the compartments, areas of the rings between them, and positions of the tips."""
     probes: dict[str, Probe] = {}
     for name, side in SIDES.items():

@@ -48,7 +48,8 @@ from demos.studies.engine.study import (
     Study,
     search_figures,
 )
-from gossamer_fx.meshes.plates import free_slit_ring, irregular_sheet, slit_ring, whole_disc
+from gossamer_fx.meshes.plates import free_slit_ring, irregular_sheet, slit_ring
+from gossamer_fx.meshes.revolved import whole_disc
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
 NU = 0.3

@@ -172,7 +172,7 @@ def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: C
 def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
     pairs, x0 = active_pairs(kind)
     rng = np.random.default_rng(2)
-    # A twentieth of the range, so that no pair passes; directions of walls do not move.
+    # A twentieth of the range, so that no pair passes; directions of boundaries do not move.
     moves = 0.05 * pairs.width[:, None, None] * rng.normal(size=x0.shape)
     if kind == PointInCone.number:
         moves[:, 2:] = 0

@@ -30,7 +30,7 @@ ROOMS_OF_MECHANICS = ("materials", "terms", "bodies")
 FAMILIES = ("connectors", "constraints", "loads", "contact", "gas", "orbit", "control")
 # Rooms that are written against the promised interface for extensions and public names alone.
 WRITTEN_AS_EXTENSIONS = ("mechanics/orbit",)
-HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "rich", "pandas"}
+HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "pandas"}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 STUBS = sorted(PACKAGE.rglob("__init__.pyi"))
 # Public names of `gossamer_fx` and `gossamer_fx.extend` and the modules from which they come.

@@ -50,7 +50,6 @@ def test_third_party_imports_are_in_some_extra() -> None:
     named = {re.split(r"[\[=<>~!]", word)[0] for word in words}
     for module, distribution in (
         ("matplotlib", "matplotlib"),
-        ("rich", "rich"),
         ("erfa", "pyerfa"),
         ("gmsh", "gmsh"),
     ):

@@ -242,6 +242,22 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             # zero but for those of free equations.
             add_blocks(A, rows, rows, is_free[:, :, None] * np.eye(at.m))
 
+    def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
+        equations = []
+        for k, at in enumerate(self._measures):
+            # The gradient of linear measures is the same in every state.
+            gradient = at.gradient(np.zeros((at.n, at.D)))
+            for i in np.flatnonzero(at.each_is_linear):
+                if int(self._term_of[k][i]) in self._latches:
+                    continue
+                for multiplier, slope in zip(self._rows[k][i].tolist(), gradient[i], strict=True):
+                    coefficients: dict[int, float] = {}
+                    for d in np.flatnonzero(slope):
+                        unknown = int(at.indices[i, d])
+                        coefficients[unknown] = coefficients.get(unknown, 0.0) + float(slope[d])
+                    equations.append((multiplier, coefficients))
+        return equations
+
     def _middle_gradient(self, k: int, q: Array) -> Array:
         """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
         at = self._measures[k]
