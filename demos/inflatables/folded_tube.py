@@ -288,4 +288,8 @@ def main(
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/folded_tube"), UNITS)
+    folder = Path("out/folded_tube")
+    print_figures(main(output=folder), UNITS)
+    if MPI.COMM_WORLD.rank == 0:
+        gx.write_report(gx.plot.RunReader(folder), folder / "report.html")
+        print(f"report written to {folder / 'report.html'}, for a browser")

@@ -327,19 +327,6 @@ def test_nothing_passes_through_in_long_steps(dt: float) -> None:
     assert abs(run.energy_error) < 1e-8
 
 
-def test_a_moved_cone_supplies_its_work() -> None:
-    rest = film(MPI.COMM_SELF)
-    ram = gx.contact.Cone(
-        start=(0, 0, -0.05),
-        end=(0.003, 0.002, -0.002),
-        radii=(0.02, 0.001),
-        motion=lambda t: (0.0, 0.0, 2.0 * t),
-    )
-    run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
-    assert run.totals.supplied > 1e-6
-    assert abs(run.energy_error) < 1e-9
-
-
 def test_a_cone_of_no_slope_is_refused() -> None:
     for radii in ((0.1, 0.1), (-0.1, 0.2), (math.inf, 0.1)):
         with pytest.raises(gx.InputError, match="radii"):

@@ -27,6 +27,8 @@ UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "orbit.HeatBalance",
     "steppers.EndPoint",
+    "analysis.BestSurface",
+    "analysis.StressPeak",
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumPath",
@@ -45,6 +47,7 @@ UNCALLED = {
 }
 UNCALLED |= {
     "Contact",
+    "gas.LinearTable",
     "probes.Crossings",
     "StepFailure",
     "StartFrom",
@@ -164,11 +167,37 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("orbit.Air", density=1e-12, molecule=1e-26)
     add("loads.AirDrag", body=film, density=0.1, wind=z)
     add("gas.Ambient", pressure=1.0)
+    add("gas.Antoine", A=9.0, B=2000.0)
+    blower_curve = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.0))
+    add("gas.Blower", a=gx.gas.Ambient(1e5), b=tank, curve=blower_curve)
+    add("gas.FilmArea", body=film)
+    add("gas.Inflator", b=tank, gas=gas, mass_flow=1e-3, temperature=500.0)
+    add("gas.Mixture", fractions={gas: 1.0})
+    pipe = {"diameter": 1e-3, "length": 1.0, "friction": 0.02}
+    add("gas.Pipe", a=tank, b=gx.gas.Ambient(), **pipe)
+    polynomials = ((0.0, 0.0, 3.5, 0.0, 0.0, 0.0, 0.0),)
+    ranges = {"temperatures": (200.0, 6000.0), "coefficients": polynomials}
+    add("gas.PolynomialGas", R=287.0, **ranges, enthalpy_298=3e5)
+    add("gas.PorousFilm", a=tank, b=gx.gas.Ambient(), area=1e-3, viscous=1e3)
+    add("gas.Regulator", a=gx.gas.Ambient(1e6), b=tank, area=1e-6, pressure=1e5, droop=1e3)
+    add("gas.Sublimation", b=tank, gas=gas, pressure=10.0, temperature=300.0, area=0.01)
+    add("gas.Valve", a=tank, b=gx.gas.Ambient(), area=1e-6, opens=1e3)
     add("probes.AxialStrain", line=spring)
     add("probes.Tension", line=spring, which="least")
     add("probes.Length", line=spring)
     add("probes.AngularVelocity", frame=A, axis="x")
     add("probes.AreaFraction", body=film, state="taut")
+    add("probes.StateArea", body=film, state="taut", group="film")
+    add("probes.SurfaceError", film=film, surface="sphere", quantity="tilt")
+    add("probes.LargestStress", film=film, limit=1e6)
+    add("analysis.best_surface", state=gx.Equilibrium(scene), film=film, surface="plane")
+    add("analysis.largest_stress", state=gx.Equilibrium(scene), film=film, limit=1e6)
+    add("analysis.Rate", of=gx.analysis.EnclosedVolume(film))
+    add(
+        "analysis.point_stiffness",
+        equilibrium=inputs.equilibrium,
+        port=inputs.film.port_at((0.4, 0.4, 0.0)),
+    )
     add("At", time=0.1)
     add("connectors.AttachedMass", port=film.port("bottom left"), mass=1.0)
     add("probes.Attitude", orbit=orbit, of=film, axis="along")
@@ -196,6 +225,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Checkpoints", folder=folder / "checkpoints", minutes=10.0)
     add("probes.ContactForce", contact=touching, body=film, axis="x")
     add("probes.ContactGap", contact=touching)
+    add("probes.ContactArea", contact=touching, body=film)
+    add("probes.ContactPressure", contact=touching, body=film)
     add("analysis.Continuation")
     add(
         "connectors.Crease",
@@ -292,6 +323,10 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Port", body=film, nodes=(0,))
     add("probes.Position", port=P, axis="x")
     add("Pressure", body=film, pressure=1.0)
+    water = gx.loads.UniformFluid(1000.0)
+    add("loads.FluidPressure", body=film, fluid=water, side="inside")
+    add("loads.UniformFluid", density=1000.0)
+    add("loads.StandardAtmosphere", altitude=1000.0)
     add("analysis.Prestress", **film_law, tension=10.0)
     add("constraints.PrismaticJoint", **hinge)
     add("constraints.CylindricalJoint", **hinge)
@@ -341,6 +376,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
+    add("plot.Limits", low=0.0, high=1.0, part="film", each_time=False, log=False)
     add("plot.View", azimuth=0.5, elevation=0.3, follow=True)
     add("probes.Velocity", port=P, axis="x")
     add("gas.WallHeat", chamber=tank, conductance=1.0, temperature=300.0)
@@ -474,6 +510,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("reduction.reduce", body=film, motions=[motion], modes=1)
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
     add("plot.InlineReport", run=reader, height=500)
+    add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")
     add("plot.RunReader", folder=inputs.run)

@@ -6,7 +6,6 @@ import ast
 import importlib
 import inspect
 import re
-import subprocess
 import sys
 from graphlib import TopologicalSorter
 from operator import attrgetter
@@ -16,6 +15,7 @@ import pytest
 
 import gossamer_fx
 from gossamer_fx.core.checks.lazy_names import names_of_stub, public_names
+from tests.survival.on_ranks import complete
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 ROOT = PACKAGE.parent
@@ -222,7 +222,5 @@ def test_the_import_of_the_package_is_cheap() -> None:
         "import sys; import gossamer_fx; dir(gossamer_fx); gossamer_fx.gas; "
         "print({'dolfinx', 'mpi4py', 'numpy', 'ufl'} & set(sys.modules))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=PACKAGE.parent
-    )
+    done = complete([sys.executable, "-c", code])
     assert done.stdout == "set()\n", done.stdout + done.stderr

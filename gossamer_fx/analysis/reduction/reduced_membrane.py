@@ -29,11 +29,11 @@ from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block, Port
+from gossamer_fx.core.model.body import Array, Block, Port, Vector
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.bodies.meshed import global_node, interpolated
+from gossamer_fx.mechanics.bodies.meshed import global_node, global_nodes
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 
@@ -174,8 +174,12 @@ class ReducedMembrane(Membrane):
         return self._combined((node,), (1.0,))
 
     @check_arguments
-    def port_at(self, point: Sequence[float]) -> Port:
-        on_film = interpolated(self.full, point)
+    def ports(self, group: str) -> list[Port]:
+        return [self._combined((node,), (1.0,)) for node in global_nodes(self.full, group)]
+
+    @check_arguments
+    def port_at(self, point: Vector, *, snap: bool = False) -> Port:
+        on_film = self.full.port_at(point, snap=snap)
         return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:

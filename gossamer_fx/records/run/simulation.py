@@ -353,7 +353,8 @@ class Simulation:
 
     @check_arguments
     def run(self, until: float) -> None:
-        """Advance to a time; may be called again with a later one.
+        """Advance to a time; may be called again with a later one.  `run.run(until=run.time +
+        run.stepper.dt)` makes a single step.
 
         Steps are of equal length between the times that outputs and events ask for, so that these
         are met. SIGTERM, SIGINT and SIGUSR1 end the run after the present step, with a checkpoint
