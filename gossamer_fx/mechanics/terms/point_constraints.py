@@ -462,6 +462,9 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             largest[0] = max(largest[0], rates[:, 0].max(initial=0.0))
             largest[1] = max(largest[1], rates[:, 1:].max(initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        # Directors' rates below the round-off of velocities mean nothing.
+        round_off = np.finfo(float).eps * largest[0] / start.extent()
+        largest[1] = max(largest[1], round_off / MAX_INITIAL_RATE)
         sizes = []
         for of_position, of_director in ((start.extent(), 1.0), largest):
             vector = self._system.numbering.vector()

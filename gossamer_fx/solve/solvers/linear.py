@@ -119,10 +119,10 @@ class Composite:
             return self.fields, np.zeros(0)
         with self.fields as values:
             values[:] = x.array_r[: self.n]
-        scalars = None
+        y: Array = np.empty(self.scalars)
         if self.comm.rank == 0:
-            scalars = x.array_r[self.n :].copy()
-        y: Array = self.comm.bcast(scalars)
+            y[:] = x.array_r[self.n :]
+        self.comm.Bcast(y)
         return self.fields, y
 
 
