@@ -49,7 +49,6 @@ ROOMS = {
     "fold": "Fold maps",
     "contact": "Contact",
     "loads": "Loads and damping",
-    "assemblies": "Assemblies: several parts in one call",
     "control": "Control",
     "orbit": "Orbit",
     "reduction": "Reduced models",
@@ -525,10 +524,11 @@ def options() -> str:
 
 
 def presets() -> str:
-    """Films, fibres, layers, gases and surfaces with their figures and sources."""
+    """Films, fibres, gases and surfaces with their figures and sources."""
     from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+    from gossamer_fx.mechanics.gas.polynomial_gas import PolynomialGas
     from gossamer_fx.mechanics.orbit import optics
-    from gossamer_fx.presets import fibres, films, gases, laminae
+    from gossamer_fx.presets import fibres, films, gases
 
     parts = ["# Presets\n\n## Films\n\n" + markdown(inspect.getdoc(films) or "")]
     parts.append("\n| name | E [GPa] | ν | density [kg/m³] | source |\n|---|---|---|---|---|")
@@ -544,27 +544,14 @@ def presets() -> str:
         if isinstance(fibre, fibres.Fibre):
             figures = f"{fibre.E / 1e9:.4g} | {fibre.density:g}"
             parts.append(f"| `fibres.{name}` | {figures} | {prose(fibre.source)} |")
-    parts.append("\n## Layers of composites\n\n" + markdown(inspect.getdoc(laminae) or ""))
-    parts.append(
-        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source "
-        "|\n|---|---|---|---|---|---|---|"
-    )
-    for name, layer in vars(laminae).items():
-        if isinstance(layer, laminae.Lamina):
-            moduli = (
-                f"{layer.E1 / 1e9:g} | {layer.E2 / 1e9:g} | {layer.nu12:g} | {layer.G12 / 1e9:g}"
-            )
-            parts.append(
-                f"| `laminae.{name}` | {moduli} | {layer.density:g} | {prose(layer.source)} |"
-            )
     parts.append(
         "\n## Gases\n\n"
         + markdown(inspect.getdoc(gases) or "")
         + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
     )
     for name, gas in vars(gases).items():
-        if isinstance(gas, IdealGas):
-            parts.append(f"| `gases.{name}` | {gas.gamma:.4g} | {gas.R:.2f} |")
+        if isinstance(gas, IdealGas | PolynomialGas):
+            parts.append(f"| `gases.{name}` | {gas.heat_ratio(298.15):.4g} | {gas.R:.2f} |")
     parts.append("\n## Surfaces in sunlight\n\n" + markdown(inspect.getdoc(optics.Optics) or ""))
     parts.append("\n| name | r | s | ε | B |\n|---|---|---|---|---|")
     for name, sheet in vars(optics).items():

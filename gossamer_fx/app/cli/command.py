@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from gossamer_fx.app.cli.case import Case
-    from gossamer_fx.core.model.body import Body
+    from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
@@ -437,14 +437,20 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
     Raises:
         InputError: what is wrong with the scene.
     """
+    from gossamer_fx.mechanics.bodies.membrane import Membrane
     from gossamer_fx.records.outputs.description import describe, lines
-    from gossamer_fx.solve.scene.validation import self_intersections, warnings
+    from gossamer_fx.records.probes.contact import Crossings
+    from gossamer_fx.solve.scene.validation import warnings
 
     run = case.simulation()
     about = describe(run)
-    # The search for intersections takes too long for every run; a dry run has the time.
-    strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
-    sides = list(_sides(run.system.bodies))
+    strange = list(warnings(run.scene.items))
+    films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+    # This search takes too long for every run; a dry run has the time.
+    crossings = Crossings(*films)(run) if films else 0
+    if crossings:
+        strange.append(f"{crossings:.0f} edges of films intersect films at the start.")
+    sides = list(_sides(films))
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
@@ -458,21 +464,18 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
             print(f"warning: {words}")
 
 
-def _sides(bodies: Iterable[Body]) -> Iterator[str]:
+def _sides(films: Iterable[Membrane]) -> Iterator[str]:
     """Sentences about the side of the normals of films that enclose a volume [m³].  Collective."""
     from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
-    from gossamer_fx.mechanics.bodies.membrane import Membrane
 
-    for body in bodies:
-        if not isinstance(body, Membrane):
-            continue
-        enclosed = enclosed_by(body.mesh.domain, body.mesh.edges)
+    for film in films:
+        enclosed = enclosed_by(film.mesh.domain, film.mesh.edges)
         if enclosed.has_inside:
             side = "outwards"
             if enclosed.volume < 0:
                 side = "inwards"
             yield (
-                f"'{body.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
+                f"'{film.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
                 f"{side}"
             )
 

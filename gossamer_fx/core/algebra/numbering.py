@@ -7,7 +7,6 @@ runs rank by rank, and on each rank block after block, so every rank owns one co
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -31,23 +30,26 @@ DENSE_NODE_SHARE = 1 / 3
 GlobalIndices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
 class NumberedBlock:
-    """Indices of the unknowns of block `k` of a numbering."""
+    """Indices of the unknowns of block `k` of a numbering.
 
-    numbering: Numbering
-    k: int
+    Attributes:
+        owned: range of its owned unknowns in the local part of a vector.
+    """
 
-    @property
-    def owned(self) -> slice:
-        """Range of its owned unknowns in the local part of a vector."""
-        return self.numbering.owned(self.k)
+    def __init__(self, numbering: Numbering, k: int) -> None:
+        self.numbering = numbering
+        self.k = k
+        self.owned = numbering.owned(k)
+        # The matrix to which was added last, and its diagonal block of these unknowns: of the
+        # tangent a new one would be made in each iteration.
+        self._matrix: PETSc.Mat | None = None
+        self._diagonal_block: PETSc.Mat | None = None
 
     @property
     def rows(self) -> GlobalIndices:
         """Global indices (n,) of its owned unknowns."""
-        owned = self.owned
-        rows = self.numbering.start + np.arange(owned.start, owned.stop)
+        rows = self.numbering.start + np.arange(self.owned.start, self.owned.stop)
         return rows.astype(PETSc.IntType)
 
     def to_global(self, nodes: npt.NDArray[np.integer]) -> GlobalIndices:
@@ -56,7 +58,17 @@ class NumberedBlock:
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form]) -> None:
         """Add bilinear forms of its space to its diagonal block of A."""
-        self.numbering.assemble(A, self.k, forms)
+        numbering = self.numbering
+        if A is not self._matrix:
+            if self._diagonal_block is not None:
+                self._diagonal_block.destroy()
+            local = numbering.local_sets[self.k]
+            self._diagonal_block = A.getLocalSubMatrix(local, local)
+            self._matrix = A
+        # Blocks of nodes can be entered only where the matrix has blocks of the same size.
+        unrolled = numbering.block_size != numbering.blocks[self.k].size
+        for form in forms:
+            add_to_matrix(self._diagonal_block, form, unrolled)
 
 
 class Numbering:
@@ -71,6 +83,7 @@ class Numbering:
         local_starts: for each block the index of its first unknown in the local part of a vector;
             the last entry is `size_local`.
         indices: for each block the global indices of its owned and ghost unknowns.
+        local_sets: for each block the index set of these among the local unknowns of all blocks.
         block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes
             consist of vectors, and 1 if some do not.
         full: whether matrices are dense.
@@ -109,7 +122,7 @@ class Numbering:
             comm=comm,
         )
         ends = np.cumsum([0] + [len(indices) for indices in self.indices])
-        self._local_sets = [self._local_set(start, end) for start, end in pairwise(ends)]
+        self.local_sets = [self._local_set(start, end) for start, end in pairwise(ends)]
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
         """Index set of the local (owned and ghost) unknowns from `start` to `end`, of one block."""
@@ -134,10 +147,6 @@ class Numbering:
     def owned(self, k: int) -> slice:
         """Range of the owned unknowns of block k in the local part of a vector."""
         return slice(int(self.local_starts[k]), int(self.local_starts[k + 1]))
-
-    def block(self, k: int) -> NumberedBlock:
-        """Indices of block k."""
-        return NumberedBlock(self, k)
 
     def vector(self) -> PETSc.Vec:
         """A new vector of all unknowns, without ghosts."""
@@ -166,16 +175,6 @@ class Numbering:
         A.setLGMap(self._map, self._map)
         A.setUp()
         return A
-
-    def assemble(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
-        """Add bilinear forms of the k-th body's space to the diagonal block (k, k) of A."""
-        local = self._local_sets[k]
-        view = A.getLocalSubMatrix(local, local)
-        # Blocks of nodes can be entered only where the matrix has blocks of the same size.
-        unrolled = self.block_size != self.blocks[k].size
-        for form in forms:
-            add_to_matrix(view, form, unrolled)
-        A.restoreLocalSubMatrix(local, local, view)
 
 
 def _common_block_size(sizes: set[int]) -> int:

@@ -12,12 +12,15 @@
 The arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in
 0.10.
 
-Assembly into a part of a PETSc matrix is here too.  The public function of dolfinx chooses by
-itself whether it enters single numbers or the blocks of nodes; here the caller has to choose.
+Assembly is here too.  The public function for matrices chooses by itself whether it enters single
+numbers or the blocks of nodes; here the caller has to choose.  That for vectors makes six calls of
+Python for one of C++, in each iteration.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from inspect import signature
 from typing import Any
@@ -25,6 +28,7 @@ from typing import Any
 import basix.ufl
 import dolfinx
 import dolfinx.cpp
+import dolfinx.jit
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -50,13 +54,15 @@ __all__ = [
     "VERSION",
     "Topology",
     "add_to_matrix",
+    "add_to_vector",
     "cell_nodes",
     "distribute",
     "evaluate",
     "gmsh_order",
     "interpolation_points",
+    "loaded_kernel",
     "submesh_of",
-    "tabulate",
+    "tabulation",
 ]
 
 # (major, minor) of dolfinx
@@ -143,6 +149,26 @@ def gmsh_order(kind: str, nodes: int) -> Indices:
     return np.asarray(reader.cell_perm_array(to_type(kind), nodes), dtype=np.int32)
 
 
+@contextmanager
+def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
+    """Let dolfinx take the kernel of a form or expression from a dictionary, or enter there the one
+    that it compiles or finds on disk.  dolfinx has no argument for it."""
+    search = dolfinx.jit.ffcx_jit
+
+    def take(*args: Any, **options: Any) -> Any:
+        if key not in kernels:
+            compiled, module, _ = search(*args, **options)
+            # The source is not kept: it is much larger than the kernel.
+            kernels[key] = (compiled, module, (None, None))
+        return kernels[key]
+
+    dolfinx.jit.ffcx_jit = take
+    try:
+        yield
+    finally:
+        dolfinx.jit.ffcx_jit = search
+
+
 def interpolation_points(space: fem.FunctionSpace) -> Array:
     """Points (n, tdim) of the reference cell at which functions are evaluated for interpolation."""
     points: Any = space.element.interpolation_points
@@ -163,17 +189,23 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     return np.asarray(values).reshape(len(cells), width)
 
 
-def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices) -> None:
-    """Set a function whose space stores values at points of cells to the values of an expression
-    that was compiled for these points.  Unlike `Function.interpolate` it makes no copies.  Ghost
-    values follow only where their cells, local numbers (n,), are given."""
-    if not len(cells):
-        return
+def tabulation(expression: fem.Expression, at_points: fem.Function) -> Callable[[], None]:
+    """Return what sets a function, whose space stores values at points of cells, to the values of
+    an expression that was compiled for these points, in all cells, ghosts included.  Unlike
+    `Function.interpolate` it makes no copies."""
     space = at_points.function_space
-    dofs = space.dofmap.list[cells]
-    values = evaluate(expression, space.mesh, cells)
+    mesh = space.mesh
+    dofs = space.dofmap.list
+    cells = np.arange(len(dofs), dtype=np.int32)
     rows = at_points.x.array.reshape(-1, space.dofmap.index_map_bs)
-    rows[dofs] = values.reshape(*dofs.shape, -1)
+
+    def evaluate_all() -> None:
+        # Of no cells the shape of the values is unknown.
+        if len(cells):
+            values = np.asarray(expression.eval(mesh, cells))
+            rows[dofs] = values.reshape(*dofs.shape, -1)
+
+    return evaluate_all
 
 
 def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
@@ -188,6 +220,15 @@ def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
     constants = library.pack_constants(compiled)
     coefficients = library.pack_coefficients(compiled)
     library.petsc.assemble_matrix(matrix, compiled, constants, coefficients, [], unrolled)
+
+
+def add_to_vector(values: Array, form: fem.Form) -> None:
+    """Add a compiled linear form to an array over the owned and ghost unknowns of its space."""
+    compiled = form._cpp_object
+    library = dolfinx.cpp.fem
+    constants = library.pack_constants(compiled)
+    coefficients = library.pack_coefficients(compiled)
+    library.assemble_vector(values, compiled, constants, coefficients)
 
 
 def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:

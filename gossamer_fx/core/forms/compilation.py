@@ -1,4 +1,9 @@
-"""Compilation of UFL forms and expressions, with the options of the just-in-time compiler."""
+"""Compilation of UFL forms and expressions, with the options of the just-in-time compiler.
+
+FFCx stores kernels on disk under a signature, which takes longer to compute than many a scene to
+run: 15 ms for each expression of a law.  So kernels that a process has loaded are found again by a
+cheaper key, with the same content, from one pass through the expression.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +30,18 @@ from dolfinx.mesh import Mesh
 from mpi4py import MPI
 from ufl.algorithms.analysis import extract_constants
 from ufl.algorithms.map_integrands import map_integrand_dags
+from ufl.algorithms.signature import compute_multiindex_hashdata
+from ufl.core.multiindex import MultiIndex
 from ufl.corealg.multifunction import MultiFunction
+from ufl.utils.sorting import canonicalize_metadata, sorted_by_count
 from ufl.variable import Label
 
 from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.forms.backend import loaded_kernel
+
+# Kernels that this process has loaded, by `_KernelKey.digest`.  They contain no mesh and no
+# function.
+_kernels: dict[bytes, Any] = {}
 
 
 def require_compiler() -> None:
@@ -91,9 +104,14 @@ def compile_form(form: ufl.Form) -> fem.Form:
         InputError: no C compiler was found.
         cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
     """
-    comm = form.ufl_domain().ufl_cargo().comm
-    numbered = map_integrand_dags(_Number(form), form)
-    return _with_cache(comm, lambda: fem.form(numbered, jit_options=kernel_options()))
+    key = _KernelKey()
+    for integral in form.integrals():
+        key.add_integral(integral)
+
+    def make(form: ufl.Form) -> fem.Form:
+        return fem.form(form, jit_options=kernel_options())
+
+    return _with_kernel(key, form, make)
 
 
 def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -> fem.Expression:
@@ -107,9 +125,114 @@ def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -
         InputError: no C compiler was found.
         cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
     """
-    comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
-    numbered = map_integrand_dags(_Number(expression), expression)
-    return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=kernel_options()))
+    key = _KernelKey()
+    key.add(expression, points.shape, points.tobytes())
+
+    def make(expression: Any) -> fem.Expression:
+        return fem.Expression(expression, points, comm=key.comm, jit_options=kernel_options())
+
+    return _with_kernel(key, expression, make)
+
+
+class _KernelKey:
+    """What the kernel of a form or expression depends on, as data without meshes and functions.
+
+    It is what FFCx signs: operators, terminals with their elements, and integrals with their
+    metadata.  Functions, constants, labels, meshes and indices have numbers by their first
+    occurrence.  FFCx sorts the arguments of a kernel by the order in which the program created
+    functions and constants, so that this order belongs to the key.
+    """
+
+    def __init__(self) -> None:
+        self._numbers = _FirstOccurrences()
+        self._indices: dict[Any, int] = {}
+        # Different subexpressions, with their numbers, and the number of each object that was seen.
+        self._different: dict[Any, int] = {}
+        self._seen: dict[int, int] = {}
+        self._whole: list[Any] = []
+
+    def add(self, expression: Any, *details: Any) -> None:
+        """Add an expression that is compiled, and what its kernel depends on in addition."""
+        self._whole.append((self._number(expression), details))
+
+    def add_integral(self, integral: ufl.Integral) -> None:
+        """Add an integral of a form."""
+        self.add(
+            integral.integrand(),
+            integral.integral_type(),
+            integral.ufl_domain()._ufl_signature_data_(self._numbers),
+            integral.subdomain_id(),
+            canonicalize_metadata(integral.metadata()),
+        )
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of the mesh."""
+        mesh = next(one for one in self._numbers if isinstance(one, ufl.Mesh))
+        comm: MPI.Intracomm = mesh.ufl_cargo().comm
+        return comm
+
+    def digest(self) -> bytes:
+        """A hash of all that was added, and of the options of the compiler."""
+        orders = []
+        for kind in (ufl.Coefficient, ufl.Constant):
+            counted = [one for one in self._numbers if isinstance(one, kind)]
+            orders.append([self._numbers[one] for one in sorted_by_count(counted)])
+        options = sorted(kernel_options().items())
+        content = (list(self._different), self._whole, orders, options)
+        return hashlib.sha256(repr(content).encode()).digest()
+
+    def _number(self, expression: Any) -> int:
+        """The number of an expression: equal ones have the same."""
+        seen = self._seen
+        # A stack in place of recursion: sums of UFL are deeper than Python's stack.
+        waiting = [expression]
+        while waiting:
+            one = waiting[-1]
+            operands = one.ufl_operands
+            new = [operand for operand in operands if id(operand) not in seen]
+            if new:
+                waiting += new
+                continue
+            waiting.pop()
+            if id(one) in seen:
+                continue
+            if one._ufl_is_terminal_:
+                content = (one._ufl_typecode_, self._terminal(one))
+            else:
+                content = (one._ufl_typecode_, *[seen[id(operand)] for operand in operands])
+            seen[id(one)] = self._different.setdefault(content, len(self._different))
+        return seen[id(expression)]
+
+    def _terminal(self, terminal: Any) -> Any:
+        """What FFCx signs of a function, a constant, a number, an index or a geometric quantity."""
+        if isinstance(terminal, MultiIndex):
+            return compute_multiindex_hashdata(terminal, self._indices)
+        if isinstance(terminal, Label):
+            return self._numbers[terminal]
+        return terminal._ufl_signature_data_(self._numbers)
+
+
+class _FirstOccurrences(dict[Any, int]):
+    """Numbers of objects, which they get when they are first asked for."""
+
+    def __missing__(self, key: Any) -> int:
+        self[key] = len(self)
+        return self[key]
+
+
+def _with_kernel[T](key: _KernelKey, of: Any, make: Callable[[Any], T]) -> T:
+    """Compile a form or expression, unless this process has the kernel.  Collective."""
+    comm = key.comm
+    digest = key.digest()
+    # A rank may have compiled a form that others have not, on a mesh of its own.
+    if comm.allreduce(digest in _kernels, op=MPI.LAND):
+        with loaded_kernel(_kernels, digest):
+            return make(of)
+    _kernels.pop(digest, None)
+    numbered = map_integrand_dags(_Number(of), of)
+    with loaded_kernel(_kernels, digest):
+        return _with_cache(comm, lambda: make(numbered))
 
 
 class _Number(MultiFunction):

@@ -12,7 +12,7 @@ Algorithm.  In every iteration:
 
 1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at
    q1.
-2. A sparse matrix of ones adds up the triangles of each chamber, node by node.
+2. The triangles of each chamber are summed node by node.
 3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
 4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
 
@@ -32,7 +32,7 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.forms.backend import add_to_vector, cell_nodes
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array, Body
@@ -107,6 +107,12 @@ class FilmSurface:
         constants = fem.functionspace(domain, ("Discontinuous Lagrange", 0))
         self._x = fem.Function(film.space)
         self._pressure = fem.Function(constants)
+        # One value in each triangle
+        self._pressure_dofs = cell_nodes(constants)[:, 0]
+        # Positions [m] of this rank's nodes, ghosts included, at the start and end of the step:
+        # views of the functions' values.
+        self._start: Array = self._coordinates.q0.x.array
+        self._end: Array = self._coordinates.q1.x.array
 
         # w is a test function, or another vector field, on the film.
         def flux(x: Any, w: Any) -> Any:
@@ -136,13 +142,10 @@ class FilmSurface:
         return {"subdomain_data": [(1, cells)], "subdomain_id": 1}
 
     def _compile_sum(self, broken: fem.FunctionSpace) -> None:
-        """Make the sum over the triangles of each chamber, node by node: a sparse matrix of ones.
+        """Prepare the sum over the triangles of each chamber, node by node.
 
         Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
         to starts[c + 1], and a node shared by two chambers has two rows."""
-        # Imported here, as chambers that are rigid or have a piston do not need SciPy.
-        from scipy.sparse import csr_matrix
-
         nodes = []
         rows = []
         columns = []
@@ -156,10 +159,10 @@ class FilmSurface:
             self._starts.append(self._starts[-1] + len(own))
         self._nodes = np.concatenate(nodes)
         all_rows = np.concatenate(rows)
-        all_columns = np.concatenate(columns)
-        ones = np.ones(len(all_rows))
-        shape = (self._starts[-1], len(self._parts) // 3)
-        self._sum = csr_matrix((ones, (all_rows, all_columns)), shape=shape)
+        order = np.argsort(all_rows, kind="stable")
+        # The corners of triangles, row after row, and where each row begins: none is empty.
+        self._summands = np.concatenate(columns)[order]
+        self._row_starts = np.flatnonzero(np.diff(all_rows[order], prepend=-1))
 
     # ---- the step --------------------------------------------------------------------------------
 
@@ -173,15 +176,14 @@ class FilmSurface:
         """
         if self._form is None:
             self._compile()
-        q0 = self._at_nodes(self._coordinates.q0)
-        q1 = self._at_nodes(self._coordinates.q1)
+        q0 = self._start.reshape(-1, 3)[self._nodes]
+        q1 = self._end.reshape(-1, 3)[self._nodes]
         # The end itself, without the round-off and the cost of a weighted sum.
-        self._at_end = self._gradient(self._coordinates.q1.x.array)
+        self._at_end = self._gradient(self._end)
         self._at_mid = self._at_end
         if not self._acts_at_end:
-            start = self._coordinates.q0.x.array
-            end = self._coordinates.q1.x.array
-            self._at_mid = self._gradient((1 - self._alpha) * start + self._alpha * end)
+            middle = (1 - self._alpha) * self._start + self._alpha * self._end
+            self._at_mid = self._gradient(middle)
         self._totals_at_mid.clear()
         self._totals_at_end.clear()
         volume_terms = self._at_end * q1
@@ -211,11 +213,6 @@ class FilmSurface:
         for c, side in enumerate(self._sides):
             side.initial_gradient = self._total_at_end(c)
 
-    def _at_nodes(self, function: fem.Function) -> Array:
-        """Values of a function at the nodes of all chambers (rows, 3)."""
-        values: Array = function.x.array.reshape(-1, 3)
-        return values[self._nodes]
-
     def _rows(self, c: int) -> slice:
         """The rows of chamber c in arrays over the nodes of all chambers."""
         return slice(self._starts[c], self._starts[c + 1])
@@ -226,8 +223,10 @@ class FilmSurface:
         included and flattened; sums over ranks are not taken."""
         self._x.x.array[:] = x
         self._parts[:] = 0
-        fem.assemble_vector(self._parts, self._form)
-        return self._sum @ self._parts.reshape(-1, 3)
+        assert self._form is not None
+        add_to_vector(self._parts, self._form)
+        summands = self._parts.reshape(-1, 3)[self._summands]
+        return np.add.reduceat(summands, self._row_starts)
 
     # ---- one chamber -----------------------------------------------------------------------------
 
@@ -300,10 +299,8 @@ class FilmSurface:
         triangles that two chambers share."""
         pressure = self._pressure.x.array
         pressure[:] = 0
-        # one value in each triangle
-        dofs = cell_nodes(self._pressure.function_space)[:, 0]
         for side, acting in zip(self._sides, self.pressures, strict=True):
-            pressure[dofs[side.cells]] += acting
+            pressure[self._pressure_dofs[side.cells]] += acting
         yield self._tangent
 
 
@@ -322,6 +319,31 @@ class Moving(Protocol):
         ...
 
 
+class MovingArea(Protocol):
+    """The area of an opening that moves with bodies, taken at the middle of the coming step."""
+
+    def aperture(self, h: float) -> float:
+        """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
+        ...
+
+    def aperture_gradient(self, h: float) -> Array:
+        """Its derivative [m] by positions at the start of the step, for `add_own`; that by v0 is ½
+        h times as large.  Collective."""
+        ...
+
+    def add_own(self, values: Array, start: int, gradient: Array, /) -> None:
+        """Add such a derivative to this rank's part of a system vector that begins at `start`."""
+        ...
+
+
+class DeformedArea(Protocol):
+    """The area of a part of a body, as an item of a scene."""
+
+    def compile(self, system: Assembly) -> MovingArea:
+        """The area in a running scene.  Collective."""
+        ...
+
+
 class Geometry:
     """Loops, surfaces and pistons of a running scene, each of them once: two chambers may share a
     film, and a chamber and an orifice a ring."""
@@ -331,6 +353,7 @@ class Geometry:
         self._system = system
         self._loops: dict[Ring, Loop] = {}
         self._surfaces: dict[Membrane, FilmSurface] = {}
+        self._areas: dict[DeformedArea, MovingArea] = {}
         self._others: list[Moving] = []
 
     def loop(self, ring: Ring) -> Loop:
@@ -338,6 +361,14 @@ class Geometry:
         if ring not in self._loops:
             self._loops[ring] = Loop(ring, self._system)
         return self._loops[ring]
+
+    def area(self, area: Ring | DeformedArea) -> MovingArea:
+        """The area of an opening, created on the first call.  Collective."""
+        if isinstance(area, Ring):
+            return self.loop(area)
+        if area not in self._areas:
+            self._areas[area] = area.compile(self._system)
+        return self._areas[area]
 
     def surface(self, film: Membrane) -> FilmSurface:
         """The surface of a film, created on the first call."""

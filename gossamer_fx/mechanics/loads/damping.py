@@ -11,14 +11,13 @@ from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, ClassVar, cast
 
 import basix.ufl
-import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import interpolation_points, tabulation
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.strain_path import gradient
@@ -176,9 +175,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         for term in terms:
             entries = self._entries(term, system.coordinates[term.body].q0)
             points = interpolation_points(term.values.function_space)
-            cells = term.body.space.mesh.topology.index_map(2)
-            every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-            self._made.append((term, compile_expression(entries, points), every))
+            self._made.append(tabulation(compile_expression(entries, points), term.values))
         # Of gradients, made at the first use.
         self._products: list[_StartProduct] | None = None
 
@@ -193,8 +190,8 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
 
     def commit(self) -> None:
-        for term, expression, cells in self._made:
-            tabulate(expression, term.values, cells)
+        for evaluate in self._made:
+            evaluate()
 
     # ---- sensitivities ---------------------------------------------------------------------------
 

@@ -50,8 +50,9 @@ class Coordinates:
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function, ghosts included, from this rank's unknowns of the body."""
-        function.x.array[: len(unknowns)] = unknowns
-        function.x.scatter_forward()
+        vector = function.x
+        vector.array[: len(unknowns)] = unknowns
+        vector.scatter_forward()
 
     def add_forces(self, b: Array, forces: Array) -> None:
         """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's

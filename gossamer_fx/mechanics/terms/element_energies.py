@@ -78,7 +78,12 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import (
+    add_to_vector,
+    cell_nodes,
+    interpolation_points,
+    tabulation,
+)
 from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
@@ -126,8 +131,9 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             at = system.coordinates[alike[0].term.body]
             self._forms.append(ElementForms(alike, at, system.rule))
         self.losses = [force.term.name for force in self._viscous]
-        # One vector for each body, to which all of its terms are assembled.
+        # One vector for each body, to which all of its terms are assembled, and its array.
         self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
+        self._arrays = {body: b.array for body, b in self._forces.items()}
 
     def begin_step(self, t: float) -> None:
         for body in self._forces:
@@ -150,18 +156,17 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the internal forces of all terms on meshes at the present iterate to the residual.
         Collective."""
-        # b: assembly vector [N] of one body, owned and ghost unknowns.
-        for b in self._forces.values():
-            b.array[:] = 0
+        for array in self._arrays.values():
+            array[:] = 0
         for force in self._stored:
             force.respond()
         for forms in self._forms:
-            fem.assemble_vector(self._forces[forms.body].array, forms.residual)
+            add_to_vector(self._arrays[forms.body], forms.residual)
         with r as values:
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
                 owned = self._system.block(body).owned
-                self._system.coordinates[body].add_forces(b.array, values[owned])
+                self._system.coordinates[body].add_forces(self._arrays[body], values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:
@@ -352,8 +357,6 @@ class StoredForces(ElementForces):
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
         self._metadata = term.dx.metadata()
-        topology = mesh.topology.index_map(mesh.topology.dim)
-        self._cells = np.arange(topology.size_local + topology.num_ghosts, dtype=np.int32)
 
         # Strains at the quadrature points: at the start of the step, at its present iterate (ê),
         # and at the start of the step before.
@@ -382,12 +385,13 @@ class StoredForces(ElementForces):
         if self.thermal is not None:
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
-        self._true_strain = compile_expression(e, self._points)
+        self._set_true_strain = self._evaluated(e, self.strain_variable)
         # The start of the next step, where that is not ê of the step that is solved.
-        self._strain_of_end: fem.Expression | None = None
+        self._set_strain_of_end: Callable[[], None] | None = None
         if rule.takes_mid_strain:
-            self._strain_of_end = compile_expression(self._strain_at_end(), self._points)
-        self._linearised_strain = compile_expression(_linearised(term, e, at), self._points)
+            self._set_strain_of_end = self._evaluated(self._strain_at_end(), self.strain_at_start)
+        linear_strain = self.strain_variable if self._law is None else self._linear_strain
+        self._set_linear_strain = self._evaluated(_linearised(term, e, at), linear_strain)
 
     def _strain(self) -> Expr:
         """The strain whose stress acts: the measure less the thermal strain."""
@@ -411,7 +415,7 @@ class StoredForces(ElementForces):
 
     def _compile_response(self, stress: Expr, strain: Expr) -> None:
         """The expression of (S, D) of a law with one state, from its stress as a function of ê."""
-        self._one_response = compile_expression(with_derivative(stress, strain), self._points)
+        self._set_response = self._evaluated(with_derivative(stress, strain), self._response)
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
@@ -446,7 +450,7 @@ class StoredForces(ElementForces):
         self._law = PointLaw(
             functions,
             values,
-            self._cells,
+            np.arange(len(rows), dtype=np.int32),
             # At rest the pseudo-time steps are short enough without the choice.
             may_choose=not rule.acts_at_end,
         )
@@ -465,10 +469,10 @@ class StoredForces(ElementForces):
 
     def commit(self) -> None:
         self._strain_before[:] = self.strain_at_start.x.array
-        if self._strain_of_end is None:
+        if self._set_strain_of_end is None:
             self.strain_at_start.x.array[:] = self.strain_variable.x.array
         else:
-            self._tabulate(self._strain_of_end, self.strain_at_start)
+            self._set_strain_of_end()
         if self.thermal is not None:
             self.thermal.commit()
 
@@ -488,12 +492,12 @@ class StoredForces(ElementForces):
             )
             self._has_response = True
             return
-        self._tabulate(self._linearised_strain, self.strain_variable)
+        self._set_linear_strain()
         self._has_response = False
 
     def evaluate(self) -> None:
         """Take the true strain for ê."""
-        self._tabulate(self._true_strain, self.strain_variable)
+        self._set_true_strain()
         self._has_response = False
 
     def respond(self) -> None:
@@ -510,16 +514,17 @@ class StoredForces(ElementForces):
         if self._law is not None:
             self._law.respond()
         else:
-            self._tabulate(self._one_response, self._response)
+            self._set_response()
 
     def _linearised_strains(self) -> Array:
         """The strains (q, m) linearised about the last iterate."""
-        self._tabulate(self._linearised_strain, self._linear_strain)
+        self._set_linear_strain()
         return self._linear_strain.x.array.reshape(-1, self._size)
 
-    def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
-        """Evaluate an expression at the quadrature points of all cells."""
-        tabulate(expression, at_points, self._cells)
+    def _evaluated(self, expression: Expr, at_points: fem.Function) -> Callable[[], None]:
+        """Compile an expression; the result evaluates it at the quadrature points of all cells.
+        Collective."""
+        return tabulation(compile_expression(expression, self._points), at_points)
 
     # ---- the energy balance ----------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
-from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import interpolation_points, tabulation
 from gossamer_fx.core.forms.c_source import c_library, check_indices
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.kinematics import Expr
@@ -139,8 +139,6 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
     )
     numbers = fem.Function(fem.functionspace(mesh, element))
     expression = compile_expression(c_law.numbers, points)
-    index_map = mesh.topology.index_map(mesh.topology.dim)
-    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     # C functions of this signature take numbers only, as floats.
     count = np.array([len(points)], dtype=float)
 
@@ -153,7 +151,7 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
         responses=(function(rule.function_of(c_law)),),
         sort=None,
         density=function(c_law.density),
-        refresh=lambda: tabulate(expression, numbers, cells),
+        refresh=tabulation(expression, numbers),
     )
 
 

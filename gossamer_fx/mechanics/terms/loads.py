@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from gossamer_fx.core.forms.backend import add_to_vector
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Body, MeshBody
@@ -170,7 +171,7 @@ class LoadForces:
         """Assemble the forces, unless they are known and cannot have changed."""
         if self._changes or not self._assembled:
             self.force.array[:] = 0
-            fem.assemble_vector(self.force.array, self.form)
+            add_to_vector(self.force.array, self.form)
             self.force.scatter_reverse(la.InsertMode.add)
             self._assembled = True
 

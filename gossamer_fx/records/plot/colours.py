@@ -129,12 +129,15 @@ class Scale:
         from matplotlib import colormaps
 
         name = "viridis"
-        ends = np.array([0.0, 1.0])
+        first = 0.0
+        last = 1.0
         if self.signed:
             # Zero is in the middle of the colours, also if the limits are not symmetric.
             name = "RdYlBu_r"
-            ends = 0.5 + 0.5 * np.array([self.low, self.high]) / max(-self.low, self.high)
-        colours: Array = colormaps[name](np.linspace(*ends, _BINS))[:, :3]
+            larger = max(-self.low, self.high)
+            first = 0.5 + 0.5 * self.low / larger
+            last = 0.5 + 0.5 * self.high / larger
+        colours: Array = colormaps[name](np.linspace(first, last, _BINS))[:, :3]
         return colours
 
     def parts(self, values: Array) -> Array:

@@ -365,7 +365,7 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
     bar.imshow(table[None], aspect="auto", extent=(0, 1, 0, 1))
     # Each picture has its own ends, which its caption says.
     ends = ("least", "largest")
-    inner = np.zeros(0)
+    inner: Array = np.zeros(0)
     factor, _ = scale.label
     if not colours.scales:
         ends = scale.ends

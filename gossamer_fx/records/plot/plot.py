@@ -391,8 +391,9 @@ def animate(
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)
-    frames = np.unique([run.record_at(time) for time in times])
-    colours = colouring(run, field, limits, frames.tolist())
+    records = sorted({run.record_at(time) for time in times})
+    frames = np.array(records)
+    colours = colouring(run, field, limits, records)
     view = replace(view or View(), zoom=False)
     camera = _camera_for_all(run, colours, view)
     images = _images(run, colours, camera, frames, follow=bool(view.follow))

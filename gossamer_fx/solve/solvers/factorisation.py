@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from gossamer_fx.core.algebra.numbering import PREFIX
 from gossamer_fx.core.model.body import Array
@@ -77,10 +76,17 @@ class Lapack:
     problem = ""
     is_exact = True
 
+    def __init__(self) -> None:
+        # Imported here, as few scenes have a dense matrix: SciPy's linear algebra takes a fifth of
+        # the time in which this package and dolfinx are loaded.
+        from scipy.linalg import lapack
+
+        self._lapack = lapack
+
     def setUp(self, pc: PETSc.PC) -> None:
         """Factorise the matrix of the preconditioner; called by PETSc."""
         matrix = pc.getOperators()[1].getDenseArray(readonly=True)
-        self._lu, self._pivots, info = dgetrf(matrix)
+        self._lu, self._pivots, info = self._lapack.dgetrf(matrix)
         self.problem = ""
         if info:
             self.problem = f"LAPACK: {REASONS[SINGULAR]}"
@@ -90,14 +96,14 @@ class Lapack:
         if self.problem:
             x.array[:] = np.nan
         else:
-            x.array[:] = dgetrs(self._lu, self._pivots, b.array_r)[0]
+            x.array[:] = self._lapack.dgetrs(self._lu, self._pivots, b.array_r)[0]
 
     def applyTranspose(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve Aᵀ x = b, as `apply` solves A x = b."""
         if self.problem:
             x.array[:] = np.nan
         else:
-            x.array[:] = dgetrs(self._lu, self._pivots, b.array_r, trans=1)[0]
+            x.array[:] = self._lapack.dgetrs(self._lu, self._pivots, b.array_r, trans=1)[0]
 
     def recover(self) -> None:
         """Do nothing: the next matrix is factorised whatever became of this one."""

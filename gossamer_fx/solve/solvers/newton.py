@@ -46,8 +46,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 from petsc4py import PETSc
@@ -186,9 +185,10 @@ class Newton:
         if self._scalar_count or system.active_sets:
             J = self._set_up_bordered()
         else:
-            J = system.A
             self._preconditioner = self.ksp.getPC()
             linear.configure(self.ksp, self._preconditioner, system, self._direct)
+            # After `configure`, which may make the matrices of the system again.
+            J = system.A
         self._snes.setJacobian(_weak_method(self._jacobian), J)
         self._snes.setFromOptions()
         self._snes.setConvergenceTest(_weak_method(self._test))
@@ -211,16 +211,17 @@ class Newton:
         matrix is not stored; its preconditioner acts on the stored tangent of the coordinates and
         eliminates the scalar unknowns.  Collective."""
         system = self.system
+        sparse = PETSc.PC().create(system.comm)
+        sparse.setOptionsPrefix(PREFIX)
+        # First, as it may make the matrices of the system again.
+        linear.configure(self.ksp, sparse, system, self._direct)
+        sparse.setOperators(system.A)
+        sparse.setFromOptions()
+        self._preconditioner = sparse
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
         J = PETSc.Mat().createPython((sizes, sizes), self._bordered, system.comm)
         J.setUp()
-        sparse = PETSc.PC().create(system.comm)
-        sparse.setOptionsPrefix(PREFIX)
-        sparse.setOperators(system.A)
-        linear.configure(self.ksp, sparse, system, self._direct)
-        sparse.setFromOptions()
-        self._preconditioner = sparse
         outer = self.ksp.getPC()
         outer.setOptionsPrefix(PREFIX + "border_")
         outer.setType("python")
@@ -308,16 +309,18 @@ class Newton:
             F.set(math.nan)
             return
         w, y = self._split(x)
-        with self._clock("law"):
-            self.system.set_increment(w, self._linearisation_point)
+        started = time.perf_counter()
+        self.system.set_increment(w, self._linearisation_point)
+        self._add_time("law", started)
         self._evaluate(y, F)
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         """Residual with the strains that the system has, and its norms."""
-        with self._clock("residual"):
-            s = self._residuals(y)
-            imbalance, violation = self.system.imbalance(self._r)
-            self._residual = Residual(imbalance, violation, float(abs(s).max(initial=0.0)))
+        started = time.perf_counter()
+        s = self._residuals(y)
+        imbalance, violation = self.system.imbalance(self._r)
+        self._residual = Residual(imbalance, violation, float(abs(s).max(initial=0.0)))
+        self._add_time("residual", started)
         self._composite.join(self._r, s, F)
 
     def _residuals(self, y: Array) -> Array:
@@ -364,13 +367,14 @@ class Newton:
         if self._is_refining or (is_near and self.system.numbering.full and iteration):
             self._note_linearisation_point()
             return
-        with self._clock("tangent"):
-            is_far = test.norm > COMPLETE_TANGENT_RATIO * test.reference
-            is_delayed = is_far and iteration < self.geometric_stiffness_delay
-            self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
-            A = self._tangent()
-            # Complete again at once, so that no other user of the system gets a tangent without it.
-            self._set_geometric_stiffness(1.0)
+        started = time.perf_counter()
+        is_far = test.norm > COMPLETE_TANGENT_RATIO * test.reference
+        is_delayed = is_far and iteration < self.geometric_stiffness_delay
+        self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
+        A = self._tangent()
+        # Complete again at once, so that no other user of the system gets a tangent without it.
+        self._set_geometric_stiffness(1.0)
+        self._add_time("tangent", started)
         if self._bordered is not None:
             self._bordered.set(*self._coupling())
             J.assemble()
@@ -446,8 +450,9 @@ class Newton:
             # Convergence is judged at the true strain.  If that does not pass, the iteration goes
             # on from it.
             w, y = self._split(snes.getSolution())
-            with self._clock("law"):
-                self.system.set_increment(w, None)
+            started = time.perf_counter()
+            self.system.set_increment(w, None)
+            self._add_time("law", started)
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
                 self._is_refining = iteration == 1 and self._leaves_remainder()
@@ -519,14 +524,9 @@ class Newton:
         krylov = self.linear_iterations / max(self.all_iterations, 1)
         return f"{ksp} with {preconditioner}, {krylov:.1f} iterations for one of Newton's; {shares}"
 
-    @contextmanager
-    def _clock(self, part: str) -> Iterator[None]:
-        """Add the wall time of a block to a part of `seconds`."""
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[part] += time.perf_counter() - started
+    def _add_time(self, part: str, started: float) -> None:
+        """Add the wall time since `started` to a part of `seconds`."""
+        self.seconds[part] += time.perf_counter() - started
 
     def _failure_message(self, reason: int, iterations: int) -> str:
         """Why the iteration failed, how far it came, and where the residual is largest, in

@@ -13,7 +13,6 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg import block_diag
 
 from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.core.checks.errors import check
@@ -281,7 +280,12 @@ class System:
         end_vector.array[:] = end
         self.set_end(end_vector)
 
-    def _build_matrices(self) -> None:
+    def extend_pattern(self, add_entries: Callable[[PETSc.Mat], None]) -> None:
+        """Make all matrices again, with more entries in their pattern, which `add_entries` adds to
+        a matrix as zeros, e.g. for a solver that stores more in a copy.  Collective."""
+        self._build_matrices(add_entries)
+
+    def _build_matrices(self, add_entries: Callable[[PETSc.Mat], None] | None = None) -> None:
         """Make the mass matrix M [kg], the constant stiffness K [N/m] if there is one, and the
         tangent A, which is not assembled.  Collective.
 
@@ -295,6 +299,8 @@ class System:
         for compiled in self.compiled:
             compiled.add_stiffness(pattern)
         self._add_tangents(pattern)
+        if add_entries is not None:
+            add_entries(pattern)
         # All that rows of fixed coordinates keep is the diagonal.
         pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
         pattern.assemble()
@@ -500,12 +506,14 @@ class System:
         tangent."""
         columns: list[Array | None] = []
         rows: list[Array | None] = []
-        corner = np.zeros((0, 0))
+        count = sum(scalars.size for scalars in self.scalar_unknowns)
+        corner = np.zeros((count, count))
         for scalars in self.scalar_unknowns:
+            own = slice(len(rows), len(rows) + scalars.size)
             own_columns, own_rows, own_corner = scalars.coupling()
             columns += own_columns
             rows += own_rows
-            corner = block_diag(corner, own_corner)
+            corner[own, own] = own_corner
         for vector in columns + rows:
             if vector is not None:
                 vector[self.supports.held] = 0
@@ -663,7 +671,7 @@ class System:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
         unknowns."""
         for body, at in self.coordinates.items():
-            at.assemble(A, self.tangent_forms(body), self.block(body))
+            at.assemble(A, self.tangent_forms(body), self._block_of[body])
         for compiled in self.compiled:
             compiled.add_tangents(A)
         for scalars in self.scalar_unknowns:
@@ -673,7 +681,7 @@ class System:
         """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
         values = z.array_r
         for body, at in self.coordinates.items():
-            at.take(getattr(at, name), values[self.block(body).owned])
+            at.take(getattr(at, name), values[self._block_of[body].owned])
 
     def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
         """The scalar unknowns with their part of y."""
