@@ -41,6 +41,9 @@ html_theme = "sphinx_book_theme"
 html_title = f"gossamer_fx {VERSION}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_favicon = "static/favicon.svg"
+# results of a search: guides first
+html_search_scorer = str(HERE / "scorer.js")
 html_theme_options = {
     "use_download_button": False,
     "use_fullscreen_button": False,

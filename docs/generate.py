@@ -8,6 +8,7 @@ one entry a name.
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 import shutil
@@ -48,7 +49,6 @@ ROOMS = {
     "fold": "Fold maps",
     "contact": "Contact",
     "loads": "Loads and damping",
-    "assemblies": "Assemblies: several parts in one call",
     "control": "Control",
     "orbit": "Orbit",
     "reduction": "Reduced models",
@@ -302,6 +302,42 @@ def reference() -> dict[str, str]:
     return pages
 
 
+def mesh_generators() -> list[tuple[str, Any]]:
+    """Names within `gossamer_fx.meshes` and functions of all mesh generators."""
+    found = []
+    for path in sorted((ROOT / "meshes").glob("[a-z]*.py")):
+        module = importlib.import_module(f"gossamer_fx.meshes.{path.stem}")
+        for name, it in vars(module).items():
+            plain = inspect.unwrap(it) if inspect.isfunction(it) else it
+            is_own = getattr(plain, "__module__", "").endswith(f"meshes.{path.stem}")
+            if is_own and not name.startswith("_") and _makes_mesh(plain):
+                found.append((f"{path.stem}.{name}", plain))
+    return found
+
+
+def _makes_mesh(it: Any) -> bool:
+    """Whether a function returns a mesh on the ranks of a communicator."""
+    if not inspect.isfunction(it):
+        return False
+    found = inspect.signature(it)
+    return found.return_annotation == "Mesh" and "comm" in list(found.parameters)[:1]
+
+
+def meshes() -> str:
+    """One page of all mesh generators."""
+    parts = [
+        "# Ready meshes\n\nImport a generator from its module, e.g. "
+        "`from gossamer_fx.meshes.sheet import sheet`. Meshes of your own: "
+        "[import and mesh](../howto/import.md).\n"
+    ]
+    for name, it in mesh_generators():
+        module, _, short = name.rpartition(".")
+        head = f":module: gossamer_fx.meshes.{module}\n\n"
+        body = head + markdown(inspect.getdoc(it) or "")
+        parts.append(_directive("py:function", short + signature(it), body))
+    return "\n".join(parts)
+
+
 # ---- gallery, options, presets -------------------------------------------------------------------
 
 
@@ -488,10 +524,11 @@ def options() -> str:
 
 
 def presets() -> str:
-    """Films, fibres, layers, gases and surfaces with their figures and sources."""
+    """Films, fibres, gases and surfaces with their figures and sources."""
     from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+    from gossamer_fx.mechanics.gas.polynomial_gas import PolynomialGas
     from gossamer_fx.mechanics.orbit import optics
-    from gossamer_fx.presets import fibres, films, gases, laminae
+    from gossamer_fx.presets import fibres, films, gases
 
     parts = ["# Presets\n\n## Films\n\n" + markdown(inspect.getdoc(films) or "")]
     parts.append("\n| name | E [GPa] | ν | density [kg/m³] | source |\n|---|---|---|---|---|")
@@ -507,27 +544,14 @@ def presets() -> str:
         if isinstance(fibre, fibres.Fibre):
             figures = f"{fibre.E / 1e9:.4g} | {fibre.density:g}"
             parts.append(f"| `fibres.{name}` | {figures} | {prose(fibre.source)} |")
-    parts.append("\n## Layers of composites\n\n" + markdown(inspect.getdoc(laminae) or ""))
-    parts.append(
-        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source "
-        "|\n|---|---|---|---|---|---|---|"
-    )
-    for name, layer in vars(laminae).items():
-        if isinstance(layer, laminae.Lamina):
-            moduli = (
-                f"{layer.E1 / 1e9:g} | {layer.E2 / 1e9:g} | {layer.nu12:g} | {layer.G12 / 1e9:g}"
-            )
-            parts.append(
-                f"| `laminae.{name}` | {moduli} | {layer.density:g} | {prose(layer.source)} |"
-            )
     parts.append(
         "\n## Gases\n\n"
         + markdown(inspect.getdoc(gases) or "")
         + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
     )
     for name, gas in vars(gases).items():
-        if isinstance(gas, IdealGas):
-            parts.append(f"| `gases.{name}` | {gas.gamma:.4g} | {gas.R:.2f} |")
+        if isinstance(gas, IdealGas | PolynomialGas):
+            parts.append(f"| `gases.{name}` | {gas.heat_ratio(298.15):.4g} | {gas.R:.2f} |")
     parts.append("\n## Surfaces in sunlight\n\n" + markdown(inspect.getdoc(optics.Optics) or ""))
     parts.append("\n| name | r | s | ε | B |\n|---|---|---|---|---|")
     for name, sheet in vars(optics).items():
@@ -577,6 +601,7 @@ def pages() -> dict[str, str]:
     texts = {
         "options": options(),
         "presets": presets(),
+        "meshes": meshes(),
         "measured_tests": measured_tests(),
         "benchmark_points": benchmark_points(),
         "studies": (ROOT / "demos" / "studies" / "summary.md").read_text(encoding="utf-8"),
@@ -622,7 +647,27 @@ def _doi_link(found: re.Match[str]) -> str:
     return f"[doi:{doi}](<https://doi.org/{doi}>){tail}"
 
 
+def link_names(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """In pages of source code, give links back to the reference the namespaces of their names.
+
+    Sphinx takes all names that a file defines for those of one namespace.
+    """
+    if page.startswith("_modules/"):
+        context["body"] = with_namespaces(context["body"])
+
+
+def with_namespaces(body: str) -> str:
+    """HTML whose links to entries of the reference, e.g. "#gossamer_fx.Probes", have their
+    namespaces."""
+    return re.sub(
+        r"#gossamer_fx\.(\w+)(?=[.\"])",
+        lambda found: f"#gossamer_fx.{LINKED.get(found[1], found[1])}",
+        body,
+    )
+
+
 def setup(app: Any) -> dict[str, bool]:
     app.connect("builder-inited", write)
     app.connect("source-read", link_dois)
+    app.connect("html-page-context", link_names)
     return {"parallel_read_safe": True}

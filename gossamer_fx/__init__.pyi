@@ -3,7 +3,6 @@ from .analysis import reduction as reduction
 from .analysis.statics.equilibrium import Equilibrium as Equilibrium
 from .app import sweep as sweep
 from .app.cli.case import Case as Case
-from .build import assemblies as assemblies
 from .build import fold as fold
 from .build import meshes as meshes
 from .build import patterns as patterns

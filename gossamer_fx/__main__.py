@@ -1,4 +1,4 @@
-"""python3 -m gossamer_fx run|sweep|plot|report ..."""
+"""python3 -m gossamer_fx run|watch|sweep|plot|report ..."""
 
 import sys
 

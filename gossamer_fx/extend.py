@@ -18,8 +18,8 @@ General kinds of terms
 Laws and obstacles
     `FilmLaw`, the base of laws of films, whose pieces of a path are `Piece` with `within_cone`, and
     whose `BendingStiffness` a plate needs; `Obstacle`, that of what contact keeps films off: its
-    parts are `ObstacleWall` and `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or own
-    ones (`WallStencil`, `PairStencil`), and its picture is a `DrawnSurface`;
+    parts are `ObstacleBoundary` and `ObstacleSolid`, of the stencils `PointPlane`, `EdgeEdge`, or
+    own ones (`BoundaryStencil`, `PairStencil`), and its picture is a `DrawnSurface`;
     `line_derivative`, `area_vector` for measures in UFL
 Own kinds of terms
     `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;

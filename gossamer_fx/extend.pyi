@@ -50,12 +50,12 @@ from .core.model.terms import Term as Term
 from .core.model.terms import terms_of as terms_of
 from .mechanics.contact.obstacles import DrawnSurface as DrawnSurface
 from .mechanics.contact.obstacles import Obstacle as Obstacle
+from .mechanics.contact.obstacles import ObstacleBoundary as ObstacleBoundary
 from .mechanics.contact.obstacles import ObstacleSolid as ObstacleSolid
-from .mechanics.contact.obstacles import ObstacleWall as ObstacleWall
+from .mechanics.contact.stencils import BoundaryStencil as BoundaryStencil
 from .mechanics.contact.stencils import EdgeEdge as EdgeEdge
 from .mechanics.contact.stencils import PairStencil as PairStencil
 from .mechanics.contact.stencils import PointPlane as PointPlane
-from .mechanics.contact.stencils import WallStencil as WallStencil
 from .mechanics.gas.contract import Opening as Opening
 from .mechanics.gas.contract import Volume as Volume
 from .mechanics.gas.contract import Wall as Wall

@@ -16,7 +16,8 @@ from gossamer_fx.extend import Range, check, positive
 
 Points = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
-Groups = Mapping[str, Numbers]  # nodes of points (1,), or of the edges of curves (n, 2)
+# Nodes of points (1,), of the edges of curves (n, 2), or of the triangles of surfaces (n, 3)
+Groups = Mapping[str, Numbers]
 
 # What generators take: lengths, numbers of cells, and the order of the geometry, 1 for plane
 # triangles or 2 for curved ones.
@@ -38,7 +39,8 @@ def mesh_of_arrays(
     Args:
         arrays: called on rank 0; returns points (n, 3) [m], triangles (m, 3) as numbers of points
             from 0, and nodes of further groups than "film" by name: (1,) of a point, (k, 2) of the
-            edges of a curve.
+            edges of a curve, (k, 3) of the triangles of a surface.  Surfaces, if any, are together
+            all triangles.
 
     Raises:
         InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
@@ -52,35 +54,46 @@ def mesh_of_arrays(
                 is_array or (name == "points" and real_numbers(array) is not None),
                 f"mesh_of_arrays: {name} is not an array of numbers of points; give integers.",
             )
-        film = model.addDiscreteEntity(2)
-        model.mesh.addNodes(
-            2,
-            film,
-            range(1, len(points) + 1),
-            points.ravel(),
-        )
-        # gmsh counts from 1, and lists nodes element by element.
-        model.mesh.addElementsByType(
-            film,
-            GMSH_TRIANGLE,
-            [],
-            (triangles + 1).ravel(),
-        )
-        model.addPhysicalGroup(2, [film], name="film")
-        for name, nodes in groups.items():
-            # Points are given as (1,), edges as (n, 2).
-            dim = nodes.ndim - 1
-            kind = GMSH_LINE if dim else GMSH_POINT
+        parts = {name: nodes for name, nodes in groups.items() if _dimension(nodes) == 2}
+        others = {name: nodes for name, nodes in groups.items() if name not in parts}
+        film: list[int] = []
+        for name, nodes in (parts or {"": triangles}).items():
+            entity = model.addDiscreteEntity(2)
+            if not film:
+                model.mesh.addNodes(
+                    2,
+                    entity,
+                    range(1, len(points) + 1),
+                    points.ravel(),
+                )
+            # gmsh counts from 1, and lists nodes element by element.
+            model.mesh.addElementsByType(
+                entity,
+                GMSH_TRIANGLE,
+                [],
+                (nodes + 1).ravel(),
+            )
+            film.append(entity)
+            if name:
+                model.addPhysicalGroup(2, [entity], name=name)
+        model.addPhysicalGroup(2, film, name="film")
+        for name, nodes in others.items():
+            dim = _dimension(nodes)
             entity = model.addDiscreteEntity(dim)
             model.mesh.addElementsByType(
                 entity,
-                kind,
+                GMSH_LINE if dim else GMSH_POINT,
                 [],
                 (nodes + 1).ravel(),
             )
             model.addPhysicalGroup(dim, [entity], name=name)
 
     return gmsh_mesh(build, comm)
+
+
+def _dimension(nodes: Numbers) -> int:
+    """Dimension of a group: 0 of a point (1,), 1 of edges (n, 2), 2 of triangles (n, 3)."""
+    return nodes.shape[1] - 1 if nodes.ndim == 2 else 0
 
 
 class CellCorners(NamedTuple):

@@ -1,4 +1,4 @@
-"""Meshes of plates: irregular sheets, slit rings and whole discs of plane triangles."""
+"""Meshes of plates: irregular sheets and slit rings of plane triangles."""
 
 from __future__ import annotations
 
@@ -175,48 +175,6 @@ def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Leng
         model.mesh.generate(2)
 
     return gmsh_mesh(build, comm)
-
-
-@check_arguments
-def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
-    """Make a disc about the origin of rings of triangles, the k-th ring with 6k nodes on its
-    circle.
-
-    Groups: "film", "rim".  Collective.
-
-    Args:
-        cells: number of rings, at least 1.
-        radius: [m].
-
-    Raises:
-        InputError: there are no rings, or the radius is not positive.
-    """
-    check_cells("whole_disc", 6 * cells**2)
-    points = [np.zeros(2)]
-    rings = [np.array([1])]
-    triangles = []
-    # Ring k has six nodes more than the one inside of it.
-    for k in range(1, cells + 1):
-        count = 6 * k
-        angle = 2 * np.pi * np.arange(count) / count
-        rings.append(len(points) + 1 + np.arange(count))
-        circle = np.column_stack([np.cos(angle), np.sin(angle)])
-        points += list(radius * k / cells * circle)
-    for k in range(1, cells + 1):
-        inner = rings[k - 1]
-        outer = rings[k]
-        for sector in range(6):
-            # A sixth of the ring: k nodes inside (once the centre itself), k + 1 outside.
-            first_inside = sector * (k - 1)
-            first_outside = sector * k
-            i = inner[(first_inside + np.arange(k)) % len(inner)]
-            o = outer[(first_outside + np.arange(k + 1)) % len(outer)]
-            # Those that stand on the outer circle, then those between them.
-            triangles += [(o[j], o[j + 1], i[j]) for j in range(k)]
-            triangles += [(i[j], o[j + 1], i[j + 1]) for j in range(k - 1)]
-    plane = np.column_stack([points, np.zeros(len(points))])
-    closed_rim = np.append(rings[-1], rings[-1][0])
-    return _mesh(comm, plane, np.array(triangles), {"rim": closed_rim})
 
 
 def _displaced(n: int, m: int, random: np.random.Generator | None) -> Floats:

@@ -64,16 +64,34 @@ FILMS: dict[str, FilmLaw] = {
 
 
 def sheet(
-    n: int = 40, steps: int = 5, dt: float = 1e-3, wrinkling: int = 1, relative: float = 1e-10
+    n: int = 40,
+    steps: int = 5,
+    dt: float = 1e-3,
+    wrinkling: int = 1,
+    relative: float = 1e-10,
+    tied: int = 0,
 ) -> Figures:
-    """The free sheet of `demos/spinning_sheet.py`."""
+    """The free sheet of `demos/spinning_sheet.py`; `tied`: cut in two, whose edges are tied."""
     watch = Stopwatch()
     law: FilmLaw = gx.Linear(**PLASTIC)
     if wrinkling:
         law = gx.Miyazaki(**PLASTIC, residual_stiffness=1e-6)
-    film = gx.Membrane(sheet_mesh(COMM, n, n), law, velocity=spinning_sheet.throw)
+    scene = gx.Scene(gx.Membrane(sheet_mesh(COMM, n, n), law, velocity=spinning_sheet.throw))
+    if tied:
+        halves = []
+        for shift in np.array([[[0.0], [0.0], [0.0]], [[0.5], [0.0], [0.0]]]):
+            half = gx.Membrane(
+                sheet_mesh(COMM, n // 2, n, 0.5, 1.0),
+                law,
+                name=f"half {len(halves) + 1}",
+                displacement=lambda X, shift=shift: 0 * X + shift,
+                velocity=lambda X, shift=shift: spinning_sheet.throw(X + shift),
+            )
+            halves.append(half)
+        tie = gx.Tie(halves[1], halves[0], group_a="left", group_b="right")
+        scene = gx.Scene(*halves, tie)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=relative))
-    run = gx.Simulation(gx.Scene(film), stepper)
+    run = gx.Simulation(scene, stepper)
     figures = watch.measure(run, steps * dt)
     drift = relative_drift(run.totals.angular_momentum, run.first.angular_momentum)
     return figures | {"unconverged": 0, "ΔL/L": drift}

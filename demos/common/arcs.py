@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.meshes.arc_polygon import arc_radius
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def radii_of(corners: Array, sag: float) -> list[float]:
     """Radii [m] of the edges of a triangle with corners (3, 2) [m], for a depth of the arcs over
     their chords."""
     chords = np.roll(corners, -1, axis=0) - corners
-    return [float(np.linalg.norm(chord)) * (0.25 + sag**2) / (2 * sag) for chord in chords]
+    return [arc_radius(float(np.linalg.norm(chord)), sag) for chord in chords]
 
 
 def arcs(corners: Array, radii: Sequence[float]) -> list[Arc]:

@@ -21,7 +21,7 @@ UNITS = {
     **dict.fromkeys(("energy", "dissipated", "to_be_lost", "fold_energy", "crease"), "J"),
     **dict.fromkeys(("time", "when", "opened", "halfway", "arrived"), "s"),
     **dict.fromkeys(("radius", "largest_radius", "smallest_radius", "released_radius"), "m"),
-    **dict.fromkeys(("span", "reach", "tip_distance", "farthest", "moved"), "m"),
+    **dict.fromkeys(("span", "reach", "tip_distance", "farthest"), "m"),
     "spin": "rad/s",
     "crease_angle": "relative",
     "pressure": "Pa",

@@ -202,10 +202,10 @@ def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
             centre [m], and the velocity of the origin [m/s].
     """
     colours = by_state(bool(run.films))
-    shapes = [run.shape(len(run.times) - 1, "state", colours.kinds)]
+    shapes = [colours.shape(run, len(run.times) - 1)]
     camera = aim(shapes)
     scale = _SCENE_PIXELS / max(camera.size)
-    image = next(render(camera, shapes, scale, colours.table))
+    image = next(render(camera, shapes, scale, colours))
     axes.imshow(image)
     to_sun = (_vectors(table, _TO_SUN) - _vectors(table, _POSITION))[-1]
     motion = _vectors(table, _VELOCITY)[-1]

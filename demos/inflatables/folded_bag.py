@@ -71,13 +71,6 @@ def build(comm: MPI.Intracomm, folded: bool = True, cells: int = 6) -> gx.Equili
     return gx.Equilibrium(gx.Scene(film, *items))
 
 
-def volume(corners: Array) -> float:
-    """Volume [m³] within triangles (n, 3, 3) [m] of a closed surface."""
-    # Six times the volumes of the cones from the origin.
-    cones = np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return float(cones.sum()) / 6
-
-
 def start_energies(openings: Array, cells: int = 6) -> Array:
     """Strain energy [J] of the folded start for several openings [m]."""
     film = gx.Membrane(flat_tube(MPI.COMM_SELF, LENGTH, DIAMETER, cells, PANELS), FILM)
@@ -112,7 +105,7 @@ def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
         start = triangles(search.system, film)
         energy = search.find().totals.stored[film.name]
         inflated = triangles(search.system, film)
-        found[folded] = (volume(inflated), energy)
+        found[folded] = (gx.analysis.EnclosedVolume(film)(search), energy)
         shapes = {"folded": start, "inflated from there": inflated}
     # Three factors of two: enough to see the fourth power.
     openings = np.array([1e-4, 2e-4, 5e-4, 1e-3])

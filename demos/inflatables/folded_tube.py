@@ -53,6 +53,7 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
+from demos.common.inflatable_tube import InflatableTube
 from demos.common.manufacturing import (
     Scatter,
     Specimen,
@@ -171,7 +172,7 @@ def build(
             length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift
         )
     outside = gx.gas.Ambient(air) if air else None
-    tube = gx.assemblies.InflatableTube(
+    tube = InflatableTube(
         mesh,
         KAPTON_HN.law(thickness, residual_stiffness=1e-6),
         properties=thickness_of(specimen, thickness),
@@ -287,4 +288,8 @@ def main(
 
 
 if __name__ == "__main__":
-    print_figures(main(output="out/folded_tube"), UNITS)
+    folder = Path("out/folded_tube")
+    print_figures(main(output=folder), UNITS)
+    if MPI.COMM_WORLD.rank == 0:
+        gx.write_report(gx.plot.RunReader(folder), folder / "report.html")
+        print(f"report written to {folder / 'report.html'}, for a browser")

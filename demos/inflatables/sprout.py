@@ -13,8 +13,7 @@ were.
 
 Arguments change the mass of the cube, stow the stack in a box with a lid that springs open, or make
 a test on the ground: the cube is held, gravity acts along an axis, and air slows the films and
-presses on the tubes.  `settled` ends the run when the largest kinetic energy in the last `window`
-is below this part of the largest one in the whole run.
+presses on the tubes.
 
 Where the values come from:
     cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon
@@ -35,7 +34,6 @@ Where the values come from:
     ./gossamer demo sprout
     ./gossamer run demos/inflatables/sprout.py crease=1.3e-3 --output out/sprout
     ./gossamer report out/sprout
-    ./gossamer run demos/inflatables/sprout.py inset=0.025 --output out/tethers
     ./gossamer run demos/inflatables/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 \\
         until=0.12 --output out/short
     ./gossamer run demos/inflatables/sprout.py mass=5.0 box=True delay=0.06 until=1.5 \\
@@ -68,8 +66,8 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
+from demos.common.inflatable_tube import InflatableTube
 from demos.common.lidded_box import LiddedBox
-from gossamer_fx.build.fold.fold_map import Folded
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
@@ -78,7 +76,6 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 from gossamer_fx.records.outputs.output import Probe
 from gossamer_fx.solve.system.totals import relative_drift
-from gossamer_fx.solve.view import StateView
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
@@ -97,13 +94,6 @@ BOX_STAND = 2e-3
 # Rotation vector [rad] that turns the axes x, y, z of a `LiddedBox` to z, x, y: it opens along y,
 # with the hinge below.
 BOX_TURN = -2 * math.pi / 3 / math.sqrt(3)
-# Time [s] over which the largest kinetic energy is taken to see whether the motion has settled:
-# several periods of the film between the tubes, so that no reversal of the motion counts as rest.
-# The slowest vibration of the satellite, 0.5 Hz, needs a window of its period.
-SETTLING_WINDOW = 0.05
-# Unbalanced force at which a settled state is at rest, over that of loads and supports.  There are
-# none in free flight; the search then takes a thousand times the round-off of the inner forces.
-REST_TOLERANCE = 1e-3
 HALF = math.radians(30)  # half of the angle between the tubes
 GAP = 0.1  # between the roots of the tubes [m]
 STAND = 0.05  # distance of the roots from the cube [m]
@@ -117,14 +107,12 @@ class Figure:
     """The flat figure in the plane of the fold map: outlines of tubes and film, (x, y) of their
     corners [m].
 
-    length, diameter: of the tubes [m]; inset: of the film from them [m]; centre: the point between
-    their roots.
+    length, diameter: of the tubes [m]; centre: the point between their roots.
     """
 
     length: float
     diameter: float
     centre: Point
-    inset: float
 
     @property
     def width(self) -> float:
@@ -149,47 +137,7 @@ class Figure:
     def film(self) -> list[Point]:
         """Outline of the film; its side 1 is at the roots."""
         ends = ((-1, 0.0), (1, 0.0), (1, self.length), (-1, self.length))
-        return [self.at(side, along, -self.inset) for side, along in ends]
-
-    def legs(self, count: int) -> list[tuple[int, Point, Point]]:
-        """Return side, point of the film and point of the tube of every tether, `count` on each
-        side."""
-        found = []
-        for side in SIDES.values():
-            for k in range(count):
-                along = self.length * (k + 1) / (count + 1)
-                found.append((side, self.at(side, along, -self.inset), self.at(side, along, 0.0)))
-        return found
-
-
-class Settling:
-    """Probe: the largest kinetic energy in the last part of a run over the largest one since its
-    start, or since it was restarted; 1 until then.
-
-    Args:
-        window: duration of that part [s].
-    """
-
-    def __init__(self, window: float = SETTLING_WINDOW) -> None:
-        """Start without any record."""
-        self.window = window
-        self._times: list[float] = []
-        self._energies: list[float] = []
-        self._largest = 0.0
-
-    def __call__(self, run: StateView) -> float:
-        """The ratio after the last step; a step that is made again replaces its record."""
-        while self._times and self._times[-1] >= run.time:
-            self._times.pop()
-            self._energies.pop()
-        kinetic = run.totals.kinetic
-        self._times.append(run.time)
-        self._energies.append(kinetic)
-        self._largest = max(self._largest, kinetic)
-        if self._times[-1] - self._times[0] < self.window or self._largest == 0:
-            return 1.0
-        first = np.searchsorted(self._times, run.time - self.window)
-        return max(self._energies[first:]) / self._largest
+        return [self.at(side, along, 0.0) for side, along in ends]
 
 
 def lidded_box(
@@ -250,8 +198,6 @@ def build(
     bore: float = 7e-3,
     opening: float = 0.03,
     dead_volume: float = 1e-5,
-    inset: float = 0.0,
-    tethers: int = 4,
     crease: float = 0.0,
     contact: float = 5e-4,
     damping: float = 1e-3,
@@ -267,8 +213,6 @@ def build(
     gravity: float = 0.0,
     down: Direction = "-z",
     air: float = 0.0,
-    settled: float = 0.0,
-    window: float = SETTLING_WINDOW,
 ) -> gx.Case:
     """The folded tubes and film on the cube, the tank and its valves.
 
@@ -283,9 +227,6 @@ def build(
         inside: pressure in the tubes at the start [Pa].
         bore: of each valve [m], which opens in the time `opening` [s].
         dead_volume: that each compartment cannot be pressed out of [m³].
-        inset: of the film from the tubes [m]; 0: its edges are tied to theirs, else it hangs from
-            them by tethers.
-        tethers: on each side of the film, if it is not tied.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         contact: distance at which it begins [m].
         damping: viscosity of the films over their stiffness [s]; 0: none.
@@ -299,8 +240,6 @@ def build(
             against the tubes and so on.  The cube is then held.
         air: pressure of the air outside [Pa]; the tank and the tubes contain gas of this pressure
             in addition.
-        settled, window: ends the run when the motion has settled, see the module, and the time
-            [s] over which it is judged; 0: runs until `until`.
     """
     folds = gx.fold.Miura(
         a=a,
@@ -311,7 +250,7 @@ def build(
         lift=lift,
     )
     column = b * math.sin(folds.gamma)
-    figure = Figure(length, diameter, (column / 2, BELOW), inset)
+    figure = Figure(length, diameter, (column / 2, BELOW))
     lines = folds.segments((-length, 0.0), (column + length, 2 * length))
     # Of the first parallelogram, which stays as it is.
     origin = (-column / 2, CUBE / 2 + STAND - BELOW, 0.0)
@@ -329,10 +268,10 @@ def build(
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
-    tubes: dict[int, gx.assemblies.InflatableTube] = {}
+    tubes: dict[int, InflatableTube] = {}
     for name, side in SIDES.items():
         outline = [*lines, figure.axis(side)]
-        tube = gx.assemblies.InflatableTube(
+        tube = InflatableTube(
             creased_tube(
                 comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
             ),
@@ -354,7 +293,10 @@ def build(
         valve = tube.inlet(source, partial(valve_area, bore=bore, opening=opening, delay=delay))
         items += [tube, valve]
         tubes[side] = tube
-    items += film_edges(film, tubes, cube, figure, tethers)
+    items += [
+        gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
+        gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
+    ]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [
@@ -391,44 +333,11 @@ def build(
         f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
-    settling = Settling(window)
-    probes["kinetic energy over the largest"] = settling
-    events: list[gx.When] = []
-    if settled:
-        end = gx.When(settling, settled, falling=True, stop=True, name="settled")
-        events.append(end)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    return deployment_case(items, TITLE, probes, until, control, dt, events=events)
+    return deployment_case(items, TITLE, probes, until, control, dt)
 
 
-def film_edges(
-    film: gx.Membrane,
-    tubes: Mapping[int, gx.assemblies.InflatableTube],
-    cube: gx.RigidBody,
-    figure: Figure,
-    tethers: int,
-) -> list[object]:
-    """What holds the edges of the film: ties to the tubes, or for a film that is inset as many
-    tethers on each side."""
-    if not figure.inset:
-        return [
-            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
-            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
-        ]
-    ends = [
-        (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
-        for side, inner, outer in figure.legs(tethers)
-    ]
-    lengths = [figure.inset / math.cos(HALF)] * len(ends)
-    return [
-        gx.connectors.RopeBundle(ends, lengths=lengths, stiffness=2e3, name="tethers"),
-        gx.RigidRegion(film, "side 1", rigid_body=cube),
-    ]
-
-
-def tube_probes(
-    tubes: Mapping[int, gx.assemblies.InflatableTube], figure: Figure
-) -> dict[str, Probe]:
+def tube_probes(tubes: Mapping[int, InflatableTube], figure: Figure) -> dict[str, Probe]:
     """Pressures of the compartments, areas of the rings between them, and positions of the tips."""
     probes: dict[str, Probe] = {}
     for name, side in SIDES.items():
@@ -457,54 +366,6 @@ def valve_area(t: float, bore: float, opening: float, delay: float) -> float:
     return math.pi / 4 * bore**2 * part**2
 
 
-def rest_near(run: gx.Simulation, given: Mapping[str, object]) -> tuple[gx.Equilibrium, gx.Case]:
-    """The scene in the state of a run, before the search for its equilibrium, and its case.
-
-    Without the folds, which would place the films as they were stowed, it starts where the run is;
-    tank and tubes have the pressure that they have there.
-
-    Args:
-        run: of a case of `build`, whose gas is at rest.
-        given: the arguments of `build` with which that case was made.
-    """
-    inside = run.chamber("left 1").pressure
-    air = float(given.get("air", 0.0))  # type: ignore[arg-type]
-    gas = {"inside": inside, "pressure": inside - air}
-    case = build(run.comm, **{**given, **gas})  # type: ignore[arg-type]
-    # An inflatable tube brings its folds with it; its films and chambers are separate items, too.
-    placed = (Folded, gx.assemblies.InflatableTube)
-    items = [item for item in case.scene.items if not isinstance(item, placed)]
-    scene = gx.Scene(*items, gx.StartFrom(run.system))  # type: ignore[arg-type]
-    return gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=REST_TOLERANCE)), case
-
-
-def rest_figures(run: gx.Simulation, given: Mapping[str, object]) -> dict[str, float]:
-    """How far the state of a run is from the equilibrium that is found from it.
-
-    Args:
-        run, given: as of `rest_near`.
-
-    Returns:
-        moved: the larger distance of the two tips from where they are at rest [m], relative to the
-            cube.
-        span_at_rest: between the tips at rest [m].
-        unbalanced: the force that is left over the load, see `gx.analysis.EquilibriumResult`.
-        rest_iterations: Newton iterations of the search.
-    """
-    search, case = rest_near(run, given)
-    probes = {name: [case.probes[f"{name} tip {axis} [m]"] for axis in "xyz"] for name in SIDES}
-    before = {name: np.array([probe(search) for probe in ports]) for name, ports in probes.items()}
-    result = search.find(at=run.time)
-    after = {name: np.array([probe(search) for probe in ports]) for name, ports in probes.items()}
-    distances = [float(np.linalg.norm(after[name] - before[name])) for name in SIDES]
-    return {
-        "moved": max(distances),
-        "span_at_rest": float(np.linalg.norm(after["right"] - after["left"])),
-        "unbalanced": result.residual,
-        "rest_iterations": result.iterations,
-    }
-
-
 def tips(series: gx.Series) -> dict[str, Array]:
     """Paths (n, 3) [m] of the tips of the tubes."""
     return {
@@ -525,8 +386,7 @@ def main(
     Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
     angular_momentum_drift (over the largest angular momentum of the cube), the distance between the
     tips and of their middle from the line of the roots [m], the spin of the cube at the end
-    [rad/s], pressures at the end [Pa], the time of the end [s], and `settling`, the value of the
-    probe `Settling` there; with `settled` also those of `rest_figures`.
+    [rad/s], pressures at the end [Pa] and the time of the end [s].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
@@ -539,11 +399,7 @@ def main(
     # The stand of a test on the ground and the air take momentum.
     if not given.get("gravity") and not given.get("air"):
         drift = relative_drift(run.totals.angular_momentum, run.first.angular_momentum, most)
-    at_rest: dict[str, float] = {}
-    if given.get("settled"):
-        at_rest = rest_figures(run, given)
     return {
-        **at_rest,
         **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "angular_momentum_drift": drift,
@@ -551,7 +407,6 @@ def main(
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
         "spin": float(spin[-1]),
         "time": run.time,
-        "settling": float(series["kinetic energy over the largest"][-1]),
         **dissipation(run),
         **{f"pressure_{name[:-5].replace(' ', '_')}": p for name, p in ends.items()},
     }

@@ -154,7 +154,7 @@ def tube_of(
         flat = creased_tube(comm, figure.tube(side), lines, cell, lambda X: X[:, 1], ())
         return gx.Membrane(flat, law, name=name)
     stub = stub_length(figure)
-    longer = Figure(figure.length + 2 * stub, figure.diameter, figure.at(0, -stub, 0.0), 0.0)
+    longer = Figure(figure.length + 2 * stub, figure.diameter, figure.at(0, -stub, 0.0))
     # The root of the longer tube is nearer to the middle, too.
     shift = -side * stub * math.sin(HALF)
     outline = [(x + shift, y) for x, y in longer.tube(side)]
@@ -285,7 +285,7 @@ def build(
         round_ends: whether the tubes have round plates as ends, by which they are fixed to the
             cube; else they are pressed flat there, as in the demo `sprout`, and bear no film.
     """
-    figure = Figure(length, diameter, (0.0, 0.0), 0.0)
+    figure = Figure(length, diameter, (0.0, 0.0))
     law = FILM.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(
         mass,

@@ -56,29 +56,6 @@ class Tension:
         return total / (4 * SIDE)
 
 
-class Flatness:
-    """Root mean square of the distances [m] of the film's nodes from the plane that fits them best,
-    a probe.
-
-    It is that of the middle of the last step: steps are far longer than the vibrations of the film,
-    which therefore alternate from step to step.
-    """
-
-    def __init__(self, film: gx.Membrane) -> None:
-        self._film = film
-
-    def __call__(self, run: Any) -> float:
-        system = run.system
-        owned = system.block(self._film).owned
-        middle = (system.previous.array_r[owned] + system.q0.array_r[owned]) / 2
-        x = middle.reshape(-1, 3)
-        count, *total = run.comm.allreduce(np.array([len(x), *x.sum(axis=0)]))
-        from_centre = x - np.array(total) / count
-        moments = run.comm.allreduce(from_centre.T @ from_centre) / count
-        # The least principal moment is that across the plane.
-        return math.sqrt(max(float(np.linalg.eigvalsh(moments)[0]), 0.0))
-
-
 def sail(
     comm: MPI.Comm, cells: int
 ) -> tuple[gx.Membrane, gx.RigidBody, list[gx.connectors.Spring]]:
@@ -141,7 +118,9 @@ def main(
             "hottest": lambda run: heating.balance(run).highest,
             "mean": lambda run: heating.balance(run).mean,
             "tension": Tension(springs),
-            "flatness": Flatness(film),
+            # In the middle of steps, which are far longer than the vibrations of the film, so that
+            # these alternate from step to step.
+            "flatness": gx.probes.SurfaceError(film, at="mean"),
             "taut": gx.probes.AreaFraction(film, "taut"),
         }
     )

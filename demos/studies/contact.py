@@ -34,6 +34,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.inflatable_tube import InflatableTube
 from demos.studies import stability
 from demos.studies.engine.study import Study
 from gossamer_fx.analysis.cases.results import Result
@@ -371,7 +372,7 @@ def tube(
     distance = 0.0
     if touches:
         distance = 5e-4
-    made = gx.assemblies.InflatableTube(
+    made = InflatableTube(
         mesh,
         law,
         gas=NITROGEN,

@@ -10,9 +10,9 @@ With --set the tests have other inputs; with --sensitivity each input is changed
 errors are printed.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
-and from all that is there the tables of the page (a row for each quantity) and of README.md (a row
-for each family) and the picture of all cases are made again; "all --store --only none" computes
-nothing and does only that.
+and from all that is there the table of the page (a row for each quantity), the sentences of
+README.md and the picture of all cases are made again; "all --store --only none" computes nothing
+and does only that.
 On two ranks: ./gossamer mpi 2 demos/validation NAME.
 """
 
@@ -28,7 +28,7 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.comparison import results_by_test
-from demos.validation.engine.overview import family_rows, overview
+from demos.validation.engine.overview import accuracy_words, overview
 from demos.validation.engine.report import figure, rows, summary
 from demos.validation.engine.results import case_set
 from demos.validation.engine.sensitivity import sensitivities
@@ -186,19 +186,19 @@ def table_of_tests() -> str:
     return markdown_table(rows(stored()))
 
 
-def family_table() -> str:
-    """The table of the first page: one row for each family of cases."""
-    return markdown_table(family_rows(stored()))
+def first_page_words() -> str:
+    """The sentences of the first page about all cases."""
+    return accuracy_words(stored())
 
 
 def write_pages() -> None:
-    """Put the tables into the pages, and draw all cases."""
-    for page, table in ((PAGE, page_table()), (FIRST_PAGE, family_table())):
+    """Put tables and sentences into the pages, and draw all cases."""
+    for page, part in ((PAGE, page_table()), (FIRST_PAGE, first_page_words())):
         # An installed program has no pages.
         if page.is_file():
             old = page.read_text(encoding="utf-8")
             # A function, since backslashes in a replacement have a meaning.
-            new = BETWEEN.sub(lambda _, table=table: f"\n{table}\n", old)
+            new = BETWEEN.sub(lambda _, part=part: f"\n{part}\n", old)
             page.write_text(new, encoding="utf-8")
     overview(stored(), OVERVIEW)
 

@@ -1,3 +1,7 @@
+from ..records.fields.best_surface import BestSurface as BestSurface
+from ..records.fields.best_surface import best_surface as best_surface
+from ..records.fields.largest_stress import StressPeak as StressPeak
+from ..records.fields.largest_stress import largest_stress as largest_stress
 from .design.optimisation import Limit as Limit
 from .design.optimisation import Optimum as Optimum
 from .design.optimisation import minimise as minimise
@@ -14,8 +18,10 @@ from .sensitivity.objectives import EnclosedVolume as EnclosedVolume
 from .sensitivity.objectives import Energy as Energy
 from .sensitivity.objectives import Functional as Functional
 from .sensitivity.objectives import Integral as Integral
+from .sensitivity.objectives import Rate as Rate
 from .sensitivity.results import Derivative as Derivative
 from .sensitivity.results import Gradient as Gradient
+from .sensitivity.static import point_stiffness as point_stiffness
 from .sensitivity.tape import RunTape as RunTape
 from .statics.continuation import Continuation as Continuation
 from .statics.form_finding import EdgeCable as EdgeCable

@@ -55,7 +55,6 @@ FINER = "give finer meshes, or as `exact` the value of a much finer one"
 # Orders above the largest are not seen in finite elements.
 MIN_ORDER = 0.5
 MAX_ORDER = 10.0
-BISECTIONS = 60
 
 # Largest change of the order from the three meshes before to the last three.  In the asymptotic
 # range it is a few tenths.
@@ -425,6 +424,9 @@ def _order(h: Array, values: Array, advice: str = FINER) -> float:
         raise _NoLimit(
             f"two of its values are equal ({_listed(values)}), so that they show no order; {advice}"
         )
+    # Imported here: SciPy's optimisation is needed by few scenes.
+    from scipy.optimize import brentq
+
     coarse = float(h[0] / h[1])
     fine = float(h[1] / h[2])
 
@@ -442,13 +444,7 @@ def _order(h: Array, values: Array, advice: str = FINER) -> float:
             f"its values ({_listed(values)}) show an order {side}, so that the meshes are not in "
             f"the asymptotic range; {advice}"
         )
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        if excess(middle) > 0:
-            high = middle
-        else:
-            low = middle
-    return low
+    return float(brentq(excess, low, high))
 
 
 def _listed(values: Array) -> str:

@@ -1,1 +1,1 @@
-"""Starting shapes and ready items: folds, cut patterns, presets, assemblies, meshes."""
+"""Starting shapes and ready items: folds, cut patterns, presets, meshes."""

@@ -101,6 +101,7 @@ class Account:
         output_seconds: wall time of outputs [s].
         solver: of what the wall time was spent in the solver, in words.
         balance: None where no energy is conserved from state to state.
+        residual: unbalanced force of an equilibrium over the load; None of other states.
         caption: words for the state in pictures; empty: the value on the axis.
         details: further entries of run.json.
     """
@@ -116,6 +117,7 @@ class Account:
     output_seconds: float = 0.0
     solver: str = ""
     balance: ClosingErrors | None = None
+    residual: float | None = None
     caption: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
 

@@ -28,4 +28,3 @@ class PyGossamerFx(PythonPackage):
     depends_on("py-mpi4py", type=("build", "run"))
     depends_on("gmsh+shared", type=("build", "run"))
     depends_on("py-matplotlib", type=("build", "run"), when="+pictures")
-    depends_on("py-rich", type=("build", "run"))

@@ -4,6 +4,7 @@ motion."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
-# 1 s of motion: long enough for a few swings of every exciter below.
-STEPS = 200
+# s; 200 steps are long enough for a few swings of every exciter below.
 DT = 5e-3
 
 
@@ -131,46 +131,18 @@ def loose_mass() -> gx.PointMass:
     return gx.PointMass(0.3, (0.5, -0.4, 0.8), name="loose")
 
 
-def spring(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Spring(
-            port(item),
-            loose.port(),
-            stiffness=50.0,
-            # Shorter than the distance at the start, so that the spring pulls at once.
-            length=0.7,
-            name="exciter",
-        )
-    ]
+def connected(kind: Any, item: Any, loose: gx.PointMass, **given: Any) -> list:
+    """A connector between a body and the loose mass."""
+    return [kind(port(item), loose.port(), **given)]
 
 
-def damper(item: Any, loose: gx.PointMass) -> list:
-    return [gx.connectors.Damper(port(item), loose.port(), damping=0.5)]
-
-
-def stop(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Stop(
-            port(item),
-            loose.port(),
-            # The loose mass starts 1.025 m from the origin and approaches, so that the stop closes.
-            length=0.95,
-            stiffness=300.0,
-        )
-    ]
-
-
-def rope(item: Any, loose: gx.PointMass) -> list:
-    return [
-        gx.connectors.Rope(
-            port(item),
-            loose.port(),
-            # Slightly longer than the distance at the start, so that the rope becomes taut in the
-            # motion.
-            length=1.05,
-            stiffness=300.0,
-        )
-    ]
+# Shorter than the distance at the start, so that the spring pulls at once.
+spring = partial(connected, gx.connectors.Spring, stiffness=50.0, length=0.7, name="exciter")
+damper = partial(connected, gx.connectors.Damper, damping=0.5)
+# The loose mass starts 1.025 m from the origin and approaches, so that the stop closes.
+stop = partial(connected, gx.connectors.Stop, length=0.95, stiffness=300.0)
+# Slightly longer than the distance at the start, so that the rope becomes taut in the motion.
+rope = partial(connected, gx.connectors.Rope, length=1.05, stiffness=300.0)
 
 
 def tape(item: Any, loose: gx.PointMass) -> list:
@@ -220,13 +192,13 @@ def hinge_parts(a: Any, b: Any) -> list:
     ]
 
 
-def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
-    """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to
+def conserves(scene: gx.Scene, closed: bool = True, steps: int = 200) -> gx.Simulation:
+    """Energy to 1e-9 and constraints to 1e-10 over all steps; in a `closed` system, momenta to
     1e-10."""
     # Newton's tolerance is far below the limits of energy and momenta that are asserted.
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
     for k in range(4):
-        run.run(until=(k + 1) * STEPS // 4 * DT)
+        run.run(until=(k + 1) * steps // 4 * DT)
         now = run.totals
         first = run.first
         assert abs(run.energy_error) < 1e-9
@@ -239,5 +211,5 @@ def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
             assert error < 1e-10 * scale
         if run.system.constraints is not None:
             assert run.system.constraints.violation(run.system.q0) < 1e-10
-    assert run.step == STEPS
+    assert run.step == steps
     return run

@@ -209,21 +209,3 @@ def test_gradients_and_cables_refuse_it_by_name() -> None:
 def test_curves_that_gain_energy_are_refused(unloading: Any, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
         gx.TabulatedCable(*LOADING, line_density=0.1, unloading=unloading)
-
-
-def test_both_curves_are_read_from_one_file(tmp_path: Path) -> None:
-    path = tmp_path / "cord.csv"
-    rows = ["branch, strain [%], force [N]"]
-    for branch, (strain, force) in (("loading", LOADING), ("unloading", UNLOADING)):
-        for x, N in zip(strain, force, strict=True):
-            rows.append(f"{branch}, {100 * x}, {N}")
-    path.write_text("\n".join(rows))
-    read = gx.TabulatedCable.from_csv(path, line_density=0.1)
-    assert read.unloading is not None
-    for column, given in zip((read.strain, read.force), LOADING, strict=True):
-        assert column == pytest.approx(given)
-    for column, given in zip(read.unloading, UNLOADING, strict=True):
-        assert column == pytest.approx(given)
-    path.write_text("branch, strain [%], force [N]\nup, 0, 0\n")
-    with pytest.raises(gx.InputError, match="row 1"):
-        gx.TabulatedCable.from_csv(path, line_density=0.1)

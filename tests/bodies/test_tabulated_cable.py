@@ -3,8 +3,6 @@ tables."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -140,14 +138,6 @@ def test_a_tape_with_a_table_bears_what_the_cable_bears() -> None:
     assert stored == pytest.approx(0.5 * MEASURED.corners.energy(np.array(0.03)), rel=1e-9)
 
 
-def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
-    path = tmp_path / "rope.csv"
-    path.write_text("# braid, 3 mm\nforce [kN], strain [%]\n-0.004, -1\n0, 0\n0.01, 1\n0.07, 6\n")
-    law = gx.TabulatedCable.from_csv(path, line_density=0.1)
-    assert law.strain == pytest.approx((-0.01, 0.0, 0.01, 0.06))
-    assert law.force == pytest.approx((-4.0, 0.0, 10.0, 70.0))
-
-
 @pytest.mark.parametrize(
     ("strain", "force", "words"),
     [
@@ -163,21 +153,3 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
 def test_bad_tables_are_refused(strain: list[float], force: list[float], words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
         gx.TabulatedCable(strain, force, line_density=0.1)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("strain, force\n0, 0\n1, 1\n", "no column 'strain"),
-        ("strain [%], force [lbf]\n0, 0\n1, 1\n", "no column 'force"),
-        ("strain [%], force [N]\n0, 0\n1, x\n", "row 2 '1, x'"),
-        ("", "no column 'strain"),
-    ],
-)
-def test_bad_files_are_refused(tmp_path: Path, text: str, words: str) -> None:
-    path = tmp_path / "rope.csv"
-    path.write_text(text)
-    with pytest.raises(gx.InputError, match=words):
-        gx.TabulatedCable.from_csv(path, line_density=0.1)
-    with pytest.raises(gx.InputError, match="There is no table"):
-        gx.TabulatedCable.from_csv(tmp_path / "none.csv", line_density=0.1)

@@ -129,14 +129,19 @@ def test_lines_close_their_balance(comm, kind: str) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.parametrize("tension_only", [False, True])
-def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
-    film = gx.Membrane(
+def heated_film(comm, law: str) -> gx.Membrane:
+    """A film that is thrown while its temperature changes."""
+    return gx.Membrane(
         sheet(comm, 4, 4),
-        LAWS["residual stiffness"],
+        LAWS[law],
         velocity=thrown,
         thermal=ThermalExpansion(2e-5, waves),
     )
+
+
+@pytest.mark.parametrize("tension_only", [False, True])
+def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
+    film = heated_film(comm, "residual stiffness")
     damping = gx.Damping(film, stiffness_factor=1e-4, tension_only=tension_only)
     run = run_until(0.03, film, damping, dt=1e-3, tolerances=TIGHT)
     assert run.totals.dissipated > 0
@@ -203,12 +208,7 @@ def test_the_gradient_of_a_heated_run(comm) -> None:
 @pytest.mark.mpi
 def test_steps_that_are_undone_leave_the_balance_closed(comm) -> None:
     """Step control takes steps back, with the temperatures of their ends."""
-    film = gx.Membrane(
-        sheet(comm, 4, 4),
-        LAWS["never wrinkles"],
-        velocity=thrown,
-        thermal=ThermalExpansion(2e-5, waves),
-    )
+    film = heated_film(comm, "never wrinkles")
     control = gx.StepControl(error=1e-7, max_step=4e-3)
     run = run_until(0.03, film, dt=2e-3, tolerances=TIGHT, control=control)
     assert run.substeps > 0

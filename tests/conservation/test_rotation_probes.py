@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.meshes.plates import whole_disc
+from gossamer_fx.meshes.revolved import whole_disc
 
 
 def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(comm):

@@ -140,9 +140,9 @@ class PairTwin:
         # The barrier of the contact potential: C² at x = 1 and infinite at 0.
         if self.law == ContactLaw.BARRIER:
             return (1 - x) ** 3 / (4 * x)
-        # Walls give a linear distance, pairs of surfaces a squared one.
-        is_wall = self.kind >= PointPlane.number
-        scaled_gap = x if is_wall else np.sqrt(x)
+        # Boundaries give a linear distance, pairs of surfaces a squared one.
+        is_boundary = self.kind >= PointPlane.number
+        scaled_gap = x if is_boundary else np.sqrt(x)
         return (1 - scaled_gap) ** 2 / 2
 
     def scaled(self, s: float) -> float:

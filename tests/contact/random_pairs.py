@@ -39,14 +39,14 @@ def near_pairs(
     elif kind == EdgeEdge.number:
         _place_across_edge(x, d, rng)
     else:
-        _place_at_wall(x, kind, d, rng)
-    # Origins of walls move, directions do not.
+        _place_at_boundary(x, kind, d, rng)
+    # Origins of boundaries move, directions do not.
     moves = np.ones((4, 1))
     if kind > EdgeEdge.number:
         moves[2:] = 0.0
     # A step of about a third of the distance: some pairs begin to touch, others separate.
     y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * moves
-    # In rooms of radius 1 the squared distance is -r², from -1 at the wall to -(1 - d)².
+    # In rooms of radius 1 the squared distance is -r², from -1 at the boundary to -(1 - d)².
     offset, width = {
         PointPlane.number: (0.0, d),
         PointInSphere.number: (-1.0, 1 - (1 - d) ** 2),
@@ -91,9 +91,9 @@ def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> Non
     x[:, 2:] += (gap + height * normal)[:, None]
 
 
-def _place_at_wall(x: np.ndarray, kind: int, d: float, rng: np.random.Generator) -> None:
+def _place_at_boundary(x: np.ndarray, kind: int, d: float, rng: np.random.Generator) -> None:
     """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the
-    wall."""
+    boundary."""
     axis = _unit(x[:, 2])
     along_axis = np.einsum("nc,nc->n", axis, x[:, 3])
     x[:, 2] = axis

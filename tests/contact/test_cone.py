@@ -172,7 +172,7 @@ def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: C
 def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
     pairs, x0 = active_pairs(kind)
     rng = np.random.default_rng(2)
-    # A twentieth of the range, so that no pair passes; directions of walls do not move.
+    # A twentieth of the range, so that no pair passes; directions of boundaries do not move.
     moves = 0.05 * pairs.width[:, None, None] * rng.normal(size=x0.shape)
     if kind == PointInCone.number:
         moves[:, 2:] = 0
@@ -325,19 +325,6 @@ def test_nothing_passes_through_in_long_steps(dt: float) -> None:
     assert y.min() < -0.02
     assert y.max() > 0.002
     assert abs(run.energy_error) < 1e-8
-
-
-def test_a_moved_cone_supplies_its_work() -> None:
-    rest = film(MPI.COMM_SELF)
-    ram = gx.contact.Cone(
-        start=(0, 0, -0.05),
-        end=(0.003, 0.002, -0.002),
-        radii=(0.02, 0.001),
-        motion=lambda t: (0.0, 0.0, 2.0 * t),
-    )
-    run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
-    assert run.totals.supplied > 1e-6
-    assert abs(run.energy_error) < 1e-9
 
 
 def test_a_cone_of_no_slope_is_refused() -> None:

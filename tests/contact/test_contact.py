@@ -3,6 +3,8 @@ input."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -95,14 +97,21 @@ def test_films_hit_solids(kind):
     assert count_intersections(run) == 0
 
 
-def test_a_moved_obstacle_supplies_its_work():
-    comm = MPI.COMM_SELF
-    rest = film(comm, name="rest")
-    ram = gx.contact.Sphere(
-        centre=(0.0, 0.0, -0.012),
-        radius=0.01,
-        motion=lambda t: (0.0, 0.0, 2.0 * t),
-    )
+RAMS = {
+    "ball": partial(gx.contact.Sphere, centre=(0, 0, -0.012), radius=0.01),
+    "cone": partial(
+        gx.contact.Cone,
+        start=(0, 0, -0.05),
+        end=(0.003, 0.002, -0.002),
+        radii=(0.02, 0.001),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", RAMS)
+def test_a_moved_obstacle_supplies_its_work(kind):
+    rest = film(MPI.COMM_SELF, name="rest")
+    ram = RAMS[kind](motion=lambda t: (0.0, 0.0, 2.0 * t))
     run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
     # The ram has pushed the film.
     assert run.totals.supplied > 1e-6

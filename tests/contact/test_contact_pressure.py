@@ -41,6 +41,10 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
     # The same field in another set of fields.
     assert integral(body, beside.functions[1]) == pytest.approx(integral(body, alone), rel=1e-12)
     assert alone.x.array.min(initial=0.0) >= 0
+    largest = gx.probes.ContactPressure(contact, body)(run)
+    assert largest == pytest.approx(alone.x.array.max(), rel=1e-9)
+    if order == 1:  # the whole film lies on the floor
+        assert gx.probes.ContactArea(contact, body)(run) == pytest.approx(0.01, rel=1e-12)
     if order == 1:  # the shares of points of order 2 are not those of their shape functions
         assert integral(body, alone) == pytest.approx(4.0 * 0.01, rel=0.05)
 
@@ -67,13 +71,13 @@ def test_pressure_is_that_of_the_force_that_the_step_used(comm) -> None:
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     one = film(comm, 2, name="one")
     other = film(comm, 2, height=0.01, name="other")
-    run = simulate(
-        [
-            gx.Contact(one, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3),
-            other,
-        ],
-        1e-4,
-    )
+    floor = gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1))
+    contact = gx.Contact(one, floor, distance=1e-3)
+    run = simulate([contact, other], 1e-4)
+    assert gx.probes.ContactArea(contact, one)(run) == 0
+    assert gx.probes.ContactPressure(contact, one)(run) == 0
+    with pytest.raises(gx.InputError, match="'other' is not a body of 'contact', which has: one"):
+        gx.probes.ContactArea(contact, other)
     for body in (one, other):
         fields = FieldFunctions(run.system, body, ["contact_pressure"])
         fields.update()

@@ -4,7 +4,6 @@ deployed state."""
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.inflatables import sprout, sprout_deployed
-from tests.small_scenes import run_until
 
 SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
@@ -40,7 +38,7 @@ def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
     x = np.vstack(positions)
     assert x[:, 1].min() > sprout.CUBE / 2 and np.ptp(x, axis=0).max() < 0.6
     assert sum(start.strain_energy() for start in starts) < 0.02
-    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0), 0.025)
+    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0))
     (x0, y0), (x1, y1) = figure.axis(1)
     assert math.hypot(x1 - x0, y1 - y0) == pytest.approx(1.5) and math.atan2(
         x1 - x0, y1 - y0
@@ -88,49 +86,9 @@ def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     assert found["pressure_right_2"] == pytest.approx(1000.0, rel=0.05)
 
 
-def test_the_search_for_rest_starts_where_the_run_ended(comm) -> None:
-    """Films and cube, which the lid of its box has moved, are where they were, and all gas has the
-    pressure of the run."""
-    given = {"mass": 5.0, "delay": 1.0, "inside": 300.0, "until": 2e-4, **SHORT}
-    case = sprout.build(comm, **given)
-    run = case.simulation([])
-    run.run(until=2e-4)
-    search, again = sprout.rest_near(run, given)
-    assert len(again.probes) == len(case.probes)
-    for film in ("film", "left film", "right film"):
-        here = search.system.state.named(film).positions()
-        there = run.system.state.named(film).positions()
-        assert np.abs(here - there).max(initial=0.0) < 1e-15
-    expected = run.chamber("left 1").pressure
-    for chamber in ("left 1", "right 2", "tank"):
-        assert search.chamber(chamber).pressure == pytest.approx(expected, rel=1e-9)
-
-
 def test_a_direction_that_is_not_an_axis_is_refused() -> None:
     with pytest.raises(gx.InputError, match="down is 'down'; give '-x' or"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")
-
-
-class Moving:
-    """What the probe of settling reads of a run: a kinetic energy that decays as exp(-t)."""
-
-    def __init__(self, time: float, energy: float) -> None:
-        self.time = time
-        self.totals = SimpleNamespace(kinetic=energy)
-
-
-def test_settling_takes_the_largest_energy_of_the_window() -> None:
-    """One reversal, at which nothing moves, is not rest; a step that is made again counts once."""
-    settling = sprout.Settling()
-    times = np.linspace(0.0, 0.2, 201)
-    for t in times:
-        ratio = settling(Moving(t, math.exp(-50 * t) * math.cos(400 * t) ** 2))
-    window = times >= 0.2 - sprout.SETTLING_WINDOW
-    expected = (np.exp(-50 * times) * np.cos(400 * times) ** 2)[window].max()
-    assert ratio == pytest.approx(expected)
-    # The last step again, with a large energy, and then as it was.
-    assert settling(Moving(0.2, 0.9)) == pytest.approx(0.9)
-    assert settling(Moving(0.2, 0.0)) == pytest.approx(expected)
 
 
 def test_the_deployed_tubes_bear_the_film(comm) -> None:
@@ -153,7 +111,7 @@ def test_the_deployed_tubes_bear_the_film(comm) -> None:
 
 def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
     """The three forces on the cords add up to nothing, and meet in one point."""
-    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0), 0.0)
+    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0))
     shape = sprout_deployed.cut(figure, 12.5e-6, 8e-3, 1e4)
     assert np.abs(shape.forces.sum(axis=0)).max() < 1e-14
     x, y = shape.corners.T
@@ -170,18 +128,3 @@ def test_a_flat_root_is_a_hinge() -> None:
     flat.statics.find()
     exact = sprout_deployed.beam_frequency(flat.figure, sprout_deployed.FILM_THICKNESS)
     assert gx.analysis.modes(flat.statics, 1)[0].frequency < 0.01 * exact
-
-
-def test_a_run_ends_when_its_motion_has_settled() -> None:
-    """A damped oscillator: the largest kinetic energy of the window has the envelope exp(-2 δ t), δ
-    = c/(2 m)."""
-    mass = gx.PointMass(1.0, position=(1.1, 0.0, 0.0), comm=MPI.COMM_WORLD, name="mass")
-    ground = gx.Ground((0.0, 0.0, 0.0))
-    spring = gx.connectors.Spring(mass.port(), ground, stiffness=1e5, length=1.0)
-    damper = gx.connectors.Damper(mass.port(), ground, damping=40.0)
-    settling = sprout.Settling()
-    end = gx.When(settling, 0.01, falling=True, stop=True, name="settled")
-    run = run_until(5.0, mass, spring, damper, dt=2e-4, events=[end])
-    assert settling(run) <= 0.01
-    # At the start of the window the envelope has fallen to a hundredth.
-    assert run.time == pytest.approx(math.log(100.0) / 40.0 + sprout.SETTLING_WINDOW, rel=0.1)

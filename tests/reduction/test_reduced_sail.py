@@ -188,6 +188,15 @@ def test_fields_are_those_of_the_whole_film(recorded) -> None:
     assert fields.functions[0].function_space.mesh is film.space.mesh
     # The areas of taut, wrinkled and slack film add up to the whole.
     assert AreaFractions([reduced])(run.system).sum() == pytest.approx(1.0)
+    # Its shape is that of its nodes, and a port snaps to one of them.
+    plane = gx.analysis.best_surface(run, reduced)
+    assert plane.area == pytest.approx(SIDE**2, rel=1e-3) and plane.rms < 1e-12
+    state = run.system.state
+    snapped = state.vector(reduced.port_at((0.05 * SIDE, 0.05 * SIDE, 0.0), snap=True))
+    corner = state.vector(reduced.port_at(CORNERS[0]))
+    np.testing.assert_allclose(snapped, corner, atol=1e-9)
+    edge = state.vectors(reduced.ports("bottom"))
+    assert np.ptp(edge[:, 0]) == pytest.approx(SIDE, rel=1e-6)
 
 
 @pytest.mark.mpi

@@ -26,7 +26,7 @@ def barrier_slope(x):
 
 
 def penalty_slope(x):
-    """Derivative of the penalty of walls (1 - x)²/2."""
+    """Derivative of the penalty of boundaries (1 - x)²/2."""
     return x - 1
 
 

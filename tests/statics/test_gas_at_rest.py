@@ -53,6 +53,10 @@ def test_a_piston_on_a_spring_keeps_its_law(comm, process, exponent, first_step)
         assert gas.internal_energy == pytest.approx(gas.pressure * gas.volume / 0.4, rel=1e-13)
         position = gx.probes.Position(mass.port(), "x")(equilibrium)
         assert position == pytest.approx(exact_position(stiffness, exponent), rel=1e-8)
+        # The gas stiffens the spring by n p A²/V.
+        of_gas = exponent * gas.pressure * AREA**2 / gas.volume
+        both = gx.analysis.point_stiffness(equilibrium, mass.port(), direction=(1.0, 0.0, 0.0))
+        assert both == pytest.approx(stiffness + of_gas, rel=1e-9)
 
 
 def test_two_chambers_and_a_way_with_a_detour(comm):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from itertools import pairwise
 
 import numpy as np
@@ -382,7 +381,7 @@ def test_an_unstable_equilibrium_is_reported(caplog):
     assert "grows" not in repr(found[2])
 
 
-def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
+def test_a_buckled_boom_is_named(comm, caplog):
     """Between hinges under 1.5 times Euler's load: growth √(N/N_cr - 1) (π/L)² √(EI/μ)."""
     length = 2.0
     section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
@@ -399,43 +398,7 @@ def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
     found = modes(equilibrium, 3)
     growth = (np.pi / length) ** 2 * np.sqrt(0.5 * section.EI2 / section.line_density)
     assert max(mode.growth for mode in found) == pytest.approx(growth, rel=0.02)
-    if comm.rank == 0:
-        assert f"bears a compression of {1.5 * euler:.3g} N" in caplog.text
-        assert f"buckles at {euler:.3g} N between hinges" in caplog.text
-        assert "a larger length" in caplog.text
-        assert "residual_stiffness" not in caplog.text
-
-
-def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
-    law = gx.Linear(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
-    film = gx.Membrane(sheet(comm, 8, 8), law, initial_stress=-1e5)
-    equilibrium = at_rest(film, *(gx.Fixed(film, edge) for edge in EDGES))
-    caplog.clear()
-    modes(equilibrium, 2)
-    assert "Film 'film' resists compression with its full stiffness" in caplog.text
-    assert "finer mesh" not in caplog.text
-
-
-def test_slack_film_beside_a_boom_is_reported_with_the_deflection_of_the_boom(comm, caplog):
-    """A cantilever under a force F at its tip: F L³/(3 EI)."""
-    length = 2.0
-    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
-    boom = gx.Beam(line(comm, [(0, 0, 0), (length, 0, 0)], 6), section, name="boom")
-    pull = gx.loads.Force(boom.port("end"), (0.0, 1.0, 0.0))
-    slack = gx.TensionField(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
-    film = gx.Membrane(sheet(comm, 3, 3), slack, displacement=lambda X: -0.01 * X)
-    held = [gx.Fixed(film, edge) for edge in EDGES]
-    scene = gx.Scene(film, *held, boom, pull, gx.Fixed(boom, "start", rotation=True))
-    equilibrium = Equilibrium(scene)
-    equilibrium.find()
-    caplog.clear()
-    modes(equilibrium, 2)
-    deflection = length**3 / (3 * section.EI2)
-    if comm.rank == 0:
-        assert "frequencies are zero within round-off" in caplog.text
-        found = re.search(r"'boom' is deflected by up to ([\d.e-]+) m", caplog.text)
-        assert float(found[1]) == pytest.approx(deflection, rel=0.02)
-        assert "take a stiffer section" in caplog.text
+    assert "moves 'boom' most" in caplog.text or comm.rank > 0
 
 
 @pytest.mark.mpi

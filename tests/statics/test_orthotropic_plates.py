@@ -12,7 +12,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.forms.bending import Bending, OrthotropicBending
+from gossamer_fx.core.forms.bending import Bending, IsotropicBending, OrthotropicBending
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import cell_axes
 from meshes.plates import irregular_sheet
@@ -54,16 +54,25 @@ def stiffness_along(angle: float, D=None) -> float:
     return D11 * c**4 + 2 * (D12 + 2 * D66) * c**2 * s**2 + D22 * s**4
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, 1.3])
-def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_penalty(angle):
+# Numbers of unit size: E, ν, or E1, E2 ... and the angle of the first axis.
+BENDING = [(IsotropicBending, (1.0, nu)) for nu in (0.0, 0.45)]
+BENDING += [
+    (OrthotropicBending, (50.0, 1.0, 1.0, 0.3, math.cos(angle), math.sin(angle)))
+    for angle in (0.0, 0.4, 1.3)
+]
+
+
+@pytest.mark.parametrize(("kind", "numbers"), BENDING)
+def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_penalty(
+    kind, numbers
+):
     """The bound of the penalty, with the stiffness across each edge."""
     domain = irregular_sheet(MPI.COMM_SELF, 3, 3, 1.0, 0.2, seed=4).domain
     V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
     x = ufl.TrialFunction(V)
     w = ufl.TestFunction(V)
-    # Numbers E1, E2 ... of unit size; 1.001 is just above the least penalty.
-    numbers = (50.0, 1.0, 1.0, 0.3, math.cos(angle), math.sin(angle))
-    stiffness = OrthotropicBending(*(constant(domain, number) for number in numbers))
+    stiffness = kind(*(constant(domain, number) for number in numbers))
+    # Just above the least penalty, 1.
     bending = Bending(domain, cell_axes(domain), stiffness, constant(domain, 1.001))
     dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 0})
     dS, ds = (ufl.Measure(kind, domain, metadata={"quadrature_degree": 2}) for kind in ("dS", "ds"))

@@ -96,32 +96,34 @@ def test_reading_a_mesh_executes_no_file_beside_it(trap: Path, monkeypatch) -> N
     assert marks(trap) == []
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to another user")
-@pytest.mark.parametrize("what", ["folder", "file"])
-def test_kernels_of_another_user_are_refused(tmp_path: Path, monkeypatch, what) -> None:
-    """Two users of one cache: the second one is refused in a sentence."""
+@pytest.fixture
+def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A kernel in the folder of kernels, which only its owner may enter."""
     folder = tmp_path / "kernels"
     folder.mkdir(mode=0o700)
-    kernel = folder / "libffcx_forms_1.so"
-    kernel.write_bytes(b"")
-    nobody = 65534
-    os.chown(folder if what == "folder" else kernel, nobody, nobody)
     monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": str(folder)})
+    found = folder / "libffcx_forms_1.so"
+    found.write_bytes(b"")
+    return found
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to another user")
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_kernels_of_another_user_are_refused(kernel: Path, what: str) -> None:
+    """Two users of one cache: the second one is refused in a sentence."""
+    nobody = 65534
+    os.chown(kernel.parent if what == "folder" else kernel, nobody, nobody)
     with pytest.raises(gx.InputError, match="belongs to another user"):
         compilation.private_cache()
     assert kernel.exists()
 
 
 @pytest.mark.parametrize("what", ["folder", "file"])
-def test_kernels_that_others_may_write_are_refused(tmp_path: Path, monkeypatch, what) -> None:
-    folder = tmp_path / "kernels"
-    folder.mkdir()
-    kernel = folder / "libffcx_forms_1.so"
-    kernel.write_bytes(b"")
-    (folder if what == "folder" else kernel).chmod(0o777)
-    monkeypatch.setattr(compilation, "kernel_options", lambda: {"cache_dir": str(folder)})
+def test_kernels_that_others_may_write_are_refused(kernel: Path, what: str) -> None:
+    kernel.parent.chmod(0o777 if what == "folder" else 0o755)
+    kernel.chmod(0o777)
     with pytest.raises(gx.InputError, match="may be written by others"):
         compilation.private_cache()
     # A folder that others cannot enter is safe, whatever the mode of its files.
-    folder.chmod(0o700)
-    assert compilation.private_cache() == folder
+    kernel.parent.chmod(0o700)
+    assert compilation.private_cache() == kernel.parent

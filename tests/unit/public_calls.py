@@ -18,7 +18,6 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from gossamer_fx.meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -28,6 +27,8 @@ UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "orbit.HeatBalance",
     "steppers.EndPoint",
+    "analysis.BestSurface",
+    "analysis.StressPeak",
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumPath",
@@ -46,6 +47,7 @@ UNCALLED = {
 }
 UNCALLED |= {
     "Contact",
+    "gas.LinearTable",
     "probes.Crossings",
     "StepFailure",
     "StartFrom",
@@ -165,11 +167,37 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("orbit.Air", density=1e-12, molecule=1e-26)
     add("loads.AirDrag", body=film, density=0.1, wind=z)
     add("gas.Ambient", pressure=1.0)
+    add("gas.Antoine", A=9.0, B=2000.0)
+    blower_curve = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.0))
+    add("gas.Blower", a=gx.gas.Ambient(1e5), b=tank, curve=blower_curve)
+    add("gas.FilmArea", body=film)
+    add("gas.Inflator", b=tank, gas=gas, mass_flow=1e-3, temperature=500.0)
+    add("gas.Mixture", fractions={gas: 1.0})
+    pipe = {"diameter": 1e-3, "length": 1.0, "friction": 0.02}
+    add("gas.Pipe", a=tank, b=gx.gas.Ambient(), **pipe)
+    polynomials = ((0.0, 0.0, 3.5, 0.0, 0.0, 0.0, 0.0),)
+    ranges = {"temperatures": (200.0, 6000.0), "coefficients": polynomials}
+    add("gas.PolynomialGas", R=287.0, **ranges, enthalpy_298=3e5)
+    add("gas.PorousFilm", a=tank, b=gx.gas.Ambient(), area=1e-3, viscous=1e3)
+    add("gas.Regulator", a=gx.gas.Ambient(1e6), b=tank, area=1e-6, pressure=1e5, droop=1e3)
+    add("gas.Sublimation", b=tank, gas=gas, pressure=10.0, temperature=300.0, area=0.01)
+    add("gas.Valve", a=tank, b=gx.gas.Ambient(), area=1e-6, opens=1e3)
     add("probes.AxialStrain", line=spring)
     add("probes.Tension", line=spring, which="least")
     add("probes.Length", line=spring)
     add("probes.AngularVelocity", frame=A, axis="x")
     add("probes.AreaFraction", body=film, state="taut")
+    add("probes.StateArea", body=film, state="taut", group="film")
+    add("probes.SurfaceError", film=film, surface="sphere", quantity="tilt")
+    add("probes.LargestStress", film=film, limit=1e6)
+    add("analysis.best_surface", state=gx.Equilibrium(scene), film=film, surface="plane")
+    add("analysis.largest_stress", state=gx.Equilibrium(scene), film=film, limit=1e6)
+    add("analysis.Rate", of=gx.analysis.EnclosedVolume(film))
+    add(
+        "analysis.point_stiffness",
+        equilibrium=inputs.equilibrium,
+        port=inputs.film.port_at((0.4, 0.4, 0.0)),
+    )
     add("At", time=0.1)
     add("connectors.AttachedMass", port=film.port("bottom left"), mass=1.0)
     add("probes.Attitude", orbit=orbit, of=film, axis="along")
@@ -197,6 +225,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Checkpoints", folder=folder / "checkpoints", minutes=10.0)
     add("probes.ContactForce", contact=touching, body=film, axis="x")
     add("probes.ContactGap", contact=touching)
+    add("probes.ContactArea", contact=touching, body=film)
+    add("probes.ContactPressure", contact=touching, body=film)
     add("analysis.Continuation")
     add(
         "connectors.Crease",
@@ -260,20 +290,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Gravity", body=film, g=z)
     add("Ground", vector=z)
     add("IdealGas", gamma=1.4, R=287.0)
-    add(
-        "assemblies.InflatableTube",
-        mesh=flat_tube(WORLD, 0.25, 0.03, 4, 2),
-        law=law,
-        gas=gas,
-        folds=gx.fold.Zigzag(0.25, 2, width=0.047, lift=1e-4),
-        turn=(0.0, 0.0, 1.0),
-        caps={"tip": 1e-3},
-        crease_stiffness=1e-3,
-        set_angle_ratio=0.5,
-        yield_angle=0.5,
-        properties={"thickness": {"compartment 1": 2e-5}},
-        contact_distance=5e-4,
-    )
     add("probes.JointForce", joint=gx.constraints.BallJoint(P, Q), axis="x")
     add("Ledger", path=folder / "ledger.csv")
     add("Linear", **film_law)
@@ -307,6 +323,10 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Port", body=film, nodes=(0,))
     add("probes.Position", port=P, axis="x")
     add("Pressure", body=film, pressure=1.0)
+    water = gx.loads.UniformFluid(1000.0)
+    add("loads.FluidPressure", body=film, fluid=water, side="inside")
+    add("loads.UniformFluid", density=1000.0)
+    add("loads.StandardAtmosphere", altitude=1000.0)
     add("analysis.Prestress", **film_law, tension=10.0)
     add("constraints.PrismaticJoint", **hinge)
     add("constraints.CylindricalJoint", **hinge)
@@ -356,6 +376,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
+    add("plot.Limits", low=0.0, high=1.0, part="film", each_time=False, log=False)
     add("plot.View", azimuth=0.5, elevation=0.3, follow=True)
     add("probes.Velocity", port=P, axis="x")
     add("gas.WallHeat", chamber=tank, conductance=1.0, temperature=300.0)
@@ -455,7 +476,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])
-    add("reduction.RecordedShapes", body=inputs.film, folder=inputs.run)
     add("reduction.Snapshots", body=film)
     add(
         "analysis.convergence",
@@ -491,6 +511,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("reduction.reduce", body=film, motions=[motion], modes=1)
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
     add("plot.InlineReport", run=reader, height=500)
+    add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")
     add("plot.RunReader", folder=inputs.run)

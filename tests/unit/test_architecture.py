@@ -6,7 +6,6 @@ import ast
 import importlib
 import inspect
 import re
-import subprocess
 import sys
 from graphlib import TopologicalSorter
 from operator import attrgetter
@@ -16,6 +15,7 @@ import pytest
 
 import gossamer_fx
 from gossamer_fx.core.checks.lazy_names import names_of_stub, public_names
+from tests.survival.on_ranks import complete
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 ROOT = PACKAGE.parent
@@ -30,7 +30,7 @@ ROOMS_OF_MECHANICS = ("materials", "terms", "bodies")
 FAMILIES = ("connectors", "constraints", "loads", "contact", "gas", "orbit", "control")
 # Rooms that are written against the promised interface for extensions and public names alone.
 WRITTEN_AS_EXTENSIONS = ("mechanics/orbit",)
-HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "rich", "pandas"}
+HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "pandas"}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 STUBS = sorted(PACKAGE.rglob("__init__.pyi"))
 # Public names of `gossamer_fx` and `gossamer_fx.extend` and the modules from which they come.
@@ -222,7 +222,5 @@ def test_the_import_of_the_package_is_cheap() -> None:
         "import sys; import gossamer_fx; dir(gossamer_fx); gossamer_fx.gas; "
         "print({'dolfinx', 'mpi4py', 'numpy', 'ufl'} & set(sys.modules))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=PACKAGE.parent
-    )
+    done = complete([sys.executable, "-c", code])
     assert done.stdout == "set()\n", done.stdout + done.stderr

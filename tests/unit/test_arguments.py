@@ -6,7 +6,6 @@ import importlib
 import inspect
 import math
 import re
-import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from gossamer_fx.core.checks.arguments import (
     resolved,
 )
 from gossamer_fx.core.checks.lazy_names import public_names
+from tests.survival.on_ranks import complete
 
 ROOT = Path(gx.__file__).parents[1]
 
@@ -92,7 +92,7 @@ def test_the_check_is_the_same_by_every_import_path() -> None:
         "except gx.InputError as error:\n"
         "    print(error, Rope is gx.connectors.Rope)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    done = complete([sys.executable, "-c", code])
     assert done.stdout == "Rope: name is 0.3; give a word. True\n", done.stdout + done.stderr
 
 
@@ -194,7 +194,7 @@ def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
         "except ValueError as error:\n"
         "    print(error)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    done = complete([sys.executable, "-c", code])
     expected = "False\nGasState: chamber is 3.0; give a chamber or tank.\n"
     assert done.stdout == expected, done.stdout + done.stderr
 

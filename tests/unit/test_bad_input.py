@@ -21,6 +21,7 @@ from gossamer_fx.app.cli.user_files import guarded
 from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.control.feedback import Actuator
+from gossamer_fx.mechanics.gas.contract import Gas
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
@@ -94,7 +95,7 @@ def test_lists_and_arrays_are_taken_where_tuples_are(calls: dict[str, Call]) -> 
                 tried += 1
                 try:
                     made = attrgetter(name)(gx)(**call | {argument: other})
-                    is_named_only = isinstance(made, gx.Frame | Obstacle | Actuator)
+                    is_named_only = isinstance(made, gx.Frame | Obstacle | Actuator | Gas)
                     if isinstance(made, Item) and not is_named_only:
                         gx.Scene(made).compile()
                 except Exception as error:
@@ -138,6 +139,7 @@ def files_of(calls: dict[str, Call]) -> dict[str, Path]:
 
 # Numbers that may be negative.
 OF_ANY_SIGN = {
+    "gas.Antoine": "A B C",
     "Case": "halvings",
     "Fixed": "twist",
     "LinearOrthotropic": "nu12",
@@ -154,6 +156,8 @@ OF_ANY_SIGN = {
     "constraints.Latch": "angle",
     "control.ReactionWheel": "spin",
     "loads.EdgeMoment": "moment",
+    "loads.StandardAtmosphere": "altitude",
+    "loads.UniformFluid": "level",
     "orbit.Drag": "rotation",
     "orbit.Elements": "node perigee anomaly",
     "orbit.ExponentialAtmosphere": "altitude",
@@ -170,6 +174,10 @@ NOT_NEGATIVE = {
     "Linear": "nu",
     "Miyazaki": "nu residual_stiffness",
     "Orifice": "area",
+    "gas.Inflator": "mass_flow",
+    "gas.PorousFilm": "area inertial",
+    "gas.Regulator": "area",
+    "gas.Valve": "area opens",
     "Orthotropic": "residual_stiffness",
     "Simulation": "halvings",
     "TensionField": "nu residual_stiffness",
@@ -177,11 +185,12 @@ NOT_NEGATIVE = {
     "materials.MooneyRivlin": "C2",
     "materials.NeoHooke": "residual_stiffness",
     "analysis.Frequency": "number",
+    "loads.FluidPressure": "g",
+    "loads.UniformFluid": "pressure",
     "analysis.Limit": "high",
     "analysis.Prestress": "nu",
     "analysis.find_form": "change",
     "analysis.modes": "above",
-    "assemblies.InflatableTube": "dead_volume crease_stiffness set_angle_ratio contact_distance",
     "connectors.Rope": "damping",
     "connectors.RopeBundle": "damping",
     "connectors.Spring": "length",
@@ -397,7 +406,24 @@ def test_a_dry_run_shows_the_side_of_the_normals(tmp_path: Path, monkeypatch, ca
     Path("scene.py").write_text(GOOD)
     assert main(["run", "scene.py", "--dry-run"]) == 0
     # A sheet has no inside.
-    assert "normals" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "normals" not in said and "intersect" not in said
+
+
+def test_a_dry_run_warns_of_films_that_intersect(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    second = """
+    turned = lambda X: np.vstack([0.4321 - X[0], 0 * X[1], X[0] - 0.4])
+    upright = gx.Membrane(sheet(comm, 2, 2), law, displacement=turned, name="upright")
+    return gx.Case(gx.Scene(film, upright), """
+    scene = SPHERE.replace("    return gx.Case(gx.Scene(film, gx.Pressure(film, 1.0)), ", second)
+    scene = scene.replace(
+        "import gossamer_fx as gx", "import gossamer_fx as gx\nimport numpy as np"
+    )
+    scene = scene.replace("meshes.sphere import sphere", "meshes.sheet import sheet")
+    Path("crossed.py").write_text(scene.replace("sphere(comm, 1.0, 10)", "sheet(comm, 2, 2)"))
+    assert main(["run", "crossed.py", "--dry-run"]) == 0
+    assert re.search(r"warning: \d+ edges of films intersect films", capsys.readouterr().out)
 
 
 @pytest.mark.mpi

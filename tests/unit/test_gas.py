@@ -74,8 +74,8 @@ def test_flow_grows_with_the_pressure_difference():
 
 def test_vacuum_gives_no_flow():
     orifice = gx.Orifice(gx.gas.Ambient(), gx.gas.Ambient(1e5, 300.0, name="reservoir"), area=1.0)
-    assert orifice.flow(AIR, 1.0, (0.0, 0.0), (300.0, 300.0)) == 0
-    assert orifice.flow(AIR, 1.0, (0.0, 1e5), (300.0, 300.0)).real < 0
+    assert orifice.flow((AIR, AIR), 1.0, (0.0, 0.0), (300.0, 300.0)) == 0
+    assert orifice.flow((AIR, AIR), 1.0, (0.0, 1e5), (300.0, 300.0)).real < 0
 
 
 # ---- flows of a scene ----------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
-from gossamer_fx.meshes import antenna, disc, plates, sails, tube_section
+from gossamer_fx.meshes import antenna, disc, plates, revolved, sails, tube_section
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.creased import creased_film, creased_tube
@@ -340,7 +340,11 @@ GENERATORS = [
     (plates.leaning_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 0.1, "ramp": 0.1}),
     (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}),
     (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}),
-    (plates.whole_disc, {"cells": 2}),
+    (revolved.whole_disc, {"cells": 2, "radius": 1.0}),
+    (revolved.torus, {"radius": 1.0, "tube_radius": 0.2, "around": 8, "around_tube": 4}),
+    (revolved.hull, {"radius": 1.0, "length": 1.0, "cells": 2, "cap_height": 0.5}),
+    (revolved.dish, {"radius": 1.0, "focal_length": 1.0, "cells": 2}),
+    (revolved.balloon, {"radius": 1.0, "gores": 6, "cells": 1, "height": 1.0}),
     (sails.parallelograms, {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1}),
     (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}),
     (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.presets import fibres, films, gases, laminae
+from gossamer_fx.presets import fibres, films, gases
 
 KGF_PER_MM2 = 9.80665e6  # Pa
 MATERIALS = [thing for thing in vars(films).values() if isinstance(thing, films.FilmMaterial)]
@@ -72,12 +72,3 @@ def test_fibres_are_as_their_sheet_says_in_other_units(
 def test_pbo_is_as_a_review_lists_it() -> None:
     """270 and 275 GPa: doi:10.1038/s41598-021-87957-7, table 1."""
     assert pytest.approx(270e9, rel=0.02) == fibres.PBO_HM.E
-
-
-def test_a_layer_makes_both_laws_and_refuses_others() -> None:
-    layer = laminae.GRAPHITE_EPOXY_HM
-    for kind in (gx.LinearOrthotropic, gx.Orthotropic):
-        law = layer.law(1e-4, direction=(1.0, 0.0, 0.0), kind=kind)
-        assert type(law) is kind and (law.E1, law.G12) == (layer.E1, layer.G12)
-    with pytest.raises(gx.InputError, match="a kind of LinearOrthotropic or Orthotropic"):
-        layer.law(1e-4, direction=(1.0, 0.0, 0.0), kind=gx.Linear)

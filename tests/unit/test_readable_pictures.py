@@ -20,9 +20,9 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot import plot as pictures
-from gossamer_fx.records.plot.colours import STATE_COLOURS
+from gossamer_fx.records.plot.colours import STATE_COLOURS, by_state
 from gossamer_fx.records.plot.curve_panels import _area_shares, label_ends, run_curves, wrapped
-from gossamer_fx.records.plot.viewer import view_data
+from gossamer_fx.records.plot.viewer import RunView
 from tests.small_scenes import WRINKLING
 
 COMM = MPI.COMM_SELF
@@ -61,10 +61,15 @@ def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
         for point in tape.reshape(-1, 3):
             assert np.linalg.norm(points - point, axis=1).min() == pytest.approx(0.0, abs=1e-12)
         assert shape.lines[4:, 1] == pytest.approx(np.array([[1.5, 1.5, 0.0]] * 2))
-    data = view_data(recorded)
-    lines = np.frombuffer(b64decode(data["parts"][0]["lines"]), dtype="<u4")
-    assert len(lines) == 2 * 6
-    assert lines.max() < data["parts"][0]["vertices"]
+    [parts] = RunView(recorded).whole()["header"]["meshes"]
+    ends = [
+        np.frombuffer(b64decode(part["pieces"]), dtype="<u4")
+        for part in parts
+        if part["corners"] == 2
+    ]
+    assert sum(len(pieces) for pieces in ends) == 2 * 6
+    for part, pieces in zip(parts[1:], ends, strict=True):
+        assert pieces.max() < len(b64decode(part["start"])) // 12
 
 
 def test_a_scene_without_them_writes_no_table(tmp_path: Path) -> None:
@@ -103,14 +108,16 @@ def test_a_gif_keeps_the_colour_of_a_few_cells_in_one_frame(tmp_path: Path) -> N
 def test_the_view_shows_numbers_smoothly_and_states_by_triangle(
     recorded: gx.plot.RunReader,
 ) -> None:
-    data = view_data(recorded)
-    triangles = len(b64decode(data["parts"][0]["triangles"])) // 12
-    smooth = {field["name"]: field["smooth"] for field in data["fields"]}
+    data = RunView(recorded).whole()
+    film = data["header"]["meshes"][0][0]
+    triangles = len(b64decode(film["pieces"])) // 12
+    vertices = len(b64decode(film["start"])) // 12
+    smooth = {legend["name"]: legend["smooth"] for legend in data["legends"]}
     assert smooth["Displacement"] and not smooth["State of the film"]
-    for field, kinds in zip(data["fields"], data["parts"][0]["kinds"], strict=True):
-        colours = len(b64decode(kinds))
-        corners = 3 if field["smooth"] else 1
-        assert colours == corners * triangles * len(data["labels"])
+    number = data["header"]["fields"].index("Displacement")
+    for state in data["states"][1:]:
+        assert len(b64decode(state["values"][number][0]["data"])) == 2 * vertices
+        assert len(b64decode(state["values"][0][0]["data"])) == 2 * triangles
 
 
 # ---- names of curves -----------------------------------------------------------------------------
@@ -179,7 +186,7 @@ def test_captions_of_images_side_by_side_do_not_meet(count: int) -> None:
     from matplotlib.figure import Figure
 
     captions = [f"equilibrium of t = 0.{k}234 s, {k}.9 times larger" for k in range(count)]
-    views = page.Views(captions, size=(0.2, 2.0), draw=lambda scale: [], key={})
+    views = page.Views(captions, size=(0.2, 2.0), draw=lambda scale: [], colours=by_state(False))
     rows, columns = page._arrange(views, page.WIDTH)
     height = page._caption_height(views, columns, page.WIDTH)
     height += page._image_height(views, rows, columns, page.WIDTH)

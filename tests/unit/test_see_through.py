@@ -31,10 +31,8 @@ def middle(folder, films, opacity):
         return None
     run = gx.plot.RunReader(folder)
     colours = colouring(run, "group")
-    shapes = [run.shape(0, "group", colours.kinds)]
-    image = next(
-        render(aim(shapes, gx.plot.View(**ABOVE, opacity=opacity)), shapes, 40.0, colours.table)
-    )
+    shapes = [colours.shape(run, 0)]
+    image = next(render(aim(shapes, gx.plot.View(**ABOVE, opacity=opacity)), shapes, 40.0, colours))
     return image[image.shape[0] // 2, image.shape[1] // 2]
 
 

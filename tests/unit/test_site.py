@@ -164,6 +164,45 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
                     assert (ROOT / word).exists(), told
 
 
+# ---- what is looked for is found -----------------------------------------------------------------
+
+
+def test_sessions_in_the_reference_are_code(generate: ModuleType) -> None:
+    """A session in running text is wider than a phone, and its stars and underscores vanish."""
+    pages = generate.reference() | {"meshes": generate.meshes()}
+    for name, text in pages.items():
+        outside = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+        assert ">>>" not in outside, name
+
+
+def test_every_mesh_generator_has_its_entry(generate: ModuleType) -> None:
+    found = [name for name, _ in generate.mesh_generators()]
+    assert {"sheet.sheet", "tube.flat_tube", "sphere.sphere", "line.line"} <= set(found)
+    text = generate.meshes()
+    for name in found:
+        module, _, short = name.rpartition(".")
+        entry = rf"\{{py:function\}} {short}\(.*\n:module: gossamer_fx\.meshes\.{module}\n\n\w"
+        assert re.search(entry, text), name
+
+
+def test_links_of_source_code_lead_to_the_entries_of_names(generate: ModuleType) -> None:
+    """Of one file with `gx.Ledger` and `gx.outputs.Probes`."""
+    linked = generate.with_namespaces('"x#gossamer_fx.Ledger" "x#gossamer_fx.Probes.values"')
+    assert linked == '"x#gossamer_fx.Ledger" "x#gossamer_fx.outputs.Probes.values"'
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["airship", "flatness", "surface accuracy", "viewer", "live", "prestress", "tendon"],
+)
+def test_guides_use_the_words_of_designers(words: str) -> None:
+    """Else the search of the site leads to source code, or nowhere."""
+    guides = [*(DOCS / "howto").glob("*.md"), *(DOCS / "tutorials").glob("*.md")]
+    guides.append(DOCS / "glossary.md")
+    pattern = re.compile(rf"\b{words}\b", re.IGNORECASE)
+    assert any(pattern.search(page.read_text(encoding="utf-8")) for page in guides)
+
+
 # ---- the page of messages ------------------------------------------------------------------------
 
 

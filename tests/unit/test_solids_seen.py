@@ -12,7 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import SOLID
-from gossamer_fx.records.plot.viewer import view_data
+from gossamer_fx.records.plot.viewer import RunView
 from tests.small_scenes import WRINKLING
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])
@@ -85,7 +85,9 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
         assert np.allclose(np.ptp(turned, axis=0), (0.04, 0.02), atol=1e-6)
         assert corners[12:, :, 0].mean() == pytest.approx(5e-3, abs=1e-3)
         assert len(shape.lines) == 14  # of the floor
-        assert view_data(read)["parts"][0]["lines"]
+        [parts] = RunView(read).whole()["header"]["meshes"]
+        of_floor = [part for part in parts if part["name"] == "solid 3"]
+        assert [part["corners"] for part in of_floor] == [2] and of_floor[0]["pieces"]
         assert (folder / "seen.png").read_bytes()[1:4] == b"PNG"
 
 

@@ -91,7 +91,7 @@ class Page(HTMLParser):
 
 ALLOWED = {
     *("html", "head", "meta", "title", "style", "body", "h1", "h2", "p", "div", "canvas", "button"),
-    *("picture", "source"),
+    *("picture", "source", "label"),
     *("input", "span", "select", "img", "pre", "table", "tr", "th", "td", "script"),
 }
 
@@ -121,7 +121,7 @@ def check_page(text: str, name: str) -> None:
     assert f"style-src 'sha256-{digest}'" in policy
     shown = name.encode(errors="replace").decode()  # half of a surrogate pair has no UTF-8
     assert any(shown.replace("\x00", "\ufffd") in t or shown in t for t in page.texts)
-    names = [kind for field in data["fields"] for kind, _ in field.get("names", [])]
+    names = [kind for legend in data["legends"] for kind, _ in legend.get("names", [])]
     assert any(name in kind for kind in names)  # groups
 
 
@@ -306,7 +306,7 @@ def test_damaged_tables_are_refused_in_a_sentence(
 ) -> None:
     """Without a column or its first row, with words, with rows of other lengths, with other
     columns."""
-    monkeypatch.setattr("gossamer_fx.records.plot.report.view_data", lambda run: {})
+    monkeypatch.setattr("gossamer_fx.records.plot.report.view_scripts", lambda data: "")
 
     def image(draw: Callable[[Path, float], None], words: str) -> str:
         # Pictures of the film read no tables.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-import subprocess
 import sys
 
 import pytest
@@ -15,6 +14,7 @@ from demos.studies.engine.study import Measure, Study, no_order
 from gossamer_fx import InputError, NoEquilibrium
 from gossamer_fx.analysis.cases.case_set import run_cases, verdict
 from gossamer_fx.analysis.cases.results import Result
+from tests.survival.on_ranks import complete
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -73,6 +73,21 @@ def test_the_summary_tells_the_largest_errors_and_the_spread_of_orders(comm, fol
     assert row == ["toy", "y", "0.062; 1.0 to 2.0", "", "0.008"]
 
 
+def test_a_finer_case_is_the_last_of_its_curve_and_is_judged(comm, folder):
+    demanding = dataclasses.replace(
+        STUDY,
+        axes={"order": [1], "cells": [2, 4]},
+        measures=(Measure("y", 2.0, 0.1),),
+        finer=[{"order": 1, "cells": 8}],
+    )
+    results = run(demanding, folder, comm)
+    assert [result.values["cells"] for result in results] == [2, 4, 8]
+    assert not shortfalls(demanding, comm, results)
+    coarse = dataclasses.replace(demanding, finer=())
+    assert shortfalls(coarse, comm, results[:2]) == ["y, order 1, cells 4: error 0.12 > 0.1"]
+    assert len(demanding.case_set(comm, quick=True).cases) == 2
+
+
 def test_what_falls_short_is_said_in_the_quick_form_too(comm, folder):
     demanding = dataclasses.replace(STUDY, measures=(Measure("y", 2.0, 1e-2, lambda case: 2.0),))
     assert (
@@ -121,7 +136,7 @@ def test_a_recorded_warning_is_printed_as_before():
         "    logging.getLogger('gossamer_fx').warning('prime')\n"
         "print(found)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = complete([sys.executable, "-c", code])
     assert (done.stdout, done.stderr) == ("['prime']\n", "prime\n")
 
 

@@ -100,6 +100,7 @@ class Study:
             refined.
         size: h of a case.
         measures: the results that have references.
+        finer: further cases of the full form, where the last value of the last axis is too coarse.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
         columns: names of further results that the table shows, divided by commas.
@@ -117,6 +118,7 @@ class Study:
     axes: Mapping[str, Sequence[Any]]
     size: Callable[[Trial], float]
     measures: tuple[Measure, ...] = ()
+    finer: Sequence[Trial] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     quick_options: Mapping[str, Any] = field(default_factory=dict)
     columns: str = "iterations, seconds"
@@ -139,6 +141,11 @@ class Study:
             f"Study '{self.name}': quick has an axis {unknown} that the study has not; remove it.",
         )
         axes = {**self.axes, **(self.quick if quick else {})}
+        trials: list[Trial] = [
+            dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
+        ]
+        if not quick:
+            trials += self.finer
         # Options and ranks are values of the case, too: other results belong to others.
         others = {**(self.quick_options if quick else {}), "ranks": comm.size}
         shows = self.shows
@@ -151,10 +158,7 @@ class Study:
             name=self.name,
             title=self.title,
             outcome=self._outcome,
-            cases=[
-                dict(zip(axes, values, strict=True)) | others
-                for values in itertools.product(*axes.values())
-            ],
+            cases=[{**trial, **others} for trial in trials],
             rows=self.rows,
             judge=lambda results: self.judge(results, quick),
             draw=draw,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from demos.validation.engine.case import Case
 from demos.validation.engine.comparison import Comparison, comparisons, results_by_test
-from demos.validation.engine.report import is_asked, peer_errors, percent
+from demos.validation.engine.report import is_asked, percent
 from gossamer_fx.analysis.cases.results import Result
 
 HEAD = [
@@ -91,26 +91,19 @@ def marks_by_family(cases: Iterable[tuple[Case, list[Result]]]) -> dict[str, lis
     return found
 
 
-def family_rows(cases: Iterable[tuple[Case, list[Result]]]) -> Iterator[list[str]]:
-    """Cells of a table with one row for each family, of the quantities of which something is
-    asked."""
-    yield HEAD
-    for family, marks in marks_by_family(cases).items():
-        asked = [mark for mark in marks if is_asked(mark.comparison.measured)]
-        if not asked:
-            continue
-        ordered = sorted(asked, key=lambda mark: abs(mark.comparison.error))
-        worst = ordered[-1]
-        yield [
-            family,
-            str(len({mark.case for mark in asked})),
-            str(len(asked)),
-            percent(abs(ordered[0].comparison.error)),
-            percent(abs(worst.comparison.error)) or "failed",
-            f"{worst.case}: {worst.comparison.measured.quantity}",
-            f"{sum(mark.comparison.is_accepted() for mark in asked)}/{len(asked)}",
-            peer_errors(mark.comparison for mark in asked),
-        ]
+def accuracy_words(cases: Iterable[tuple[Case, list[Result]]]) -> str:
+    """Sentences about the quantities of which something is asked: how many are within it, and the
+    worst miss."""
+    found = marks_by_family(cases).values()
+    asked = [mark for marks in found for mark in marks if is_asked(mark.comparison.measured)]
+    accepted = sum(mark.comparison.is_accepted() for mark in asked)
+    worst = max(asked, key=lambda mark: abs(mark.comparison.error))
+    error = percent(abs(worst.comparison.error)) or "failed"
+    return (
+        f"{len({mark.case for mark in asked})} cases: {accepted} of {len(asked)} quantities are as "
+        f"near as was asked before the first run.\nThe worst miss is {error}, "
+        f"{worst.case}: {worst.comparison.measured.quantity}."
+    )
 
 
 def overview(cases: Iterable[tuple[Case, list[Result]]], path: Path) -> None:

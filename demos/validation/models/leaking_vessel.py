@@ -24,6 +24,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.gas.contract import Gas
 from gossamer_fx.mechanics.gas.network import GasNetwork
 
 AIR = gx.IdealGas(gamma=1.4, R=287.05)
@@ -63,7 +64,7 @@ class Inflow(OwnOpening):
 
     def flow(
         self,
-        gas: gx.IdealGas,
+        gases: tuple[Gas, Gas],
         area: float,
         p: tuple[complex, complex],
         T: tuple[complex, complex],
@@ -90,7 +91,7 @@ class LaminarLeak(OwnOpening):
 
     def flow(
         self,
-        gas: gx.IdealGas,
+        gases: tuple[Gas, Gas],
         area: float,
         p: tuple[complex, complex],
         T: tuple[complex, complex],

@@ -11,12 +11,10 @@ Numbers, and amounts of a basis, are the same on all ranks.
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,7 +27,6 @@ from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all, real_numbers
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.records.outputs.output import make_parent
 
 LOGGER = logging.getLogger("gossamer_fx")
 
@@ -200,8 +197,8 @@ class DesignProblem:
     """A result and its limits as functions of one vector of scaled numbers.
 
     The vector varies the parameters of the source, or the amounts of columns (k, m), by name, in
-    place of the k values of a field.  After each iteration the parameters are written to `record`,
-    from which a search restarts, and the result is added to `history`, that of the start first.
+    place of the k values of a field.  After each iteration the result is added to `history`, that
+    of the start first.
     """
 
     def __init__(
@@ -210,31 +207,20 @@ class DesignProblem:
         source: Source,
         of: Any,
         basis: Mapping[str, Any],
-        record: Path | None,
-        restart: bool,
     ) -> None:
         self.who = who
         self.comm = source.comm
         self._source = source
         self._of = of
-        self._record = record
-        # Before anything is computed.
-        if record is not None:
-            make_parent(self.comm, record, file=True)
         present = source.values()
         for name in basis:
             check(name in present, f"{who}: basis has '{name}', which is not in by.")
-        known = present
-        if restart:
-            known = self._read(present)
-        self.variables = []
-        for name in present:
-            self.variables.append(self._variable(name, known[name], basis.get(name)))
-        self._at: Array | None = None
+        self.variables = [
+            self._variable(name, values, basis.get(name)) for name, values in present.items()
+        ]
         self._known: dict[int, tuple[float, Array]] = {}
-        if not restart:
-            # The source has evaluated its start.
-            self._at = self.start
+        # The source has evaluated its start.
+        self._at = self.start
         # `value` divides by nothing, so that the scale may follow from it.
         self._scale_of_value = 1.0
         self._scale_of_value = max(abs(self.value(self.start)), TINY)
@@ -344,7 +330,7 @@ class DesignProblem:
     def move_to(self, x: Array) -> None:
         """Set the parameters, unless they are set already.  Collective."""
         # All ranks decide alike: a rank without entries would know every vector.
-        is_known = self._at is not None and np.array_equal(x, self._at)
+        is_known = np.array_equal(x, self._at)
         if self.comm.allreduce(is_known, op=MPI.LAND):
             return
         self._source.set(self.parameters(x))
@@ -375,66 +361,8 @@ class DesignProblem:
         value, slope = self.evaluate(self._of, x)
         return value / self._scale_of_value, slope / self._scale_of_value
 
-    # ---- the record ------------------------------------------------------------------------------
-
     def note(self, x: Array) -> None:
-        """Log an iteration, and write its parameters."""
+        """Log an iteration, and add its result to the history."""
         self.history.append(self.value(x))
         iteration = len(self.history) - 1
         LOGGER.info("%s: iteration %d, value %.9g", self.who, iteration, self.history[-1])
-        path = self._record_of_rank()
-        if path is None:
-            return
-        parameters = {name: values.tolist() for name, values in self.parameters(x).items()}
-        content = {"value": self.history[-1], "parameters": parameters}
-        # A search that is killed leaves the last complete file.
-        unfinished = path.with_name(path.name + ".part")
-        unfinished.write_text(json.dumps(content), encoding="utf-8")
-        unfinished.replace(path)
-
-    def _record_of_rank(self) -> Path | None:
-        """The file that this rank writes; fields on several ranks have one file for each rank."""
-        if self._record is None:
-            return None
-        if self.comm.size > 1 and any(map(self._source.is_distributed, self._source.values())):
-            of_rank = f"{self._record.stem}-{self.comm.rank}-of-{self.comm.size}"
-            return self._record.with_name(of_rank + self._record.suffix)
-        return self._record if self.comm.rank == 0 else None
-
-    def _read(self, present: Mapping[str, Array]) -> dict[str, Array]:
-        """Values of a record at the last iteration that was written, of the same parameters and
-        sizes as the present ones.  Collective."""
-        path = self._record
-        # Numbers are in the file of rank 0, which all ranks read.
-        if path is not None and self.comm.size > 1:
-            path = self._record_of_rank() or path
-        check_on_all(
-            self.comm,
-            path is not None and path.exists(),
-            f"{self.who}: there is no file {path} to restart from; give record, or restart=False.",
-        )
-        # For mypy: without a path the check has failed.
-        assert path is not None
-        problem = ""
-        recorded: dict[str, Any] = {}
-        try:
-            recorded = dict(json.loads(path.read_text(encoding="utf-8"))["parameters"])
-        except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-            problem = f"{type(error).__name__}: {error}"
-        check_on_all(
-            self.comm,
-            not problem,
-            f"{self.who}: '{path}' is not the record of a search ({problem}); give another one, or "
-            "restart=False.",
-        )
-        found: dict[str, Array] = {}
-        for name, values in present.items():
-            numbers = real_numbers(recorded.get(name, []))
-            found[name] = np.zeros(0) if numbers is None else np.atleast_1d(numbers)
-            check_on_all(
-                self.comm,
-                len(found[name]) == len(values),
-                f"{self.who}: the record has {len(found[name])} values of '{name}'; "
-                f"the scene has {len(values)}.",
-            )
-        return found

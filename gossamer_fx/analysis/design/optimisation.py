@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from mpi4py import MPI
@@ -106,13 +105,11 @@ def minimise(
     method: Method | None = None,
     iterations: Annotated[int, Range(1)] = 100,
     tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
-    record: str | Path | None = None,
-    restart: bool = False,
 ) -> Optimum:
     """Change parameters of a scene so that a result of its equilibrium gets least.
 
-    It finds a local minimum near the start.  A field has a number for each of its entries, or with
-    a basis the amounts of a few given changes of it.
+    It finds a local minimum near the present parameters: another call goes on.  A field has a
+    number for each of its entries, or with a basis the amounts of a few given changes of it.
 
     Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton
     methods "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which
@@ -131,14 +128,10 @@ def minimise(
         method: see above.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
-        record: file to which the parameters are written after each iteration (JSON).  Rank 0
-            writes; of fields on several ranks each rank writes a file with its part.
-        restart: whether to start from the parameters in this file, on as many ranks.
 
     Raises:
-        InputError: a name that the scene has not, bounds or a basis of something else, no file to
-            restart from, a method of SciPy with a field on several ranks, or limits with a method
-            of TAO.
+        InputError: a name that the scene has not, bounds or a basis of something else, a method of
+            SciPy with a field on several ranks, or limits with a method of TAO.
         NoEquilibrium: parameters without an equilibrium.
 
     Example:
@@ -157,14 +150,7 @@ def minimise(
         >>> found.parameters["spring.length"].round(4)
         array([1.4])
     """
-    problem = DesignProblem(
-        "minimise",
-        EquilibriumSource(equilibrium, by),
-        of,
-        basis or {},
-        None if record is None else Path(record),
-        restart,
-    )
+    problem = DesignProblem("minimise", EquilibriumSource(equilibrium, by), of, basis or {})
     return _search(problem, bounds or {}, limits, method, iterations, tolerance)
 
 
@@ -177,8 +163,6 @@ def minimise_runs(
     method: Method | None = None,
     iterations: Annotated[int, Range(1)] = 100,
     tolerance: Annotated[float, Range(0.0, 1.0, above=True)] = 1e-8,
-    record: str | Path | None = None,
-    restart: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Optimum:
     """Change parameters of a run so that a result of it gets least; each evaluation makes a new
@@ -195,9 +179,6 @@ def minimise_runs(
         method: see above; for fields on several ranks one of TAO.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
-        record: file to which the parameters are written after each iteration (JSON), see
-            `minimise`.
-        restart: whether to start from the parameters in this file.
         comm: ranks of the runs.
 
     Raises:
@@ -226,14 +207,7 @@ def minimise_runs(
         (-1.0, array([40.]))
     """
     check(bool(start), "minimise_runs: start is empty; give first values by name.")
-    problem = DesignProblem(
-        "minimise_runs",
-        RunSource(evaluate, start, comm),
-        None,
-        {},
-        None if record is None else Path(record),
-        restart,
-    )
+    problem = DesignProblem("minimise_runs", RunSource(evaluate, start, comm), None, {})
     return _search(problem, bounds or {}, (), method, iterations, tolerance)
 
 

@@ -139,9 +139,7 @@ def fit(
         (array([1.1]), array([0.01]))
     """
     check(len(of) > 0, "fit: of is empty; give results.")
-    problem = DesignProblem(
-        "fit", EquilibriumSource(equilibrium, by), of[0], basis or {}, None, restart=False
-    )
+    problem = DesignProblem("fit", EquilibriumSource(equilibrium, by), of[0], basis or {})
 
     def evaluate(x: Array) -> Iterator[tuple[float, Array]]:
         for objective in of:
@@ -198,7 +196,7 @@ def fit_runs(
     """
     check(bool(start), "fit_runs: start is empty; give first values by name.")
     source = _Series(evaluate, start, len(measured), comm)
-    problem = DesignProblem("fit_runs", source, None, {}, None, restart=False)
+    problem = DesignProblem("fit_runs", source, None, {})
 
     def rows(x: Array) -> Iterator[tuple[float, Array]]:
         for number in range(len(measured)):

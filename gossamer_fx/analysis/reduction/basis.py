@@ -199,7 +199,7 @@ def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> 
     """Refuse no snapshots, and snapshots of another mesh.  Collective."""
     check(
         bool(snapshots),
-        "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.",
+        "reduce: there are no snapshots; record the film with `Snapshots` first.",
     )
     shape = (film.space.dofmap.index_map.size_local, 3)
     differ = any(snapshot.shape != shape for snapshot in snapshots)

@@ -29,11 +29,11 @@ from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Array, Block, Port
+from gossamer_fx.core.model.body import Array, Block, Port, Vector
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.bodies.meshed import global_node, interpolated
+from gossamer_fx.mechanics.bodies.meshed import global_node, global_nodes
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
 
@@ -174,8 +174,12 @@ class ReducedMembrane(Membrane):
         return self._combined((node,), (1.0,))
 
     @check_arguments
-    def port_at(self, point: Sequence[float]) -> Port:
-        on_film = interpolated(self.full, point)
+    def ports(self, group: str) -> list[Port]:
+        return [self._combined((node,), (1.0,)) for node in global_nodes(self.full, group)]
+
+    @check_arguments
+    def port_at(self, point: Vector, *, snap: bool = False) -> Port:
+        on_film = self.full.port_at(point, snap=snap)
         return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
@@ -251,7 +255,7 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
 
 @runtime_checkable
 class Motion(Protocol):
-    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`: positions (n, 3) [m] of this
+    """Recorded shapes of a film, e.g. `Snapshots`: positions (n, 3) [m] of this
     rank's nodes, one array for each shape."""
 
     positions: Sequence[Array]
@@ -274,7 +278,7 @@ def reduce(
 
     Args:
         body: the film; it may not have bending stiffness, creases or contact.
-        motions: `Snapshots` of runs, `RecordedShapes` of their folders, or `ModeShapes`.
+        motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
             `reduction.sampling`; None for all cells.
@@ -294,7 +298,7 @@ def reduce(
     check_reducible(body)
     check(
         isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
-        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
+        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `ModeShapes`.",
     )
     shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)

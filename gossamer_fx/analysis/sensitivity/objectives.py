@@ -163,6 +163,40 @@ class EnclosedVolume(Integral):
 
 
 @check_arguments
+class Rate:
+    """Rate of change in time of a result that depends on positions, e.g. of an enclosed volume: a
+    probe.
+
+    It is ∂J/∂q·v of the present state, with the velocities v.
+
+    Args:
+        of: the result, e.g. an `EnclosedVolume`.
+
+    Raises:
+        InputError: the result has no derivative.
+
+    Example:
+        >>> inflow = gx.analysis.Rate(gx.analysis.EnclosedVolume(film))
+        >>> inflow.unit, inflow(gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1)))
+        ('m³/s', 0.0)
+    """
+
+    def __init__(self, of: Objective) -> None:
+        self.of = of
+        self.unit = f"{of.unit}/s"
+
+    def __call__(self, run: HasScene) -> float:
+        system = run.system
+        by_position = system.numbering.vector()
+        by_velocity = system.numbering.vector()
+        self.of.add_derivative(system, by_position, by_velocity)
+        rate = float(by_position.dot(system.v0))
+        by_position.destroy()
+        by_velocity.destroy()
+        return rate
+
+
+@check_arguments
 class Energy:
     """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the
     stored one.
@@ -183,22 +217,28 @@ class Energy:
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add ψ'(q) [N], the forces of stored energies in a step of no length, and M v [kg m/s].
-        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q."""
+        The internal energy U(p V, m) of a chamber adds p ∂U/∂(pV) ∂V/∂q."""
         forces = system.stored_forces()
         by_position.axpy(1.0, forces)
         with by_position as values:
             for gas in chambers_of(system):
                 if gas.enclosure is not None:
                     _, of_volume, _ = gas.enclosure.gradients()
-                    values += gas.pressure / (gas.chamber.gas.gamma - 1) * of_volume
+                    values += gas.pressure * gas.heat_factor * of_volume
         momenta = system.numbering.vector()
         system.M.mult(system.v0, momenta)
         by_velocity.axpy(1.0, momenta)
 
     def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
-        """Add ∂U/∂p = V/(γ - 1) of each chamber."""
-        for k, gas in enumerate(chambers_of(system)):
-            by_scalars[k] += gas.volume / (gas.chamber.gas.gamma - 1)
+        """Add the derivatives of U by the pressure and the masses of each chamber."""
+        chambers = chambers_of(system)
+        # The masses of all species follow the pressures.
+        start = len(chambers)
+        for k, gas in enumerate(chambers):
+            by_scalars[k] += gas.volume * gas.heat_factor
+            end = start + len(gas.masses)
+            by_scalars[start:end] += gas.energy_by_mass
+            start = end
 
     def forms(self, system: System) -> list[ufl.Form]:
         """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""

@@ -11,10 +11,12 @@ depends on pressures the derivative -κ ∂J/∂p g.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from petsc4py import PETSc
 
 from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
 from gossamer_fx.analysis.sensitivity.objectives import (
@@ -33,11 +35,14 @@ from gossamer_fx.analysis.sensitivity.variables import (
     PointVariable,
     find_variables,
 )
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Port, Vector
+from gossamer_fx.records.probes.points import Position
 from gossamer_fx.solve.system.system import System
 
 
+@runtime_checkable
 class SolvedEquilibrium(Protocol):
     """An `analysis.Equilibrium`, as far as gradients need it."""
 
@@ -51,39 +56,79 @@ class SolvedEquilibrium(Protocol):
         ...
 
 
-class StaticGradients:
-    """Gradients of results of one equilibrium, by the same variables; it may be found again in
-    between."""
+@check_arguments
+def point_stiffness(
+    equilibrium: SolvedEquilibrium, port: Port, *, direction: Vector = (0.0, 0.0, 1.0)
+) -> float:
+    """Stiffness dF/du [N/m] of a point about an equilibrium, by its tangent.  Collective.
 
-    def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
-        system = equilibrium.system
-        for scalars in system.scalar_unknowns:
+    A small force along the direction moves the point along it by u; the point is free to move
+    across it, too.  With the row w by which the unknowns give u, dF/du = 1/(w·K⁻¹w).  Closed gas
+    adds its stiffness.
+
+    Args:
+        equilibrium: an `Equilibrium` of which `find` was called.
+        port: the point, e.g. the tip of a boom.
+        direction: of force and displacement; its length does not matter.
+
+    Returns:
+        The stiffness [N/m]; infinite where the point is fixed, negative beyond a limit point.
+
+    Raises:
+        InputError: no equilibrium was found, the direction is zero, the scene has gas with
+            openings, or the tangent is singular.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=0.9)
+        >>> equilibrium = gx.Equilibrium(
+        ...     gx.Scene(mass, spring, gx.Gravity(mass, (0.0, 0.0, -10.0)))
+        ... )
+        >>> result = equilibrium.find()
+        >>> along = gx.analysis.point_stiffness(equilibrium, mass.port())
+        >>> across = gx.analysis.point_stiffness(equilibrium, mass.port(), direction=(1, 0, 0))
+        >>> f"{along:.3f}, {across:.3f} N/m"
+        '100.000, 10.000 N/m'
+    """
+    unit = np.asarray(direction, dtype=float)
+    length = float(np.linalg.norm(unit))
+    check(length > 0, "point_stiffness: the direction is zero; give that of the force.")
+    of_unknowns = equilibrium.system.numbering.vector()
+    for axis, component in zip("xyz", unit / length, strict=True):
+        if component:
+            row = equilibrium.system.numbering.vector()
+            Position(port, axis).add_derivative(equilibrium.system, row, row)
+            of_unknowns.axpy(component, row)
+            row.destroy()
+    adjoint = StaticAdjoint(equilibrium, "point_stiffness")
+    adjoint.factorise()
+    compliance = adjoint.solve(of_unknowns).dot(of_unknowns)
+    of_unknowns.destroy()
+    return 1 / compliance if compliance else math.inf
+
+
+class StaticAdjoint:
+    """Solves (1) at one equilibrium, which may be found again in between."""
+
+    def __init__(self, equilibrium: SolvedEquilibrium, what: str) -> None:
+        """`what` asks for it, for messages."""
+        for scalars in equilibrium.system.scalar_unknowns:
             check(
                 scalars.is_closed,
-                "gradient: "
+                f"{what}: "
                 "the gas of chambers with openings depends at equilibrium on how it got there; "
                 "leave the openings out, or take the gradient of a run.",
             )
-            check(
-                not any(name.endswith(f".{SHAPE}") for name in by),
-                "gradient: the amount of gas in a chamber depends on the shape of its film; "
-                "give the pressure as Pressure, or leave the shape out.",
-            )
+        self._what = what
         self._equilibrium = equilibrium
-        self._system = system
-        self._adjoint = AdjointFields(system)
-        self.variables = find_variables(system, by, self._adjoint, in_time=False)
-        self._explicit: dict[int, list[list[FormDerivative]]] = {}
+        self._system = equilibrium.system
         self._solver: TransposedSolver | None = None
         self._gas: list[tuple[Array, float]] = []
-        self._zero = system.numbering.vector()
-        self._λ = system.numbering.vector()
-        self._by_position = system.numbering.vector()
-        self._by_velocity = system.numbering.vector()
+        self._λ = self._system.numbering.vector()
 
     def factorise(self) -> None:
         """Take the tangent of the present equilibrium.  Collective."""
-        self._equilibrium.need("gradient")
+        self._equilibrium.need(self._what)
         system = self._system
         system.set_end(system.q0)
         system.set_inertia(0.0)
@@ -98,18 +143,41 @@ class StaticGradients:
             gradient[system.supports.held] = 0.0
         self._solver.add_to_inverse(self._gas)
 
+    def solve(self, by_position: PETSc.Vec) -> PETSc.Vec:
+        """λ for a derivative of a result, which loses its entries at fixed coordinates; the next
+        call overwrites λ.  Collective."""
+        assert self._solver is not None
+        # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
+        by_position.array[self._system.supports.held] = 0
+        self._solver.solve(by_position, self._λ)
+        return self._λ
+
+
+class StaticGradients(StaticAdjoint):
+    """Gradients of results of one equilibrium, by the same variables."""
+
+    def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+        super().__init__(equilibrium, "gradient")
+        system = self._system
+        check(
+            not (system.scalar_unknowns and any(name.endswith(f".{SHAPE}") for name in by)),
+            "gradient: the amount of gas in a chamber depends on the shape of its film; "
+            "give the pressure as Pressure, or leave the shape out.",
+        )
+        self._adjoint = AdjointFields(system)
+        self.variables = find_variables(system, by, self._adjoint, in_time=False)
+        self._explicit: dict[int, list[list[FormDerivative]]] = {}
+        self._by_position = system.numbering.vector()
+        self._by_velocity = system.numbering.vector()
+
     def of(self, objective: Objective) -> Gradient:
         """The gradient of one result at the equilibrium of the last `factorise`.  Collective."""
         system = self._system
-        assert self._solver is not None
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
         objective.add_derivative(system, self._by_position, self._by_velocity)
         self._add_pressures(objective)
-        # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
-        self._by_position.array[system.supports.held] = 0
-        self._solver.solve(self._by_position, self._λ)
-        self._adjoint.set(self._λ)
+        self._adjoint.set(self.solve(self._by_position))
         explicit = self._explicit_derivatives(objective)
         for variable, derivatives in zip(self.variables, explicit, strict=True):
             variable.start()

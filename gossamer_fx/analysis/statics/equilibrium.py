@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict
 from typing import Any, Literal
@@ -201,6 +202,7 @@ class Equilibrium:
                 method=method,
                 until=self.time,
                 compile_seconds=self.compile_seconds,
+                residual=math.nan,
                 caption="not an equilibrium: the search was stopped",
             )
         caption = f"equilibrium, residual {result.residual:.1e}"
@@ -216,6 +218,7 @@ class Equilibrium:
             seconds=self._all_seconds,
             compile_seconds=self.compile_seconds,
             solver=self._search.newton.summary(),
+            residual=result.residual,
             caption=caption,
             details={
                 "result": {

@@ -1,35 +1,20 @@
-"""Advice for scenes whose equilibrium was not found or is not stable: likely causes, from what the
-scene contains.
-
-A compressed beam buckles at N = π² EI/(β L)², with β = 1 between hinges, 2 for a cantilever with a
-force of constant direction at its tip, ½ between clamps (Timoshenko and Gere, Theory of Elastic
-Stability, 2nd ed., 1961, sections 2.1 and 2.2).  The advice compares the mean compression of each
-beam with the load for β = 1; supports of real beams are between the others.
-"""
+"""Likely causes why an equilibrium was not found, from what the scene contains, and what to do."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.enclosed_volume import Enclosed, enclosed_by
-from gossamer_fx.core.mesh.quality import corner_points, sizes
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.loads.pressure import Pressure
 from gossamer_fx.solve.system.system import System
-
-if TYPE_CHECKING:
-    from gossamer_fx.mechanics.bodies.beam import Beam
 
 # Residual stiffness below which the wrinkles of a film of order 2 have no equilibrium on many
 # meshes.
@@ -169,94 +154,3 @@ def _soft_films(system: System) -> Iterator[str]:
                 "stiffness only: take order=1 with a finer mesh, or "
                 f"residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
             )
-
-
-# ---- equilibria that are not stable --------------------------------------------------------------
-
-Displacements = Mapping[str, npt.NDArray[np.complex128]]
-
-# Residual stiffness that is recommended in place of a law that resists compression fully.
-SMALL_RESIDUAL_STIFFNESS = 1e-4
-
-
-def advice(system: System, displacements: Displacements) -> str:
-    """Sentences about what has buckled, in the state of the equilibrium, from the displacements (n,
-    3) of the mode that grows fastest, by the names of bodies.  Collective."""
-    sentences = []
-    largest = {}
-    for name, values in displacements.items():
-        own = float(np.abs(values).max(initial=0.0))
-        largest[name] = system.comm.allreduce(own, op=MPI.MAX)
-    if len(largest) > 1:
-        moved_most = max(largest, key=lambda name: largest[name])
-        sentences.append(f"The fastest mode moves '{moved_most}' most.")
-    sentences += _compressed_films(system, largest)
-    sentences += loaded_beams(system)
-    return " ".join(sentences)
-
-
-def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[str]:
-    """Films that resist compression, and which the mode moves as far as anything."""
-    most = max(largest.values(), default=0.0)
-    for body in system.bodies:
-        if not isinstance(body, Membrane) or body.bends or largest.get(body.name, 0.0) < most:
-            continue
-        stiffness = getattr(body.law, "residual_stiffness", 0.0)
-        # A law whose energy is quadratic makes no difference between tension and compression.
-        if body.law.quadratic:
-            yield (
-                f"Film '{body.name}' resists compression with its full stiffness but has no "
-                "bending stiffness, so that it buckles: take a law with a residual_stiffness of "
-                f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
-            )
-        elif stiffness > 0:
-            # Imported here: few equilibria need it.
-            from gossamer_fx.records.fields.film_states import AreaFractions
-
-            _, _, taut = AreaFractions([body])(system)
-            yield (
-                f"Film '{body.name}' is not taut on {100 * (1 - taut):.0f} % of its area, where it "
-                f"resists compression with {stiffness:.0e} of its stiffness but has no bending "
-                "stiffness, so that it buckles: stretch it more, or take a smaller "
-                "residual_stiffness."
-            )
-
-
-def loaded_beams(system: System) -> Iterator[str]:
-    """Deflection and compression of each beam, and what to change if these are large."""
-    from gossamer_fx.mechanics.bodies.beam import Beam
-
-    beams = [body for body in system.bodies if isinstance(body, Beam)]
-    for beam in beams:
-        length = system.comm.allreduce(float(sizes(corner_points(beam.space.mesh)).sum()))
-        stiffness = min(beam.section.EI2, beam.section.EI3)
-        pinned_load = math.pi**2 * stiffness / length**2
-        compression = -_mean_tension(system, beam, length)
-        yield (
-            f"Beam '{beam.name}' is deflected by up to {_deflection(system, beam):.3g} m "
-            f"and bears a compression of {compression:.3g} N; "
-            f"it buckles at {pinned_load:.3g} N between hinges, "
-            "and at a quarter of that as a cantilever."
-        )
-    if beams:
-        yield (
-            "If beams give way, take a stiffer section, softer springs, "
-            "or a larger length of the cables."
-        )
-
-
-def _deflection(system: System, beam: Beam) -> float:
-    """Largest displacement of a beam from its mesh [m]."""
-    mesh_positions = beam.space.tabulate_dof_coordinates()[: beam.block.index_map.size_local]
-    moved = system.state[beam].positions() - mesh_positions
-    own = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
-    return system.comm.allreduce(own, op=MPI.MAX)
-
-
-def _mean_tension(system: System, beam: Beam, length: float) -> float:
-    """Mean of EA ε along a beam of a length [m], [N]; ε is small in a beam that buckles."""
-    q = fem.Function(beam.space)
-    system.coordinates[beam].take(q, system.q0.array_r[system.block(beam).owned])
-    tension = beam.constants.EA * beam.measure(q)[0] * beam.mass_dx
-    own = float(fem.assemble_scalar(compile_form(tension)))
-    return system.comm.allreduce(own) / length

@@ -42,16 +42,15 @@ from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.analysis.statics.remedies import advice, loaded_beams
 from gossamer_fx.analysis.vibration.rigid_motions import listed
 from gossamer_fx.analysis.vibration.spectrum import DIFFERENT_PATTERN, Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative
 from gossamer_fx.core.checks.errors import NoEquilibrium, check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.system.system import System
 
@@ -333,10 +332,6 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
     zeros = sum(mode.frequency <= limit for mode in found)
     if not zeros or result.regular:
         return
-    # Booms that are bent too far slacken the film between them; without film nothing is slack.
-    beams = ""
-    if any(isinstance(body, Membrane) for body in equilibrium.system.bodies):
-        beams = "".join(f" {sentence}" for sentence in loaded_beams(equilibrium.system))
     if equilibrium.comm.rank == 0:
         reason = "film is slack"
         if result.free:
@@ -344,12 +339,11 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
         LOG.warning(
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
             "prestress the film, give it a residual stiffness, "
-            "hold what is free, or ask for modes above a frequency.%s",
+            "hold what is free, or ask for modes above a frequency.",
             zeros,
             len(found),
             limit,
             reason,
-            beams,
         )
 
 
@@ -361,14 +355,18 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
     if not growing:
         return
     fastest = max(growing, key=lambda mode: mode.growth)
-    words = advice(equilibrium.system, fastest.displacements)
+    largest = {}
+    for name, displacements in fastest.displacements.items():
+        own = float(np.abs(displacements).max(initial=0.0))
+        largest[name] = equilibrium.comm.allreduce(own, op=MPI.MAX)
     if equilibrium.comm.rank == 0:
         LOG.warning(
-            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s. %s",
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s, "
+            "which moves '%s' most; compress it less, or make it stiffer.",
             len(growing),
             len(found),
             fastest.growth,
-            words,
+            max(largest, key=lambda name: largest[name]),
         )
 
 

@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot, report, export, demo, validate and doctor.
+"""The commands run, watch, sweep, plot, report, export, demo, validate and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from gossamer_fx.app.cli.case import Case
-    from gossamer_fx.core.model.body import Body
+    from gossamer_fx.mechanics.bodies.membrane import Membrane
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
@@ -62,7 +62,14 @@ def main(words: Sequence[str]) -> int:
 
         return validate(words[1:])
     complete = _with_values(words)
-    wanted = _parser().parse_args(complete)
+    parser = _parser()
+    wanted, others = parser.parse_known_args(complete)
+    if wanted.name == "watch":  # what it does not know is for the run that it starts
+        from gossamer_fx.app.cli.watch import watch
+
+        return watch(wanted.what, wanted.output, wanted.port, others)
+    if others:
+        parser.error(f"unrecognized arguments: {' '.join(others)}")
     wanted.words = complete
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.app.cli.doctor import main as examine
@@ -185,7 +192,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True,
         dest="name",
-        metavar="run|sweep|plot|report|export|demo|validate|doctor",
+        metavar="run|watch|sweep|plot|report|export|demo|validate|doctor",
         parser_class=_Parser,
     )
 
@@ -225,6 +232,15 @@ def _parser() -> argparse.ArgumentParser:
         help="steps between checkpoints",
     )
     run.set_defaults(command=_run)
+
+    watch = commands.add_parser(
+        "watch", help="a run in the browser, also while it computes; further words are those of run"
+    )
+    watch.add_argument(
+        "what", type=Path, metavar="SCENE|RUN", help="scene file to run, or folder of a run"
+    )
+    watch.add_argument("-o", "--output", type=Path, help="folder of the run of a scene, as of run")
+    watch.add_argument("--port", type=_positive, default=0, help="default: any that is free")
 
     sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
     sweep.add_argument(
@@ -275,6 +291,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar="CSV",
         help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
     )
+    plot.add_argument(
+        "--range",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="ends of the colours, in SI units; values beyond are marked",
+    )
+    plot.add_argument("--part", default="", metavar="NAME", help="colour one film or line only")
+    plot.add_argument(
+        "--each-time", action="store_true", help="each picture has its own ends of the colours"
+    )
+    plot.add_argument("--log", action="store_true", help="colours follow the logarithm")
     plot.add_argument(
         "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
     )
@@ -409,14 +437,20 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
     Raises:
         InputError: what is wrong with the scene.
     """
+    from gossamer_fx.mechanics.bodies.membrane import Membrane
     from gossamer_fx.records.outputs.description import describe, lines
-    from gossamer_fx.solve.scene.validation import self_intersections, warnings
+    from gossamer_fx.records.probes.contact import Crossings
+    from gossamer_fx.solve.scene.validation import warnings
 
     run = case.simulation()
     about = describe(run)
-    # The search for intersections takes too long for every run; a dry run has the time.
-    strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
-    sides = list(_sides(run.system.bodies))
+    strange = list(warnings(run.scene.items))
+    films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+    # This search takes too long for every run; a dry run has the time.
+    crossings = Crossings(*films)(run) if films else 0
+    if crossings:
+        strange.append(f"{crossings:.0f} edges of films intersect films at the start.")
+    sides = list(_sides(films))
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
@@ -430,21 +464,18 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
             print(f"warning: {words}")
 
 
-def _sides(bodies: Iterable[Body]) -> Iterator[str]:
+def _sides(films: Iterable[Membrane]) -> Iterator[str]:
     """Sentences about the side of the normals of films that enclose a volume [m³].  Collective."""
     from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
-    from gossamer_fx.mechanics.bodies.membrane import Membrane
 
-    for body in bodies:
-        if not isinstance(body, Membrane):
-            continue
-        enclosed = enclosed_by(body.mesh.domain, body.mesh.edges)
+    for film in films:
+        enclosed = enclosed_by(film.mesh.domain, film.mesh.edges)
         if enclosed.has_inside:
             side = "outwards"
             if enclosed.volume < 0:
                 side = "inwards"
             yield (
-                f"'{body.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
+                f"'{film.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
                 f"{side}"
             )
 
@@ -573,7 +604,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.core.checks.errors import check
     from gossamer_fx.records.plot import plot as pictures
     from gossamer_fx.records.plot.camera import View
-    from gossamer_fx.records.plot.colours import default_field
+    from gossamer_fx.records.plot.colours import Limits, default_field
     from gossamer_fx.records.plot.run_reader import RunReader
 
     run, folder = RunReader(wanted.run), wanted.run
@@ -595,6 +626,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
+    low, high = wanted.range or (None, None)
+    limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
     # Curves have no field.
     if not field and chosen not in (["curves"], ["with"]):
@@ -603,17 +636,21 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if not chosen or wanted.strip:
         _write_and_print(
             output or folder / f"{field}.png",
-            lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
+            lambda path: pictures.strip(
+                run, field, path=path, count=wanted.strip or 6, view=view, limits=limits
+            ),
         )
     if wanted.time:
         _write_and_print(
             output or folder / f"{field}_at.png",
-            lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
+            lambda path: pictures.field(
+                run, field, times=wanted.time, path=path, view=view, limits=limits
+            ),
         )
     if wanted.animate:
         _write_and_print(
             output or folder / f"{field}.{wanted.animate}",
-            lambda path: pictures.animate(run, field, path=path, view=view),
+            lambda path: pictures.animate(run, field, path=path, view=view, limits=limits),
         )
     # Equilibria and modes have no curves over time.
     if wanted.curves or (not chosen and run.kind == "run"):

@@ -19,7 +19,7 @@ NEEDED = (
     *("numpy", "scipy", "filelock"),
 )
 # what only modes, recordings, pictures, orbits, tests or checks of the code need
-OPTIONAL = ("slepc4py", "matplotlib", "rich", "erfa", "pytest", "hypothesis", "mypy")
+OPTIONAL = ("slepc4py", "matplotlib", "erfa", "pytest", "hypothesis", "mypy")
 # the solution of the check is linear, so that the elements have it exactly
 SOLVER_TOLERANCE = 1e-12
 SUM_OVER_RANKS = """

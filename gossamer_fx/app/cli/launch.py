@@ -86,7 +86,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
         stdin=stdin,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=_die_with_parent,
+        preexec_fn=end_with_parent,
         env=child_environment(),
     )
     heard: list[int] = []
@@ -142,7 +142,7 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
         raise
 
 
-def _die_with_parent() -> None:
+def end_with_parent() -> None:
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 

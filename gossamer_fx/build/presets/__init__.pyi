@@ -1,4 +1,3 @@
 from . import fibres as fibres
 from . import films as films
 from . import gases as gases
-from . import laminae as laminae

@@ -26,6 +26,8 @@ class FilmMaterial:
         density: of mass [kg/m³].
         source: where each figure is from.
         yield_stress: stress at 3 % strain [Pa]; none: not known.
+        strength: stress at break in a test at constant speed [Pa]; none: not known.  Both are
+            limits for `gx.analysis.largest_stress`; neither is what a film bears for years.
     """
 
     name: str
@@ -34,6 +36,7 @@ class FilmMaterial:
     density: float
     source: str
     yield_stress: float | None = None
+    strength: float | None = None
 
     @check_arguments
     def law(
@@ -60,9 +63,10 @@ KAPTON_HN = FilmMaterial(
     nu=0.34,
     density=1420.0,
     yield_stress=69e6,
-    source="DuPont, Kapton HN 25 µm at 23 °C: tensile modulus, stress at 3 %, Poisson's ratio and "
-    "density; the sheet as kept at mu2e.phy.duke.edu/cw/misc/0404_kapton_properties.cfm.htm and "
-    "studylib.net/doc/18360701",
+    strength=231e6,
+    source="DuPont, Kapton HN 25 µm at 23 °C: tensile modulus, stress at 3 %, ultimate tensile "
+    "strength, Poisson's ratio and density; the sheet as kept at "
+    "mu2e.phy.duke.edu/cw/misc/0404_kapton_properties.cfm.htm and studylib.net/doc/18360701",
 )
 
 MYLAR = FilmMaterial(
@@ -70,8 +74,10 @@ MYLAR = FilmMaterial(
     E=4.9e9,
     nu=0.38,
     density=1390.0,
+    strength=196e6,
     source="DuPont Teijin Films, Mylar: physical-thermal properties, H-37232-3, 23 µm (92 gauge): "
-    "modulus 490 and 510 kgf/mm² along and across, here their mean; Poisson's ratio 0.38 before "
-    "yield; density by ASTM D 1505; "
+    "modulus 490 and 510 kgf/mm² along and across, here their mean; ultimate tensile strength 20 "
+    "and 24 kgf/mm², here the smaller one; Poisson's ratio 0.38 before yield; density by ASTM D "
+    "1505; "
     "studylib.net/doc/18223044",
 )

@@ -76,9 +76,17 @@ class Dual:
     def __rtruediv__(self, other: Number) -> Dual:
         return self**-1 * other
 
-    def __pow__(self, exponent: float) -> Dual:
+    def __pow__(self, exponent: Number) -> Dual:
+        if isinstance(exponent, Dual):
+            fixed = self**exponent.value
+            slopes = np.log(self.value) * fixed.value * exponent.slopes
+            return Dual(fixed.value, fixed.slopes + slopes)
         slope = exponent * self.value ** (exponent - 1)
         return Dual(self.value**exponent, slope * self.slopes)
+
+    def __rpow__(self, base: complex) -> Dual:
+        value = base**self.value
+        return Dual(value, np.log(base) * value * self.slopes)
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -98,6 +106,13 @@ class Dual:
 
 def _value(number: Number) -> complex:
     return number.value if isinstance(number, Dual) else number
+
+
+def log(number: Number) -> Number:
+    """Natural logarithm of a real, complex or dual number."""
+    if isinstance(number, Dual):
+        return Dual(np.log(number.value), number.slopes / number.value)
+    return np.log(number)
 
 
 def variables(values: Array) -> Array:

@@ -218,7 +218,7 @@ class PointMeasures:
         c: (n, m).
         share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film
             do.
-        is_linear: whether no measure is quadratic.
+        is_linear: whether no measure is quadratic; `each_is_linear` (n,) of each tuple.
     """
 
     def __init__(
@@ -263,7 +263,9 @@ class PointMeasures:
             self._L = np.einsum("nax,nma->nmx", P, L)
         many = self._P is not None and self.n > 1
         self.share_unknowns = many and bool((self.indices == self.indices[:1]).all())
-        self.is_linear = not any(measure.H.any() for measure in measures)
+        linear_measures = np.array([not measure.H.any() for measure in measures], dtype=bool)
+        self.each_is_linear = linear_measures[self.owner]
+        self.is_linear = bool(linear_measures.all())
         # The gradient of linear measures is the same in every state; it is computed once.
         self._constant_slope: Array | None = None
         if self.is_linear:

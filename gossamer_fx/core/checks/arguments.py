@@ -57,6 +57,7 @@ _DESCRIPTIONS = {
     "Joint": "a joint, e.g. BallJoint",
     "State": "a Simulation or an Equilibrium",
     "Item": "items of a scene: bodies, gas, loads, constraints or connectors",
+    "Gas": "a gas, e.g. IdealGas(gamma=1.4, R=287.0)",
     "Holder": "gas of constant pressure",
     "Volume": "a chamber or tank",
     "Event": "an At or a When",

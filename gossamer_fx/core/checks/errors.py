@@ -8,7 +8,6 @@ together.
 from __future__ import annotations
 
 import math
-import re
 import sys
 import time
 from collections.abc import Callable
@@ -241,7 +240,7 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
     Collective.
 
     If it raises OSError or RuntimeError on one rank, `OutputFailure` is raised on all.  The task
-    may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one rank and the
+    may itself wait for other ranks.  Where it has failed on one rank and the
     others have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends
     the program.
     """
@@ -287,12 +286,7 @@ def _reason(error: Exception) -> str:
     system_message = getattr(error, "strerror", None)
     if system_message:
         return str(system_message)
-    # ADIOS2 colours its messages, and has the system's words behind a number.
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
-    found = re.search(r"errno = \d+: ([^:]+)", plain)
-    if found is not None:
-        return found[1].strip()
-    return " ".join(plain.split()) or type(error).__name__
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def wait_for_others(

@@ -7,10 +7,10 @@ against the surface, as those of the polar rings of a balloon, the surface has a
 are not, as that of the rim of a reflector, its sides are equal.
 
 Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
-same side.  Two neighbours agree if they pass their common edge in opposite directions.  Starting
-from one triangle of each connected surface, all others are turned to agree with a neighbour that is
-done.  The normals of a closed surface then point outwards if its volume is positive.  A surface
-with small rims is treated like a closed one.
+same side.  Two neighbours agree if they pass their common edge in opposite directions.  Fronts and
+backs of triangles that are connected in this way are the two sides of a surface.  The normals of a
+closed surface then point outwards if its volume is positive.  A surface with small rims is treated
+like a closed one.
 """
 
 from __future__ import annotations
@@ -112,10 +112,6 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
     the surface passes them; edges that share one of the global `numbers` (n, 2), n > 0, are on one
     rim.
     """
-    # Imported here: a closed surface has no rims.
-    from scipy import sparse
-    from scipy.sparse import csgraph
-
     _, points = np.unique(numbers, return_inverse=True)
     starts, stops = points.reshape(-1, 2).T
     count = int(points.max()) + 1
@@ -194,17 +190,17 @@ def oriented(raw: RawMesh) -> RawMesh:
         return raw
     corners = raw.cells[:, :3]
     neighbours = _neighbours(corners)
-    count = len(corners)
-    links = (np.ones(len(neighbours.first)), (neighbours.first, neighbours.second))
-    graph = sparse.coo_array(links, shape=(count, count)).tocsr()
-    surfaces, surface_of_cell = csgraph.connected_components(graph, directed=False)
-    turned = _disagreeing(graph, neighbours, surface_of_cell)
-    inconsistent = (turned[neighbours.first] == turned[neighbours.second]) != neighbours.agree
-    if inconsistent.any():
+    front, back = _sides(neighbours, len(corners))
+    if (front == back).any():
         raise BadMesh(
             "The mesh has a surface with one side only, "
             "as a Möbius strip, whose normals cannot agree; leave orient out."
         )
+    both_sides = np.minimum(front, back)
+    _, roots, surface_of_cell = np.unique(both_sides, return_index=True, return_inverse=True)
+    surfaces = len(roots)
+    # At first those that do not agree with the first triangle of their surface.
+    turned = front != front[roots][surface_of_cell]
 
     # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the
     # origin.
@@ -274,24 +270,17 @@ def _neighbours(corners: Integers) -> _Neighbours:
     )
 
 
-def _disagreeing(
-    graph: sparse.csr_array, neighbours: _Neighbours, surface_of_cell: Integers
-) -> npt.NDArray[np.bool_]:
-    """Mask (m,) of the triangles that must be turned to agree with the first one of their surface
-    (m,); the graph (m, m) is nonzero where two triangles are neighbours."""
-    agree = {}
-    for pair, is_same in enumerate(neighbours.agree):
-        first = int(neighbours.first[pair])
-        second = int(neighbours.second[pair])
-        agree[first, second] = bool(is_same)
-        agree[second, first] = bool(is_same)
-    turned = np.zeros(graph.shape[0], dtype=bool)
-    _, roots = np.unique(surface_of_cell, return_index=True)
-    for root in roots:
-        order, before = csgraph.breadth_first_order(graph, root, directed=False)
-        # Each triangle comes after the neighbour from which it was reached.
-        for cell in map(int, order[1:]):
-            reached_from = int(before[cell])
-            # The same as that neighbour if both agree, the contrary if not.
-            turned[cell] = turned[reached_from] == agree[reached_from, cell]
-    return turned
+def _sides(neighbours: _Neighbours, count: int) -> tuple[Integers, Integers]:
+    """Numbers (count,) of the sides of surfaces that the fronts and the backs of triangles belong
+    to: the front of a triangle is on the side of its neighbour's front if both agree, else on that
+    of its back."""
+    first = neighbours.first
+    second = neighbours.second
+    # Backs follow fronts.
+    of_front = np.where(neighbours.agree, second, second + count)
+    of_back = np.where(neighbours.agree, second + count, second)
+    starts = np.concatenate([first, first + count])
+    stops = np.concatenate([of_front, of_back])
+    graph = sparse.coo_array((np.ones(len(starts)), (starts, stops)), shape=(2 * count, 2 * count))
+    _, side = csgraph.connected_components(graph, directed=False)
+    return side[:count], side[count:]

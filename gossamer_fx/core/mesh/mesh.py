@@ -44,16 +44,17 @@ class Mesh:
         groups: for each name of a physical group of gmsh, its dimension and the local numbers of
             the entities in it (owned and ghost).
 
-    >>> import gossamer_fx as gx
-    >>> from mpi4py import MPI
-    >>> def square(model):
-    ...     model.occ.addRectangle(0, 0, 0, 1, 1)
-    ...     model.occ.synchronize()
-    ...     model.addPhysicalGroup(2, [1], name="film")
-    ...     model.mesh.generate(2)
-    >>> mesh = gx.gmsh_mesh(square, MPI.COMM_SELF)
-    >>> sorted(mesh.groups)
-    ['film']
+    Example:
+        >>> import gossamer_fx as gx
+        >>> from mpi4py import MPI
+        >>> def square(model):
+        ...     model.occ.addRectangle(0, 0, 0, 1, 1)
+        ...     model.occ.synchronize()
+        ...     model.addPhysicalGroup(2, [1], name="film")
+        ...     model.mesh.generate(2)
+        >>> mesh = gx.gmsh_mesh(square, MPI.COMM_SELF)
+        >>> sorted(mesh.groups)
+        ['film']
     """
 
     domain: dmesh.Mesh
@@ -232,15 +233,16 @@ def gmsh_mesh(
             finite, `build` raises an error or takes too long, or `orient` finds a surface with one
             side.
 
-    >>> import gossamer_fx as gx
-    >>> from mpi4py import MPI
-    >>> def line(model):
-    ...     ends = [model.occ.addPoint(x, 0, 0, meshSize=0.5) for x in (0, 1)]
-    ...     model.occ.addLine(*ends)
-    ...     model.occ.synchronize()
-    ...     model.mesh.generate(1)
-    >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
-    2
+    Example:
+        >>> import gossamer_fx as gx
+        >>> from mpi4py import MPI
+        >>> def line(model):
+        ...     ends = [model.occ.addPoint(x, 0, 0, meshSize=0.5) for x in (0, 1)]
+        ...     model.occ.addLine(*ends)
+        ...     model.occ.synchronize()
+        ...     model.mesh.generate(1)
+        >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
+        2
     """
     what = "The mesh of your function"
     return built(build, comm, what, orient=orient, time_limit=time_limit)

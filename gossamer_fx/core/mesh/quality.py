@@ -1,4 +1,4 @@
-"""Defects of a mesh: slivers, folded cells, seams that are not glued, cells that intersect.
+"""Defects of a mesh: slivers, folded cells, seams that are not glued.
 
 Every rank examines its own cells.  Counts are summed over all ranks; data that concern several
 ranks are sent to the rank to which a key is assigned.  All functions that take a mesh or a
@@ -31,13 +31,6 @@ UPSIDE_DOWN_COSINE = -0.9
 # Share of the area of a plane mesh from which what lies upside down is taken for the second layer
 # of a film that is folded, and not for a defect.
 FOLDED_FILM_SHARE = 0.4
-
-# Triangles of one batch in the search for intersections, so that the list of pairs stays small.
-BATCH = 2000
-
-# Relative margin by which a segment must pass inside a triangle: cells that only touch do not
-# count.
-TOUCH_MARGIN = 1e-6
 
 # Large primes that spread the three integer coordinates of a point over the ranks.
 # Source: M. Teschner et al., Proc. Vision, Modeling, Visualization (2003) 47.
@@ -257,120 +250,6 @@ def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[n
     # Facets that coincide are intended if each of them is in another group.
     is_open = (counts > 1) & (sides < counts)
     return int(comm.allreduce(int(counts[is_open].sum())))
-
-
-def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
-    """Count triangles over all ranks that intersect another triangle; triangles that share a node
-    are not tested.  Collective.
-
-    A rank has triangles (n, 3, 3) [m] with global numbers (n, 3) of their vertices.  Ranks pass
-    them on in a ring, so that none stores more than two shares of the mesh.
-
-    >>> import numpy as np
-    >>> from mpi4py import MPI
-    >>> lying = [[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [-1.0, 2.0, 0.0]]
-    >>> standing = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [5.0, 5.0, 0.0]]
-    >>> crossings(MPI.COMM_SELF, np.array([lying, standing]), np.arange(6).reshape(2, 3))
-    2
-    """
-    intersects = np.zeros(len(corners), dtype=bool)
-    visitor: tuple[Array, Integers] = (corners, nodes)
-    for _ in range(comm.size):
-        intersects |= _pierced(corners, nodes, *visitor)
-        visitor = comm.sendrecv(
-            visitor,
-            dest=(comm.rank + 1) % comm.size,
-            source=(comm.rank - 1) % comm.size,
-        )
-    return int(comm.allreduce(int(intersects.sum())))
-
-
-def _pierced(
-    mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers
-) -> npt.NDArray[np.bool_]:
-    """Mask (n,) of the triangles (n, 3, 3) [m] that intersect one of others (m, 3, 3), i.e. an edge
-    of one passes through the inside of the other; triangles that share a global number of a node
-    are not tested."""
-    found = np.zeros(len(mine), dtype=bool)
-    if not len(mine) or not len(others):
-        return found
-    # SciPy is loaded only where it is needed.
-    from scipy.spatial import cKDTree
-
-    centres, radii = _ball(mine)
-    their_centres, their_radii = _ball(others)
-    tree = cKDTree(their_centres)
-    # The tree knows centres only, so the search radius allows for the largest of the others.
-    search_radii = radii + their_radii.max()
-    batches = np.array_split(np.arange(len(mine)), len(mine) // BATCH + 1)
-    for batch in batches:
-        near = tree.query_ball_point(centres[batch], search_radii[batch])
-        counts = [len(neighbours) for neighbours in near]
-        i = np.repeat(batch, counts)
-        j = np.concatenate([np.asarray(neighbours, dtype=np.int64) for neighbours in near])
-        between_centres = centres[i] - their_centres[j]
-        candidate = _is_candidate(
-            distance=np.linalg.norm(between_centres, axis=1),
-            reach=radii[i] + their_radii[j],
-            nodes=my_nodes[i],
-            other_nodes=other_nodes[j],
-        )
-        i = i[candidate]
-        j = j[candidate]
-        hit = np.zeros(len(i), dtype=bool)
-        for k in range(3):
-            next_corner = (k + 1) % 3
-            hit |= _segment_meets(mine[i, k], mine[i, next_corner], others[j])
-            hit |= _segment_meets(others[j, k], others[j, next_corner], mine[i])
-        found[i[hit]] = True
-    return found
-
-
-def _is_candidate(
-    distance: Array, reach: Array, nodes: Integers, other_nodes: Integers
-) -> npt.NDArray[np.bool_]:
-    """Whether the bounding balls of pairs of triangles overlap, by the distance of their centres
-    and the sum of their radii (n,) [m], and they share no node."""
-    overlap: npt.NDArray[np.bool_] = distance <= reach
-    shared = (nodes[:, :, None] == other_nodes[:, None, :]).any(axis=(1, 2))
-    return overlap & ~shared
-
-
-def _ball(corners: Array) -> tuple[Array, Array]:
-    """Centres (n, 3) and radii (n,) [m] of balls that contain triangles (n, 3, 3)."""
-    centre = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-    return centre, radius
-
-
-def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.bool_]:
-    """Mask (n,) of segments that pass through the inside of one triangle (n, 3, 3) [m] each; false
-    for those that only touch, triangles without area and segments in their plane."""
-    origin = triangle[:, 0]
-    # a and b are two edge vectors of the triangle.
-    a = triangle[:, 1] - origin
-    b = triangle[:, 2] - origin
-    normal = np.cross(a, b)
-    squares = (normal**2).sum(axis=1)
-    # Heights over the plane, times the length of `normal`.
-    start_height = _dot(normal, start - origin)
-    end_height = _dot(normal, end - origin)
-    # Segments in the plane of the triangle, and triangles without area, divide by zero; the
-    # comparisons below are false for the NaN that result.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = start_height / (start_height - end_height)
-        crossing = start + t[:, None] * (end - start) - origin
-        # Barycentric coordinates of the crossing point.
-        u = _dot(np.cross(crossing, b), normal) / squares
-        v = _dot(np.cross(a, crossing), normal) / squares
-        # |normal| has the unit m², so |normal|^1.5 is a length times |normal|, as the heights are.
-        height_margin = TOUCH_MARGIN * squares**0.75
-        is_below = np.minimum(start_height, end_height) < -height_margin
-        is_above = np.maximum(start_height, end_height) > height_margin
-        is_inside = (u > TOUCH_MARGIN) & (v > TOUCH_MARGIN)
-        is_inside &= u + v < 1 - TOUCH_MARGIN
-        result: npt.NDArray[np.bool_] = is_below & is_above & is_inside
-    return result
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -39,6 +39,9 @@ CELLS = {1: "line elements", 2: "triangles"}
 # of that edge only, and then on fewer unknowns.
 ZERO_WEIGHT = 1e-12
 
+# Relative difference of distances from two nodes that counts as round-off.
+NODE_ROUND_OFF = 1e-9
+
 
 class Meshed(ABC):
     """A body on a mesh.  Making one is collective."""
@@ -149,9 +152,15 @@ class Meshed(ABC):
         return Port(self, (global_node(self, group),))
 
     @check_arguments
-    def port_at(self, point: Vector) -> Port:
-        """The point that is at `point` [m] of the mesh, also between nodes."""
-        return interpolated(self, point)
+    def ports(self, group: str) -> list[Port]:
+        """All nodes of a named group of the mesh, e.g. for a `Force` on each.  Collective."""
+        return [Port(self, (node,)) for node in global_nodes(self, group)]
+
+    @check_arguments
+    def port_at(self, point: Vector, *, snap: bool = False) -> Port:
+        """The point that is at `point` [m] of the mesh, also between nodes; with `snap` the node
+        that is nearest to it.  Collective."""
+        return nearest_node(self, point) if snap else interpolated(self, point)
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
@@ -195,19 +204,45 @@ def positions(
 
 def global_node(body: Meshed, group: str) -> int:
     """Global number of the one node of a named point of the mesh.  Collective."""
-    nodes = body.nodes(group)
-    index_map = body.block.index_map
-    # Each node is counted once, by its owner.
-    owned = nodes[nodes < index_map.size_local]
-    mine = index_map.local_to_global(owned).tolist()
-    found = []
-    for part in body.comm.allgather(mine):
-        found += part
+    found = global_nodes(body, group)
     check(
         len(found) == 1,
         f"Group '{group}' of '{body.name}' has {len(found)} nodes; a port is one point.",
     )
-    return int(found[0])
+    return found[0]
+
+
+def global_nodes(body: Meshed, group: str) -> list[int]:
+    """Global numbers of the nodes of a named group of the mesh, ascending.  Collective."""
+    nodes = body.nodes(group)
+    index_map = body.block.index_map
+    # Each node is counted once, by its owner.
+    owned = nodes[nodes < index_map.size_local]
+    found: list[int] = []
+    for part in body.comm.allgather(index_map.local_to_global(owned).tolist()):
+        found += part
+    return sorted(found)
+
+
+def nearest_node(body: MeshBody, point: Sequence[float]) -> Port:
+    """The node of a body that is nearest to coordinates (3,) [m] of its mesh; of nodes at the same
+    distance the first one by x, then by y and z.  Collective."""
+    index_map = body.block.index_map
+    nodes = body.space.tabulate_dof_coordinates()[: index_map.size_local]
+    distances = np.linalg.norm(nodes - np.asarray(point, dtype=float), axis=1)
+    # A rank without nodes is infinitely far away.
+    nearest = (np.inf, (0.0, 0.0, 0.0), -1)
+    if len(nodes):
+        # Distances that differ by round-off are equal.
+        candidates = np.flatnonzero(distances <= distances.min() * (1 + NODE_ROUND_OFF))
+        first = min(candidates, key=lambda node: tuple(nodes[node]))
+        number = int(index_map.local_to_global(np.array([first], dtype=np.int32))[0])
+        nearest = (float(distances[first]), tuple(nodes[first]), number)
+    found = body.comm.allgather(nearest)
+    least = min(distance for distance, _, _ in found)
+    equal = [one for one in found if one[0] <= least * (1 + NODE_ROUND_OFF)]
+    _, _, node = min(equal, key=lambda one: one[1])
+    return Port(body, (node,))
 
 
 def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
@@ -240,7 +275,7 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
     check(
         nearest <= tolerance,
         f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; "
-        "give a point of its mesh.",
+        "give a point of its mesh, or snap=True for the node that is nearest.",
     )
     found = None
     if body.comm.rank == rank:

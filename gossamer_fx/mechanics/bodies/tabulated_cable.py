@@ -28,7 +28,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +38,6 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.csv_tables import csv_rows
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import constant
 from gossamer_fx.core.forms.kinematics import Expr
@@ -62,10 +60,6 @@ ZERO_FORCE = 1e-9
 # Force of an unloading curve over its largest one below which a cord counts as slack: measured
 # curves end in a long toe of nearly no force, from which cycles would gain energy.
 SLACK_FORCE = 2e-3
-
-# Units of a CSV table, and what one of them is in the units of the law.
-STRAIN_UNITS = {"1": 1.0, "-": 1.0, "m/m": 1.0, "mm/m": 1e-3, "%": 1e-2}
-FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 
 
 @check_arguments
@@ -147,31 +141,6 @@ class TabulatedCable(BarLaw):
         strain = strain[slack:] - strain[slack]
         force = np.append(0.0, force[slack + 1 :])
         return Hysteresis(self.corners, corners_of(strain, force), float(strain[-1]))
-
-    @staticmethod
-    @check_arguments
-    def from_csv(path: str | Path, *, line_density: float) -> TabulatedCable:
-        """Read a table with two columns, such as "strain [%]" and "force [kN]".
-
-        The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
-        the force.  A third column "branch" says of each row whether it is of the curve "loading" or
-        "unloading".  Lines that begin with # are comments.
-
-        Args:
-            path: path of the file; every rank reads it.
-            line_density: mass per natural length [kg/m], positive.
-
-        Returns:
-            The law, with the force [N] as a function of the engineering strain.
-
-        Raises:
-            InputError: the file does not exist, a unit is missing or unknown, a line has no two
-                numbers, or what is wrong with the table.
-        """
-        branches = _read_csv(Path(path))
-        strain, force = branches["loading"]
-        unloading = branches.get("unloading")
-        return TabulatedCable(strain, force, line_density=line_density, unloading=unloading)
 
     @property
     def EA(self) -> float:
@@ -274,44 +243,3 @@ def _check_table(strain: Array, force: Array) -> None:
 def _first(found: npt.NDArray[np.intp]) -> int:
     """The first of some numbers, counted from one; zero if there is none."""
     return int(found[0]) + 1 if len(found) else 0
-
-
-def _read_csv(path: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Engineering strains and forces [N] by the branch, of a CSV file with the header "strain
-    [unit], force [unit]" and perhaps "branch", its columns in any order."""
-    rows = [[cell.strip() for cell in row] for row in csv_rows(path)]
-    header = rows[0] if rows else []
-    factors = {}
-    for name, units in (("strain", STRAIN_UNITS), ("force", FORCE_UNITS)):
-        column = next(
-            (k for k, cell in enumerate(header) if cell.split("[")[0].strip() == name), -1
-        )
-        unit = ""
-        if column >= 0 and "[" in header[column]:
-            unit = header[column].split("[")[1].rstrip("] ")
-        check(
-            unit in units,
-            f"The table '{path}' has no column '{name} [unit]'; begin it with a header such as "
-            f"'strain [%], force [kN]', with one of the units {', '.join(units)}.",
-        )
-        factors[column] = units[unit]
-    branches: dict[str, tuple[list[float], list[float]]] = {"loading": ([], [])}
-    for number, row in enumerate(rows[1:], start=1):
-        # More cells than headings are numbers with a decimal comma.
-        is_whole = len(row) == len(header)
-        branch = "loading"
-        if is_whole and "branch" in header:
-            branch = row[header.index("branch")]
-        try:
-            values = [factor * float(row[column]) for column, factor in factors.items()]
-        except (ValueError, IndexError):
-            values = []
-        check(
-            is_whole and len(values) == 2 and branch in ("loading", "unloading"),
-            f"The table '{path}' has the row {number} '{', '.join(row)}'; "
-            "give a number in each column, with a decimal point, and the branch 'loading' or "
-            "'unloading' if there is such a column.",
-        )
-        for values_so_far, value in zip(branches.setdefault(branch, ([], [])), values, strict=True):
-            values_so_far.append(value)
-    return branches

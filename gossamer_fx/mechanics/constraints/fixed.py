@@ -49,8 +49,7 @@ class Fixed:
         group: name of points, curves or surfaces of its mesh; with the rotation of a plate, curves.
         components: which of x, y, z (0, 1, 2) are fixed or moved; the others are free.
         normal: instead of components, the one direction along which the nodes do not move: they
-            slide in the plane with this normal, e.g. a plane of symmetry.  Multipliers hold them,
-            so that the matrix is factorised.
+            slide in the plane with this normal, e.g. a plane of symmetry.
         motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of
             shape (3, n).  None: they stay where they start.
         rotation: whether the rotation is fixed, too; also with a direction or twist.

@@ -50,7 +50,7 @@ What exchanges data between ranks is collective.
 
 Distances, all in metres unless they are called squared:
 
-    gap                  distance of the two sides of a pair less their radii; of walls it is signed
+    gap                  distance of the two sides of a pair less their radii; signed of a boundary
     activation distance  gap below which a pair has energy
     squared distance s   of the closest points, without radii; see `narrow_phase.closest_points`
     scaled distance x    (s - offset)/width: zero where the two sides meet, one at the activation

@@ -10,7 +10,7 @@ from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, approach_bounds
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_boundary
 
 # Activation distance of a point over its gap at the start of a run, and in the course of it.
 # Layers that are packed closer than contact begins have no energy at first, and get their distance
@@ -92,15 +92,15 @@ class Activation:
 
     def of(self, candidates: CandidatePairs) -> Array:
         """Return the gap (n,) [m] below which each pair has energy: the least of those of its
-        points. Of a point and a wall that of the point counts alone.  The same array is returned as
-        long as nothing has changed."""
+        points. Of a point and a boundary that of the point counts alone.  The same array is
+        returned as long as nothing has changed."""
         if candidates is not self._candidates or self._of_points is not self._used:
             self._candidates = candidates
             self._used = self._of_points
             first, second, third, fourth = self._of_points[candidates.points.T]
             # Four arrays at a time: a minimum along the short axis takes four times as long.
             least = np.minimum(np.minimum(first, second), np.minimum(third, fourth))
-            self._of_pairs = np.where(is_wall(candidates.kind), first, least)
+            self._of_pairs = np.where(is_boundary(candidates.kind), first, least)
         return self._of_pairs
 
 
@@ -120,7 +120,7 @@ class StepDistances:
         candidates = start.candidates
         self.start = start
         self.approach = approach_bounds(candidates, start.x, x1)
-        # Walls have an infinite bound; their gap is always computed.
+        # Boundaries have an infinite bound; their gap is always computed.
         with np.errstate(invalid="ignore"):
             lower_bound = start.gap - self.approach
             stays_far = lower_bound - PREDICTION_MARGIN * self.approach > far
@@ -131,7 +131,7 @@ class StepDistances:
         """Return the indices (k,) of contact pairs that all but pass through each other in the
         step. These are pairs whose gap falls below a tenth of its value at the start, or of the
         activation distance if that is less; see `find_violations`. `among`: mask (n,) of the pairs
-        that are asked for; walls are left out in any case."""
+        that are asked for; boundaries are left out in any case."""
         return find_violations(
             self.start.candidates,
             self.start.x,

@@ -20,4 +20,4 @@ class Sides(IntEnum):
 
     POINT_TRIANGLE = 0  # the point, the three corners
     EDGE_EDGE = 1  # the ends of the first edge, the ends of the second
-    POINT_WALL = 2  # the point, an origin, two directions
+    POINT_BOUNDARY = 2  # the point, an origin, two directions

@@ -15,7 +15,7 @@ Inside, a point at the height z above the apex and at the distance ρ from the a
 
 from the mantle.  With ρ from the products of r with two directions across the axis, and z from r·r
 less their squares, s is concave, too.  Heights count from an origin behind the apex, so that they
-are positive beyond the wall as well.
+are positive beyond the boundary as well.
 """
 
 from __future__ import annotations
@@ -33,12 +33,18 @@ from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.obstacles import (
     DrawnSurface,
     Obstacle,
+    ObstacleBoundary,
     ObstacleSolid,
-    ObstacleWall,
     rounded_cone,
     unit_vector,
 )
-from gossamer_fx.mechanics.contact.stencils import ROUNDING, TINY, EdgeEdge, WallStencil, lengths_of
+from gossamer_fx.mechanics.contact.stencils import (
+    ROUNDING,
+    TINY,
+    BoundaryStencil,
+    EdgeEdge,
+    lengths_of,
+)
 
 
 class EdgeCone(EdgeEdge):
@@ -68,7 +74,7 @@ class EdgeCone(EdgeEdge):
         return shape
 
 
-class PointInCone(WallStencil):
+class PointInCone(BoundaryStencil):
     """A point in a cone, whose origin is behind the apex, on the axis.
 
     Its directions are two orthogonal vectors across the axis of the length cos α; its `shape` is s
@@ -159,10 +165,10 @@ class Cone(Obstacle):
         second = np.asarray(self.end, dtype=float) - slope * self.radii[1] * axis
         return (first, second), axis, (stretch * self.radii[0], stretch * self.radii[1])
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
         (first, second), axis, radii = self._balls()
         if self.inside:
-            return [self._wall(axis)], []
+            return [self._boundary(axis)], []
         solid = ObstacleSolid(
             (self._at(first), self._at(second)),
             ((0, 1),),
@@ -172,8 +178,8 @@ class Cone(Obstacle):
         )
         return [], [solid]
 
-    def _wall(self, axis: Array) -> ObstacleWall:
-        """Return the mantle as a wall, given the unit vector from start to end."""
+    def _boundary(self, axis: Array) -> ObstacleBoundary:
+        """Return the mantle as a boundary, given the unit vector from start to end."""
         length = float(np.linalg.norm(np.subtract(self.end, self.start)))
         # Height [m] of the start above the apex, along the axis; negative if the end is larger.
         slope = (self.radii[0] - self.radii[1]) / length
@@ -185,7 +191,7 @@ class Cone(Obstacle):
         sine = abs(slope) * cosine
         first, second = (self._along(cosine * across) for across in perpendicular_pair(axis))
         origin = self._at(apex - height * upwards)
-        return ObstacleWall(PointInCone, (origin, first, second), height * sine)
+        return ObstacleBoundary(PointInCone, (origin, first, second), height * sine)
 
     def picture(self, near: Array) -> DrawnSurface:
         centres, axis, radii = self._balls()

@@ -60,7 +60,7 @@ from gossamer_fx.mechanics.contact.potential import (
 from gossamer_fx.mechanics.contact.stencils import (
     TINY,
     derivatives_of,
-    is_wall,
+    is_boundary,
     parameter_derivatives_of,
 )
 
@@ -154,7 +154,7 @@ def add_product_through_origins(
 ) -> None:
     """Add (1) of all pairs to `found` (m, 3)."""
     state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
-    pairs = pairs.rows((state == PairState.TOUCHES) & ~is_wall(pairs.kind))
+    pairs = pairs.rows((state == PairState.TOUCHES) & ~is_boundary(pairs.kind))
     if not len(pairs):
         return
     assert pairs.start is not None, "a step has the starts of its pairs"

@@ -14,13 +14,20 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
     """Return the contact pressure on the nodes of a body; collective. Returns global numbers (k,)
     of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank; both are empty if the
     contact does not have the body."""
-    mesh = contact_set.mesh
-    number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
-    if number is None:
+    of_body = nodes_of(body, contact_set)
+    # Collective: only a contact that does not have the body skips it, on all ranks.
+    if not any(other is body for other in contact_set.mesh.bodies):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
-    is_of_body = mesh.body[: mesh.points.body_count] == number
-    of_body = np.flatnonzero(is_of_body & mesh.shared.is_own)
-    return mesh.nodes[of_body], pressures(contact_set)[of_body]
+    return contact_set.mesh.nodes[of_body], pressures(contact_set)[of_body]
+
+
+def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:
+    """Points (k,) of a contact that are nodes of a body and belong to this rank; none if the
+    contact does not have the body."""
+    mesh = contact_set.mesh
+    numbers = [k for k, other in enumerate(mesh.bodies) if other is body]
+    is_of_body = np.isin(mesh.body[: mesh.points.body_count], numbers)
+    return np.flatnonzero(is_of_body & mesh.shared.is_own)
 
 
 def pressures(contact_set: ContactSet) -> Array:

@@ -54,7 +54,7 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     pair_starts,
 )
-from gossamer_fx.mechanics.contact.stencils import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
@@ -357,7 +357,7 @@ class ContactSet:
         candidates = start.candidates
         activation_distance = self.activation.of(candidates)
         kept = KEPT_GAP * np.minimum(start.gap, activation_distance)
-        is_behind = is_wall(candidates.kind) & (step.end.gap < kept)
+        is_behind = is_boundary(candidates.kind) & (step.end.gap < kept)
         everything = np.ones(len(candidates), dtype=bool)
         passed = step.violations(activation_distance, among=everything)
         if self.system.comm.allreduce(bool(is_behind.any() or len(passed))):
@@ -503,10 +503,10 @@ class ContactSet:
         solved = self._solved
         assert solved is not None and self._start is not None
         candidates = self.candidates
-        behind_walls = is_wall(candidates.kind) & (solved.end.gap <= 0)
+        behind_boundaries = is_boundary(candidates.kind) & (solved.end.gap <= 0)
         passed = np.isin(candidates.identifier, self.forces.identifiers_of_passed(self.x0, x1))
         violations = solved.violations(self.activation.of(candidates), among=self._active)
-        rows = [violations, np.flatnonzero(passed), np.flatnonzero(behind_walls)]
+        rows = [violations, np.flatnonzero(passed), np.flatnonzero(behind_boundaries)]
         wrong = np.concatenate(rows)
         message = ""
         if len(wrong):

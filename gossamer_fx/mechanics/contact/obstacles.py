@@ -1,9 +1,9 @@
 """Obstacles that films, cables and beams touch: fixed, moved as prescribed, or parts of rigid
 bodies.
 
-An obstacle is made of walls, off which points are kept, and of solids: corners, edges and triangles
-like those of films, with a radius around them.  Planes and rooms are walls; a sphere is a corner
-with a radius, a cylinder an edge with a radius, a box eight corners.
+An obstacle is made of boundaries, off which points are kept, and of solids: corners, edges and
+triangles like those of films, with a radius around them.  Planes and rooms are boundaries; a sphere
+is a corner with a radius, a cylinder an edge with a radius, a box eight corners.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ BOX_EDGES = tuple(
 
 
 @dataclass(frozen=True)
-class ObstacleWall:
-    """A wall off which points are kept.
+class ObstacleBoundary:
+    """A boundary off which points are kept.
 
     Attributes:
         stencil: of its pairs.
@@ -123,11 +123,11 @@ class Obstacle:
             f"{owner}: radius is {radius!r} m; give a positive number.",
         )
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls and solids that make it up, in its position at the start.
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        """Return the boundaries and solids that make it up, in its position at the start.
 
-        Walls keep points on one side; solids have corners, edges and triangles like those of films.
-        Each kind of obstacle overrides this method.
+        Boundaries keep points on one side; solids have corners, edges and triangles like those of
+        films. Each kind of obstacle overrides this method.
         """
         raise NotImplementedError
 
@@ -216,9 +216,9 @@ class Plane(Obstacle):
     point: Vector
     normal: Vector
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return one wall, which keeps points on one side, and no solid: its origin on the plane
-        [m] and its normal of unit length.
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        """Return one boundary, which keeps points on one side, and no solid: its origin on the
+        plane [m] and its normal of unit length.
 
         Raises:
             InputError: the normal has no length.
@@ -226,8 +226,8 @@ class Plane(Obstacle):
         normal = unit_vector(self.normal, f"Plane '{self.name}': its normal")
         # The third vector of a plane is not used, and repeats the origin.
         origin = self._at(self.point)
-        wall = ObstacleWall(PointPlane, (origin, self._along(normal), origin))
-        return [wall], []
+        boundary = ObstacleBoundary(PointPlane, (origin, self._along(normal), origin))
+        return [boundary], []
 
     def picture(self, near: Array) -> DrawnSurface:
         return grid(np.asarray(self.point, dtype=float), unit(self.normal), near)
@@ -253,17 +253,17 @@ class Sphere(Obstacle):
     radius: float
     inside: bool = False
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls, which keep points on one side, and the solids that make the obstacle
-        up.
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        """Return the boundaries, which keep points on one side, and the solids that make the
+        obstacle up.
 
-        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one wall with this
-        radius, whose three points are all the centre [m].
+        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one boundary with
+        this radius, whose three points are all the centre [m].
         """
         centre = self._at(self.centre)
         if self.inside:
             points = (centre, centre, centre)
-            return [ObstacleWall(PointInSphere, points, self.radius)], []
+            return [ObstacleBoundary(PointInSphere, points, self.radius)], []
         return [], [ObstacleSolid((centre,), radius=self.radius)]
 
     def picture(self, near: Array) -> DrawnSurface:
@@ -294,12 +294,12 @@ class Cylinder(Obstacle):
     radius: float
     inside: bool = False
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls, which keep points on one side, and the solids that make the obstacle
-        up.
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        """Return the boundaries, which keep points on one side, and the solids that make the
+        obstacle up.
 
-        A mast is a solid of one edge with a radius [m]; a room (`inside`) is a wall without ends: a
-        point on the axis and two unit directions across it.
+        A mast is a solid of one edge with a radius [m]; a room (`inside`) is a boundary without
+        ends: a point on the axis and two unit directions across it.
 
         Raises:
             InputError: start and end are the same point.
@@ -311,7 +311,7 @@ class Cylinder(Obstacle):
             return [], [solid]
         first, second = perpendicular_pair(axis)
         points = (start, self._along(first), self._along(second))
-        return [ObstacleWall(PointInCylinder, points, self.radius)], []
+        return [ObstacleBoundary(PointInCylinder, points, self.radius)], []
 
     def picture(self, near: Array) -> DrawnSurface:
         ends = (np.asarray(self.start, dtype=float), np.asarray(self.end, dtype=float))
@@ -360,18 +360,18 @@ class Box(Obstacle):
             f"Box '{self.name}': its axes are not three orthonormal directions; give them as rows.",
         )
 
-    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls, which keep points on one side, and the solids that make the obstacle
-        up.
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        """Return the boundaries, which keep points on one side, and the solids that make the
+        obstacle up.
 
         A box is a solid of 8 corners, 12 edges and 12 triangles, two on each face; a room
-        (`inside`) is six walls.
+        (`inside`) is six boundaries.
         """
         axes = np.asarray(self.axes, dtype=float)
         centre = np.asarray(self.centre, dtype=float)
         half = np.asarray(self.sizes, dtype=float) / 2
         if self.inside:
-            return self._walls(axes, centre, half), []
+            return self._boundaries(axes, centre, half), []
         # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
         corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
         points = tuple(self._at(corner) for corner in corners)
@@ -390,19 +390,19 @@ class Box(Obstacle):
         triangles[is_inwards] = triangles[is_inwards, ::-1]
         return corners, triangles, np.array(BOX_EDGES, dtype=np.int32)
 
-    def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
+    def _boundaries(self, axes: Array, centre: Array, half: Array) -> list[ObstacleBoundary]:
         """Return the six planes around a room, with normals towards its middle. `axes`: unit
         directions of the edges, orthonormal rows (3, 3); `centre`: of the box, (3,) [m]; `half`:
         half of its sizes along the axes, (3,) [m]."""
-        walls = []
+        boundaries = []
         for k in range(3):
             for sign in (-1, 1):
                 # `_at` and `_along` attach a point and a direction to the body that carries the
                 # obstacle, or to the ground.
                 origin = self._at(centre + sign * half[k] * axes[k])
                 normal = self._along(-sign * axes[k])
-                walls.append(ObstacleWall(PointPlane, (origin, normal, origin)))
-        return walls
+                boundaries.append(ObstacleBoundary(PointPlane, (origin, normal, origin)))
+        return boundaries
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:

@@ -87,7 +87,7 @@ STATIC_FACTOR = 10.0
 # they are closed to about 0.3 of the activation distance.
 CLOSED_ENERGY = 0.25
 
-# By how much they are stiffened at once, and in all: bodies between rigid walls stay closed,
+# By how much they are stiffened at once, and in all: bodies between rigid boundaries stay closed,
 # however stiff contact is.
 STIFFENING = 10.0
 MAX_STIFFENING = 1e6

@@ -1,10 +1,10 @@
 """The table of contact pairs that the stages of contact hand on, one row a pair.
 
-A pair is two primitives that may touch: a point and a triangle, two edges, or a point and a wall.
-Its kind is the number of its stencil, which says in which order its four points stand (`stencils`).
-The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad
-phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the
-energy.
+A pair is two primitives that may touch: a point and a triangle, two edges, or a point and a
+boundary. Its kind is the number of its stencil, which says in which order its four points stand
+(`stencils`). The table is a structure of arrays, since the C functions and NumPy work on columns.
+The broad phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns
+of the energy.
 """
 
 from __future__ import annotations

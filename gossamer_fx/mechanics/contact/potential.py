@@ -17,7 +17,8 @@ convex in e, and can be treated as any stored energy.
 
     law       b(x), zero for x ≥ 1
     BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
-    PENALTY   (1 - √x)²/2       linear in the distance; of walls (1 - x)²/2, where s is a distance
+    PENALTY   (1 - √x)²/2       linear in the distance; of boundaries (1 - x)²/2, where s is a
+    distance
               itself
 
 Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
@@ -64,7 +65,7 @@ from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
-from gossamer_fx.mechanics.contact.stencils import ROUNDING, is_wall, stencils_of
+from gossamer_fx.mechanics.contact.stencils import ROUNDING, is_boundary, stencils_of
 from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the
@@ -131,7 +132,7 @@ def activate(
 def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
     """Return the column `start` of contact pairs: what the energy rule needs from the start of a
     step. Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The
-    distance of walls is not used."""
+    distance of boundaries is not used."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -295,5 +296,5 @@ def forces_by_origin(
             response = evaluate(moved, x0, x1, law, alpha, by_pair=True, push_back=0.0)
             forces = np.asarray(response.forces).reshape(-1, 4, 3)
             found[:, parameter] += sign * forces / (2 * ORIGIN_DIFFERENCE)
-    found[is_wall(pairs.kind)] = 0.0
+    found[is_boundary(pairs.kind)] = 0.0
     return found

@@ -45,7 +45,7 @@ class PairStencil:
         reach       activation distance (n,) [m], the gap below which pairs have energy
         x           the four points of each pair (n, 4, 3) [m], of which directions are vectors [-];
                     complex ones are differentiated by a complex step
-        parameters  (u, v) (n, 2) [-] of the closest points along both sides; of walls zero
+        parameters  (u, v) (n, 2) [-] of the closest points along both sides; of boundaries zero
     """
 
     number: ClassVar[int]
@@ -79,12 +79,12 @@ class PairStencil:
 
     def gap_weights(self, parameters: Array) -> Array:
         """Return the weights (n, 4) of the points in the vector from the second side to the first.
-        It leads between the closest points; of walls it is the first point."""
+        It leads between the closest points; of boundaries it is the first point."""
         raise NotImplementedError
 
     def derivatives(self, x: Array, parameters: Array, shape: Array) -> tuple[Array, Array]:
         """Return the distance D (n,) [m] and its derivatives (n, 4, 3) by the points. That by the
-        first point of a wall's pair is the unit normal, towards the body."""
+        first point of a boundary's pair is the unit normal, towards the body."""
         # Closest points are stationary, so that their parameters count as constant.
         weights = self.gap_weights(parameters)
         between = np.einsum("nk,nkc->nc", weights, x)
@@ -97,7 +97,8 @@ class PairStencil:
         return None
 
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
-        """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for walls."""
+        """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for
+        boundaries."""
         from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
             parameter_derivatives,
         )
@@ -143,10 +144,10 @@ class EdgeEdge(PairStencil):
         return width, offset + ROUNDING / 2 * width
 
 
-class WallStencil(PairStencil):
-    """A point and a wall, behind which it cannot get."""
+class BoundaryStencil(PairStencil):
+    """A point and a boundary, behind which it cannot get."""
 
-    sides = Sides.POINT_WALL
+    sides = Sides.POINT_BOUNDARY
 
     def gap_weights(self, parameters: Array) -> Array:
         return np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(parameters), 4))
@@ -155,7 +156,7 @@ class WallStencil(PairStencil):
         return np.zeros((len(x), 2, 4, 3), dtype=x.dtype)
 
 
-class PointPlane(WallStencil):
+class PointPlane(BoundaryStencil):
     """A point and a plane, whose directions are its unit normal, and none; s is the distance."""
 
     number = 2
@@ -178,7 +179,7 @@ class PointPlane(WallStencil):
         return (r * normal).sum(axis=1), gradient
 
 
-class Room(WallStencil):
+class Room(BoundaryStencil):
     """A point within a round room, whose radius [m] is its `shape`."""
 
     def distance(self, s: Array) -> Array:
@@ -231,16 +232,16 @@ def stencils_of(kind: ByteArray) -> Iterator[tuple[PairStencil, Any]]:
     all."""
     present = np.flatnonzero(np.bincount(kind))
     if len(present) == 1:
-        # The usual scene of walls, or a table of one kind, is not copied.
+        # The usual scene of boundaries, or a table of one kind, is not copied.
         yield STENCILS[int(present[0])], slice(None)
         return
     for number in present:
         yield STENCILS[int(number)], kind == number
 
 
-def is_wall(kind: ByteArray) -> MaskArray:
-    """Return which pairs (n,) are of a point and a wall: a plane, or the inside of a room."""
-    return np.asarray(SIDES[kind] == Sides.POINT_WALL)
+def is_boundary(kind: ByteArray) -> MaskArray:
+    """Return which pairs (n,) are of a point and a boundary: a plane, or the inside of a room."""
+    return np.asarray(SIDES[kind] == Sides.POINT_BOUNDARY)
 
 
 def gaps_of(pairs: Pairs, s: Array, radius: Array) -> Array:
@@ -253,8 +254,8 @@ def gaps_of(pairs: Pairs, s: Array, radius: Array) -> Array:
 
 def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     """Return the weights (n, 4) of pairs' points in the vector from their second side to the first.
-    It leads between the closest points, which have the parameters (u, v) (n, 2); of walls it is the
-    first point."""
+    It leads between the closest points, which have the parameters (u, v) (n, 2); of boundaries it
+    is the first point."""
     weights = np.empty((len(kind), 4), dtype=parameters.dtype)
     for stencil, rows in stencils_of(kind):
         weights[rows] = stencil.gap_weights(parameters[rows])

@@ -1,4 +1,16 @@
+from .blower import Blower as Blower
 from .enclosure import Piston as Piston
+from .film_area import FilmArea as FilmArea
+from .inflator import Inflator as Inflator
+from .linear_table import LinearTable as LinearTable
+from .mixture import Mixture as Mixture
 from .orifice import WallHeat as WallHeat
+from .pipe import Pipe as Pipe
+from .polynomial_gas import PolynomialGas as PolynomialGas
+from .porous_film import PorousFilm as PorousFilm
+from .regulator import Regulator as Regulator
 from .ring import Ring as Ring
+from .sublimation import Antoine as Antoine
+from .sublimation import Sublimation as Sublimation
+from .valve import Valve as Valve
 from .volumes import Ambient as Ambient

@@ -19,7 +19,7 @@ Equations.  With μ and ν the adjoint vectors of (1) and (2),
     dJ/dv0 -= ν·∂F/∂A ∂A/∂v0                                                                     (6)
     dJ/dx  -= ν·∂F/∂x    for a number x of an orifice, a wall, a reservoir or a rigid volume     (7)
 
-U0 is not an unknown: the accepted state has U0 = p0 V0/(γ - 1).
+U0 is not an unknown: the accepted state has U0 = U(p0 V0, m0), see `mixture`.
 
 Idea.  All derivatives of F follow from one evaluation of the balance in dual numbers, the weights θ
 included.  W is odd in the ends of the step, so that ∂W/∂q0 is -∂W/∂q1 of the reversed step.
@@ -34,8 +34,8 @@ Algorithm.  For each step, last first:
 At the first step `finish` adds what the initial pressures and temperatures of the chambers give.
 
 Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for
-three. Limits: there are no derivatives by the gas itself (γ, R); of an area that a function of time
-gives, there is the one by a number that multiplies it.
+three. Limits: there are no derivatives by the gas itself (γ, R), but by the fractions of a mixture;
+of an area that a function of time gives, there is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
@@ -49,13 +49,25 @@ import numpy as np
 from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import Balance, Passage
-from gossamer_fx.mechanics.gas.contract import ChamberState, Discharge, Holder, Volume, Wall
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
-from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.contract import (
+    ChamberState,
+    Discharge,
+    Gas,
+    Holder,
+    Volume,
+    Wall,
+)
+from gossamer_fx.mechanics.gas.film_area import FilmArea
+from gossamer_fx.mechanics.gas.mixture import Contents
+from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.surface import Geometry, MovingArea
 
 # Name of the number by which the area of a valve, a function of time, is multiplied.
 AREA_FACTOR = "area_factor"
+
+# Before the name of a species: its mass fraction in the mixture of a chamber at the start, whose
+# other species keep their ratios.
+FRACTION = "fraction of "
 
 # A parameter: the item of the scene, and the name that the item has for it.
 Key = tuple[int, str]
@@ -65,7 +77,7 @@ class SolvedGas(Protocol):
     """A `network.GasNetwork`, as far as its adjoint reads it: the start of a step and its
     solution."""
 
-    gas: IdealGas
+    contents: Contents
     chambers: list[ChamberState]
     balance: Balance
     geometry: Geometry
@@ -88,6 +100,7 @@ class _Boundary:
     temperature: Number = 0.0
     conductance: Number = 0.0
     chamber: Any = None
+    gas: Gas | None = None
 
 
 class GasAdjoint:
@@ -109,7 +122,7 @@ class GasAdjoint:
         self._by: dict[str, Array] = {}
         self._to_volumes: Array = np.zeros(self._n)
         self._to_swept: Array = np.zeros(self._n)
-        self._to_areas: list[tuple[Loop, Array, float]] = []
+        self._to_areas: list[tuple[MovingArea, Array, float]] = []
         self._h = 0.0
 
     def start(self) -> None:
@@ -126,10 +139,15 @@ class GasAdjoint:
             units[item, "pressure"] = "Pa"
             units[item, "temperature"] = "K"
             units[item, _volume_name(state.chamber)] = "m³"
+            gas = state.chamber.gas
+            if len(gas.species) > 1:
+                for one in gas.species:
+                    units[item, FRACTION + one.name] = ""
         for passage in self._passages:
             opening = passage.opening
             if isinstance(opening, Discharge):
-                units[id(opening), "discharge_coefficient"] = ""
+                if isinstance(getattr(opening, "discharge_coefficient", None), int | float):
+                    units[id(opening), "discharge_coefficient"] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
                 elif callable(opening.area):
@@ -153,6 +171,8 @@ class GasAdjoint:
             return 1.0
         if name == _volume_name(item):
             return float(item.fixed_volume)
+        if name.startswith(FRACTION):
+            return float(_fraction(item.gas, name))
         if isinstance(item, Volume):
             name = f"initial_{name}"
         return float(getattr(item, name))
@@ -169,7 +189,7 @@ class GasAdjoint:
         network = self._network
         parts: list[tuple[str, Array]] = [
             ("p0", np.array([state.pressure for state in network.chambers])),
-            ("m0", np.array([state.mass for state in network.chambers])),
+            ("m0", np.concatenate([state.masses for state in network.chambers])),
             ("V0", np.array([state.volume for state in network.chambers])),
             ("y", network.y),
             ("V", network.volumes),
@@ -194,9 +214,9 @@ class GasAdjoint:
         self._h = h
 
     def _balance(self, x: dict[str, Array], h: float) -> Array:
-        """Residual F (2n,) of energy [J] and mass [kg] of a step of length h [s], in dual numbers x
-        of all quantities by which it is derived, by the names of `linearise`, e.g. "p0" (n,) [Pa],
-        "V" (n,) [m³]."""
+        """Residual F (n + s,) of energy [J] and mass [kg] of a step of length h [s], in dual
+        numbers x of all quantities by which it is derived, by the names of `linearise`, e.g. "p0"
+        (n,) [Pa], "V" (n,) [m³]."""
         network = self._network
         holders: dict[int, _Boundary] = {}
         states = zip(self._holders, x["holder pressure"], x["holder temperature"], strict=True)
@@ -217,18 +237,18 @@ class GasAdjoint:
                 wall.name, temperature=temperature, conductance=conductance, chamber=wall.chamber
             )
             walls.append((stand_in, k))
-        balance = Balance(gas=network.gas, passages=passages, walls=walls, n=self._n)
+        balance = Balance(contents=network.contents, passages=passages, walls=walls)
         # Internal energy [J] at the start
-        U0 = x["p0"] * x["V0"] / (network.gas.gamma - 1)
+        U0 = network.contents.energies(x["p0"] * x["V0"], x["m0"])
         # The areas of the step are given, so the time at which apertures are taken does not count.
         balance.begin(h, 0.0, p=x["p0"], m=x["m0"], U=U0, V=x["V0"])
         return balance.residual(x["y"], x["V"], x["W"])
 
     def take(self, ν: Array, μ: Array) -> Array:
         """Add a step to the sums of all parameters; return derivatives of the result by the n
-        pressures [Pa] and n masses [kg] at its start, (2n,).  Collective.
+        pressures [Pa] and s masses [kg] at its start, (n + s,).  Collective.
 
-        ν (2n,) is the adjoint of the scaled gas balance, μ this rank's part of that of the bodies.
+        ν (n + s,) is the adjoint of the scaled gas balance, μ this rank's part of that of bodies.
         V0, p0 and m0 are volumes [m³], pressures [Pa] and masses [kg] at the start of the step, V
         and W [m³] volumes at its end and those swept; `linearise` has computed the derivatives by
         them.
@@ -255,7 +275,7 @@ class GasAdjoint:
 
     def _take_openings(self, ν: Array) -> None:
         """Add derivatives by areas [m²] and discharge coefficients of openings to their sums, with
-        the adjoint ν (2n,) of the scaled balance.  That by the area of a ring is kept, since
+        the adjoint ν (n + s,) of the scaled balance.  That by the area of a ring is kept, since
         `carry` takes it to the film later."""
         by_area = -ν @ self._by["area"]
         self._to_areas = []
@@ -263,12 +283,16 @@ class GasAdjoint:
             opening = passage.opening
             if not isinstance(opening, Discharge):
                 continue
-            coefficient = opening.discharge_coefficient
-            self._add(opening, "discharge_coefficient", derivative * passage.area / coefficient)
-            if isinstance(opening.area, Ring):
-                loop = self._network.geometry.loop(opening.area)
-                gradient = loop.aperture_gradient(self._h)
-                self._to_areas.append((loop, gradient, coefficient * derivative))
+            coefficient = 1.0
+            given = getattr(opening, "discharge_coefficient", None)
+            if isinstance(given, int | float):
+                coefficient = given
+                by_coefficient = derivative * passage.area / coefficient
+                self._add(opening, "discharge_coefficient", by_coefficient)
+            if isinstance(opening.area, Ring | FilmArea):
+                area = self._network.geometry.area(opening.area)
+                gradient = area.aperture_gradient(self._h)
+                self._to_areas.append((area, gradient, coefficient * derivative))
             elif callable(opening.area):
                 self._add(opening, AREA_FACTOR, derivative * passage.area)
             else:
@@ -276,8 +300,7 @@ class GasAdjoint:
 
     def _take_boundaries(self, ν: Array) -> None:
         """Add derivatives by conductances [W/K], temperatures [K] and pressures [Pa] of walls,
-        reservoirs and surroundings to their sums, with the adjoint ν (2n,) of the scaled balance.
-        """
+        reservoirs and surroundings to their sums, with the adjoint ν (n + s,) of the balance."""
         by_conductance = -ν @ self._by["conductance"]
         by_temperature = -ν @ self._by["wall temperature"]
         for j, (wall, _) in enumerate(self._walls):
@@ -303,37 +326,56 @@ class GasAdjoint:
             _, of_volume, of_swept = state.enclosure.gradients()
             by_position -= self._to_volumes[k] * of_volume
             by_position += self._to_swept[k] * of_swept
-        for loop, gradient, factor in self._to_areas:
+        for area, gradient, factor in self._to_areas:
             # The vectors are those of all unknowns, of which the film has some.
-            loop.add_own(by_position, 0, factor * gradient)
-            loop.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
+            area.add_own(by_position, 0, factor * gradient)
+            area.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
 
     def add_energy_derivative(self, share: float) -> None:
-        """Add a share of ∂U/∂V = p/(γ - 1) of each rigid volume, at a given pressure."""
+        """Add a share of ∂U/∂V = p ∂U/∂(pV) of each rigid volume, at a given pressure."""
         for state in self._network.chambers:
-            per_volume = state.pressure / (self._network.gas.gamma - 1)
+            per_volume = state.pressure * state.heat_factor
             self._add(state.chamber, _volume_name(state.chamber), share * per_volume)
 
     def finish(self, by_start: Array, by_position: Array) -> None:
-        """Add what the initial state gives: the initial mass p0 V0/(R T0) of a chamber is a
-        function of its pressure, temperature and volume.  Collective.
+        """Add what the initial state gives: the initial masses Y p0 V0/(R T0) of a chamber are
+        functions of its pressure, temperature, volume and mixture.  Collective.
 
-        `by_start` (2n,) are derivatives by the n pressures [Pa] and n masses [kg] at the start of
+        `by_start` (n + s,) are derivatives by the pressures [Pa] and masses [kg] at the start of
         the run; to this rank's part of those by coordinates [m] that of the volumes is added in
         place.
         """
         network = self._network
         for k, state in enumerate(network.chambers):
             by_pressure = by_start[k]
-            by_mass = by_start[self._n + k]
+            by_masses = by_start[self._n :][network.contents.rows[k]]
             chamber = state.chamber
-            self._add(chamber, "pressure", by_pressure + by_mass * state.mass / state.pressure)
-            self._add(chamber, "temperature", -by_mass * state.mass / state.temperature)
-            mass_by_volume = state.mass / state.volume
-            self._add(chamber, _volume_name(chamber), by_mass * mass_by_volume)
+            # All masses are proportional to p0 V0/T0.
+            by_amount = float(by_masses @ state.masses)
+            self._add(chamber, "pressure", by_pressure + by_amount / state.pressure)
+            self._add(chamber, "temperature", -by_amount / state.temperature)
+            self._add(chamber, _volume_name(chamber), by_amount / state.volume)
+            self._add_fractions(state, by_masses)
             if state.enclosure is not None:
                 _, of_volume, _ = state.enclosure.gradients()
-                by_position += by_mass * mass_by_volume * of_volume
+                by_position += by_amount / state.volume * of_volume
+
+    def _add_fractions(self, state: ChamberState, by_masses: Array) -> None:
+        """Add the derivatives by the mass fractions of a mixture at given pressure, volume and
+        temperature, where the masses are Y p V/(R T), R = Σ Y R_s."""
+        gas = state.chamber.gas
+        for one in gas.species if len(gas.species) > 1 else ():
+            share = _fraction(gas, FRACTION + one.name)
+            # dY of all species and dR by dY of this one
+            change = {
+                other: -part / (1 - share)
+                for other, part in zip(gas.species, gas.fractions, strict=True)
+            }
+            change[one] = 1.0
+            R_change = sum(rate * other.R for other, rate in change.items())
+            relative = np.array([change.get(held, 0.0) for held in state.species]) * state.mass
+            derivative = by_masses @ (relative - state.masses * R_change / gas.R)
+            self._add(state.chamber, FRACTION + one.name, derivative)
 
 
 def _constant(area: Number) -> Any:
@@ -351,6 +393,12 @@ def _holders(passages: Sequence[Passage], network: SolvedGas) -> list[Holder]:
         if state.chamber.outside is not None:
             found[id(state.chamber.outside)] = state.chamber.outside
     return list(found.values())
+
+
+def _fraction(gas: Gas, name: str) -> float:
+    """The mass fraction of a species of a gas, by the name of the parameter."""
+    shares = zip(gas.species, gas.fractions, strict=True)
+    return float(sum(share for one, share in shares if FRACTION + one.name == name))
 
 
 def _volume_name(item: object) -> str:

@@ -1,18 +1,22 @@
 """Mass and energy balance of the chambers in one time step: residual, derivatives and solution.
 
-Problem.  Chamber k has the volume V, the mass m and the internal energy U = p V/(γ - 1).  Openings
-carry mass flows ṁ, walls carry heat Q, and the film that encloses the chamber sweeps the volume W
-in a step.  Openings are stiff: their conductance is infinite at equal pressures for the ideal law,
-and pressures may equalise within a microsecond while a step takes a second.
+Problem.  Chamber k has the volume V, masses m of one or more species and the internal energy
+U(p V, m), p V/(γ - 1) for one gas of constant specific heats; see `mixture`.  Openings carry mass
+flows ṁ of the mixture at the end that the gas comes from, walls carry heat Q, and the film that
+encloses the chamber sweeps the volume W in a step.  Openings are stiff: their conductance is
+infinite at equal pressures for the ideal law, and pressures may equalise within a microsecond while
+a step takes a second.
 
-Equations.  The unknowns are y = (p1, m1), pressure and mass at the end of a step of length h:
+Equations.  The unknowns are y = (p1, m1), pressures and masses at the end of a step of length h.
+With the mass fraction Y of a species, the specific gas constant R and the enthalpy h_up of the gas
+upstream (c_p T_up for constant specific heats):
 
-    m1 = m0 + h Σ ±ṁ                                                              (1)
-    U1 = U0 + h Σ ±c_p T_up ṁ + h Q - p̄ W,      p̄ = (p0 + p1)/2                  (2)
+    m1 = m0 + h Σ ±Y_up ṁ       for each species                                  (1)
+    U1 = U0 + h Σ ±h_up ṁ + h Q - p̄ W,      p̄ = (p0 + p1)/2                      (2)
 
-Flows are taken at the pressures and temperatures
+Flows are taken at the pressures, temperatures and masses
 
-    p_θ = p0 + θ (p1 - p0),      T = (U0 + U1)/((m0 + m1) c_v)                    (3)
+    p_θ = p0 + θ (p1 - p0),      T = (p0 V0 + p1 V1)/Σ (m0 + m1) R,      m0 + m1  (3)
 
 Idea.  The weight θ of each chamber blends two rules:
 
@@ -39,8 +43,9 @@ The equations are written for any numbers that add, multiply and compare: for du
 of objects `residual` gives its derivatives with respect to the start of the step, too
 (`gas.adjoint`).
 
-Cost: one dense solve of 2n equations in an iteration for n chambers, which is negligible next to
-the bodies.  Arrays over chambers have the shape (n,) and SI units.
+Cost: one dense solve of 2n equations in an iteration for n chambers of one species, which is
+negligible next to the bodies.  Arrays over chambers have the shape (n,), those over the masses of
+all species in all chambers (s,), s = n for one gas; units are SI.
 """
 
 from __future__ import annotations
@@ -52,14 +57,11 @@ import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Dual, Number
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.contract import Aperture, Holder, Opening, Wall
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Opening, Wall
+from gossamer_fx.mechanics.gas.mixture import Blend, Contents
 
-# Values at the first and the second end of an opening; complex for derivatives by complex steps.
-Pair = tuple[Number, Number]
-
-# Pressure [Pa] and temperature [K] at one end of an opening
-State = tuple[Number, Number]
+# Pressure [Pa], temperature [K] and gas at one end of an opening; complex for derivatives
+State = tuple[Number, Number, Gas]
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.
 End = int | Holder
@@ -101,51 +103,66 @@ ROUND_OFF_SHARE = 1e-3
 
 @dataclass
 class Passage:
-    """An opening in a network, with its ends as numbers of chambers or as boundaries, its effective
-    area as a function of step length and time, and that of the current step, C_d A [m²]."""
+    """An opening in a network.
+
+    Attributes:
+        opening: the item of the scene.
+        ends: numbers of chambers, or boundaries.
+        gases: the gases of boundaries; None at chambers.
+        rows: `rows[u][e]` are, for gas that comes from the end u, the numbers of its species at the
+            end e: positions among the masses of a chamber, or among all species for a boundary.
+        aperture: effective area as a function of step length and time.
+        area: that of the current step, C_d A [m²].
+        was_open: whether a `Switch` was open in the last accepted step.
+        is_open: whether it is in the current step.
+        is_driven: whether gas flows also at equal pressures.
+    """
 
     opening: Opening
     ends: tuple[End, End]
+    gases: tuple[Gas | None, Gas | None]
+    rows: list[list[list[int]]]
     aperture: Aperture
     area: Number = 0.0
+    was_open: bool = True
+    is_open: bool = True
+    is_driven: bool = False
 
 
 @dataclass
 class Rates:
     """Mass flow [kg/s] through each opening (m,), from its end a to its end b; and sums over all
-    openings and walls: mass flow [kg/s] and enthalpy flow with heat [W] into each chamber (n,), and
-    from all boundaries and walls."""
+    openings and walls: mass flows [kg/s] of the species into the chambers (s,), enthalpy flow with
+    heat [W] into each chamber (n,), and both from all boundaries and walls, mass flows by
+    species."""
 
     openings: list[float]
     mass: Array
     energy: Array
-    mass_supplied: float = 0.0
+    mass_supplied: Array
     energy_supplied: float = 0.0
 
 
 class Balance:
     """Mass and energy balance (1), (2) of the n chambers of a network in a step.
 
-    In the methods y (2n,) are pressures [Pa], then masses [kg], and V (n,) [m³] volumes at the end
+    In the methods y (n + s,) are pressures [Pa], then masses [kg], V (n,) [m³] volumes at the end
     of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
     of the sizes of the summands of each volume, of which round-off is a part.  `begin` stores the
-    state at the start (n,): `_p0` [Pa], `_m0` [kg], `_U0` [J] and `temperatures` [K]; `_cv` [J/(kg
-    K)] is the specific heat at constant volume, `h` [s] the length of the step.  Walls have the
-    number of their chamber.
+    state at the start: `_p0` [Pa], `_m0` (s,) [kg], `_U0` [J], `_pV0` [J] and `temperatures` [K];
+    `h` [s] is the length of the step.  Walls have the number of their chamber.
     """
 
     # Whether the work p̄ W is in the equations.
     depends_on_swept_volume = True
 
     def __init__(
-        self, gas: IdealGas, passages: list[Passage], walls: list[tuple[Wall, int]], n: int
+        self, contents: Contents, passages: list[Passage], walls: list[tuple[Wall, int]]
     ) -> None:
+        n = contents.n
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
-        self._gas = gas
-        # Properties of the gas that are asked for each flow
-        self._cv = gas.cv
-        self._cp = gas.cp
+        self.contents = contents
         self.passages = passages
         self.walls = walls
         self._n = n
@@ -162,10 +179,11 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
-        self.temperatures = U / (m * self._cv)
+        self._pV0 = p * V
+        self.temperatures = self.contents.temperatures(self._pV0, m)
         for passage in self.passages:
-            passage.area = passage.aperture(h, t)
-        self._choose_weights(p, self.temperatures, V)
+            passage.area = passage.aperture(h, t) if passage.is_open else 0.0
+        self._choose_weights(V)
 
     # ---- equations -------------------------------------------------------------------------------
 
@@ -176,9 +194,8 @@ class Balance:
         p1 = y[: self._n]
         m1 = y[self._n :]
         rates = known or self.rates(y, V)
-        energy = (
-            p1 * V / (self._gas.gamma - 1) - self._U0 - self.h * rates.energy + self.work(y, V, W)
-        )
+        end_energy = self.contents.energies(p1 * V, m1)
+        energy = end_energy - self._U0 - self.h * rates.energy + self.work(y, V, W)
         mass = m1 - self._m0 - self.h * rates.mass
         return np.concatenate([energy, mass])
 
@@ -193,24 +210,34 @@ class Balance:
         energy to round-off."""
         n = self._n
         # Lists of numbers: for so few chambers NumPy takes three times as long.
-        mass: list[Number] = [0.0] * n
+        mass: list[Number] = [0.0] * len(self._m0)
         energy: list[Number] = [0.0] * n
-        mass_supplied: Number = 0.0
+        mass_supplied: list[Number] = [0.0] * len(self.contents.species)
         energy_supplied: Number = 0.0
         openings: list[float] = []
-        states = _states(*self._flow_state(y, V))
+        states = self._flow_states(y, V)
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
-            mass_flow, energy_flow = self._flows(passage, *at_ends)
+            upstream, mass_flow, energy_flow = _flows(passage, at_ends)
+            fractions = at_ends[upstream][2].fractions
             openings.append(mass_flow.real)
-            for end, sign in zip(passage.ends, (-1, 1), strict=True):
+            rows_at_ends = passage.rows[upstream]
+            for end, sign, rows in zip(passage.ends, (-1, 1), rows_at_ends, strict=True):
                 if isinstance(end, int):
-                    mass[end] += sign * mass_flow.real
                     energy[end] += sign * energy_flow.real
+                    for row, fraction in zip(rows, fractions, strict=True):
+                        mass[row] += sign * fraction * mass_flow.real
                 else:
-                    mass_supplied -= sign * mass_flow.real
                     energy_supplied -= sign * energy_flow.real
-        rates = Rates(openings, np.array(mass), np.array(energy), mass_supplied, energy_supplied)
+                    for row, fraction in zip(rows, fractions, strict=True):
+                        mass_supplied[row] -= sign * fraction * mass_flow.real
+        rates = Rates(
+            openings=openings,
+            mass=np.array(mass),
+            energy=np.array(energy),
+            mass_supplied=np.array(mass_supplied),
+            energy_supplied=energy_supplied,
+        )
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
             heat = self._heat(wall, k, weight, y, V)
             rates.energy[k] += heat
@@ -218,7 +245,8 @@ class Balance:
         return rates
 
     def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
-        """Energy [J] and mass [kg] of each chamber to which its residual is compared, (2n,).
+        """Energy [J] of each chamber, then for each mass that of its chamber [kg], to which the
+        residual is compared, (n + s,).
 
         They include the round-off of two sums that the residual cannot fall below: that of the
         volume, and that of flows, which long steps through wide openings amplify.  Nothing is lost
@@ -226,37 +254,44 @@ class Balance:
         """
         flows = 1 + ROUND_OFF_SHARE * self._amplification
         volume = abs(V) * flows + ROUND_OFF_SHARE * magnitude
-        energy = abs(y[: self._n]) * volume / (self._gas.gamma - 1)
-        mass = abs(y[self._n :]) * flows
-        return np.concatenate([energy + self._U0, mass + self._m0])
+        contents = self.contents
+        energy = contents.energies(abs(y[: self._n]) * volume, abs(y[self._n :]))
+        mass = contents.sums(abs(y[self._n :])) * flows + contents.sums(self._m0)
+        return np.concatenate([energy + self._U0, contents.per_mass(mass)])
 
     # ---- derivatives -----------------------------------------------------------------------------
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Return the derivatives (2n, 2n) and (2n, n) of the residual (energies [J], then masses
-        [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
+        """Return the derivatives (n + s, n + s) and (n + s, n) of the residual (energies [J], then
+        masses [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
         diagonal of the energy rows; the caller has it."""
         n = self._n
-        heat_factor = self._gas.gamma - 1
-        # U1 = p1 V/(γ-1) and p̄ W in the energy rows, m1 in the mass rows.
-        energy_by_pressure = V / heat_factor + W / 2
-        by_y = np.diag(np.concatenate([energy_by_pressure, np.ones(n)]))
-        by_V = np.zeros((2 * n, n))
-        by_V[np.arange(n), np.arange(n)] = y[:n] / heat_factor
+        p1 = y[:n]
+        m1 = y[n:]
+        # T1 and ∂U1/∂(p1 V)
+        temperature = self.contents.temperatures(p1 * V, m1)
+        heat_factor = self.contents.heat_factors(temperature, m1)
+        # U1 and p̄ W in the energy rows, m1 in the mass rows.
+        energy_by_pressure = V * heat_factor + W / 2
+        by_y = np.diag(np.concatenate([energy_by_pressure, np.ones(len(m1))]))
+        by_y[self.contents.owners, n + np.arange(len(m1))] += self.contents.energy_slopes(
+            temperature, m1
+        )
+        by_V = np.zeros((len(y), n))
+        by_V[np.arange(n), np.arange(n)] = p1 * heat_factor
         self._add_flow_derivatives(by_y, by_V, y, V)
         self._add_heat_derivatives(by_y, by_V, y, V)
         return by_y, by_V
 
     def _add_flow_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
         """Subtract step length times the derivatives of the flows from those of the residual, which
-        are changed in place.  p [Pa] and T [K] (n,) determine the flows."""
+        are changed in place.  p [Pa], T [K] (n,) and the sums of masses determine the flows."""
         n = self._n
-        p, T = self._flow_state(y, V)
-        states = _states(p, T)
+        states = self._flow_states(y, V)
+        total_mass = self._m0 + y[n:]
         # Lists of numbers, as in `rates`
         end_pressure: Any = y[:n].tolist()
-        temperature: Any = T.tolist()
-        total_mass: Any = (self._m0 + y[n:]).tolist()
+        mass_times_R: Any = self.contents.masses_times_R(total_mass).tolist()
         volume: Any = V.tolist()
         weight: Any = self._weights.tolist()
         for passage in self.passages:
@@ -264,52 +299,73 @@ class Balance:
             for side, k in enumerate(passage.ends):
                 if not isinstance(k, int):
                     continue
-                by_pressure = self._slope(passage, at_ends, side, "pressure")
-                by_temperature = self._slope(passage, at_ends, side, "temperature")
-                # ∂T/∂(p1 V) of (3)
-                T_by_pV = 1 / ((self._gas.gamma - 1) * total_mass[k] * self._cv)
-                for end, sign in zip(passage.ends, (-self.h, self.h), strict=True):
+                T = at_ends[side][1]
+                with_step = _with_pressure_step(at_ends[side])
+                upstream, by_pressure = _slopes(passage, at_ends, side, with_step)
+                with_step = _with_temperature_step(at_ends[side])
+                _, by_temperature = _slopes(passage, at_ends, side, with_step)
+                # ∂T/∂(p1 V) of (3); T falls with the mass of a species by T R times this.
+                T_by_pV = 1 / mass_times_R[k]
+                by_masses = [
+                    [-slope * T * self.contents.gases[row].R * T_by_pV for slope in by_temperature]
+                    for row in self.contents.rows[k]
+                ]
+                self._add_blend_slopes(by_masses, passage, at_ends, side, total_mass)
+                rows_at_ends = passage.rows[upstream]
+                for end, sign, rows in zip(
+                    passage.ends, (-self.h, self.h), rows_at_ends, strict=True
+                ):
                     if not isinstance(end, int):
                         continue
-                    # The first slope is that of the mass flow (row n + end), the second that of the
-                    # energy flow (row end).
-                    slopes = zip((n + end, end), by_pressure, by_temperature, strict=True)
-                    for row, p_slope, T_slope in slopes:
+                    # The first slope is that of the energy flow (row end), the others are those of
+                    # the mass flows.
+                    targets = [end, *(n + row for row in rows)]
+                    slopes = zip(targets, by_pressure, by_temperature, strict=True)
+                    for target, p_slope, T_slope in slopes:
                         by_p1 = p_slope * weight[k] + T_slope * volume[k] * T_by_pV
-                        by_y[row, k] -= sign * by_p1
-                        by_y[row, n + k] += sign * T_slope * temperature[k] / total_mass[k]
-                        by_V[row, k] -= sign * T_slope * end_pressure[k] * T_by_pV
+                        by_y[target, k] -= sign * by_p1
+                        by_V[target, k] -= sign * T_slope * end_pressure[k] * T_by_pV
+                    for row, by_mass in zip(self.contents.rows[k], by_masses, strict=True):
+                        for target, slope in zip(targets, by_mass, strict=True):
+                            by_y[target, n + row] -= sign * slope
+
+    def _add_blend_slopes(
+        self,
+        by_masses: list[list[Number]],
+        passage: Passage,
+        at_ends: tuple[State, State],
+        side: int,
+        total_mass: Array,
+    ) -> None:
+        """Add, where the gas at one end is a mixture, the derivatives of its flows by the masses
+        (s,) of the species at given pressure and temperature; `by_masses` has the derivatives of
+        energy and mass flows for each species."""
+        p, T, gas = at_ends[side]
+        k = passage.ends[side]
+        if len(by_masses) == 1 or not isinstance(k, int):
+            return
+        masses = [total_mass[row] for row in self.contents.rows[k]]
+        for position, sums in enumerate(by_masses):
+            amounts: list[Number] = list(masses)
+            amounts[position] += 1j * COMPLEX_STEP
+            blend = Blend(gas.species, amounts, gas.name)
+            _, slopes = _slopes(passage, at_ends, side, (p, T, blend))
+            for target, slope in enumerate(slopes):
+                sums[target] += slope
 
     def _add_heat_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
         """Subtract step length times the derivatives of the heat of the walls, like
-        `_add_flow_derivatives`.  Q [W] is the heat flow; p1 [Pa], m1 [kg] and U1 [J] are pressure,
-        mass and energy of a chamber at the end."""
+        `_add_flow_derivatives`.  T1 [K] is the temperature of a chamber at the end."""
         n = self._n
-        heat_factor = self._gas.gamma - 1
+        mass_times_R = self.contents.masses_times_R(y[n:])
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
-            p1 = y[k]
-            m1 = y[n + k]
-            # -h ∂Q/∂U1
-            cooling = self.h * wall.conductance * weight / (m1 * self._cv)
-            by_y[k, k] += cooling * V[k] / heat_factor
-            by_y[k, n + k] -= cooling * p1 * V[k] / (heat_factor * m1)
-            by_V[k, k] += cooling * p1 / heat_factor
-
-    def _slope(
-        self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, quantity: str
-    ) -> Pair:
-        """Return derivatives of mass flow [kg/s] and energy flow [W] of a passage with respect to
-        the pressure [Pa] or temperature [K] at one end, by complex steps, exact to round-off."""
-        pressures = list(at_ends[0])
-        temperatures = list(at_ends[1])
-        varied = pressures if quantity == "pressure" else temperatures
-        varied[side] += 1j * COMPLEX_STEP
-        mass_flow, energy_flow = self._flows(
-            passage,
-            (pressures[0], pressures[1]),
-            (temperatures[0], temperatures[1]),
-        )
-        return mass_flow.imag / COMPLEX_STEP, energy_flow.imag / COMPLEX_STEP
+            # -h ∂Q/∂T1 times ∂T1/∂(p1 V)
+            cooling = self.h * wall.conductance * weight / mass_times_R[k]
+            temperature = y[k] * V[k] / mass_times_R[k]
+            by_y[k, k] += cooling * V[k]
+            by_V[k, k] += cooling * y[k]
+            for row in self.contents.rows[k]:
+                by_y[k, n + row] -= cooling * temperature * self.contents.gases[row].R
 
     # ---- solution --------------------------------------------------------------------------------
 
@@ -342,76 +398,66 @@ class Balance:
 
     # ---- flows -----------------------------------------------------------------------------------
 
-    def _flow_state(self, y: Array, V: Array) -> tuple[Array, Array]:
-        """Pressures [Pa] and temperatures [K] of the chambers by (3), at which flows are taken."""
+    def _flow_states(self, y: Array, V: Array) -> list[State]:
+        """Pressures, temperatures and gases of the chambers by (3), at which flows are taken."""
         p1 = y[: self._n]
-        m1 = y[self._n :]
-        total_energy = self._U0 + p1 * V / (self._gas.gamma - 1)
-        total_mass = self._m0 + m1
+        total_mass = self._m0 + y[self._n :]
         p = self._p0 + self._weights * (p1 - self._p0)
-        return p, total_energy / (total_mass * self._cv)
-
-    def _flows(self, passage: Passage, p: Pair, T: Pair) -> Pair:
-        """Return mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
-        opening, at pressures p [Pa] and temperatures T [K] of both; the gas has the temperature of
-        the end it comes from."""
-        mass_flow = passage.opening.flow(self._gas, passage.area, p, T)
-        # The gas has the temperature of the end it comes from.
-        upstream_temperature = T[0]
-        if p[0].real < p[1].real:
-            upstream_temperature = T[1]
-        # `_cp` is the specific heat of the gas at constant pressure [J/(kg K)].
-        return mass_flow, self._cp * upstream_temperature * mass_flow
+        T = self.contents.temperatures(self._pV0 + p1 * V, total_mass)
+        return _states(p, T, self.contents.mixtures(total_mass))
 
     def _heat(self, wall: Wall, k: int, weight: Number, y: Array, V: Array) -> Number:
         """Return the heat flow [W] from a wall into chamber k, at a mean of its temperature with a
         weight of the end of the step, ½ to 1."""
-        cv = self._cv
-        end_energy = y[k] * V[k] / (self._gas.gamma - 1)
-        start_temperature = self._U0[k] / (self._m0[k] * cv)
-        end_temperature = end_energy / (y[self._n + k] * cv)
-        temperature = (1 - weight) * start_temperature + weight * end_temperature
+        end_temperature = y[k] * V[k] / self.contents.masses_times_R(y[self._n :])[k]
+        temperature = (1 - weight) * self.temperatures[k] + weight * end_temperature
         return wall.conductance * (wall.temperature - temperature)
 
     # ---- weights ---------------------------------------------------------------------------------
 
-    def _choose_weights(self, p: Array, T: Array, V: Array) -> None:
+    def _choose_weights(self, V: Array) -> None:
         """Choose the weight θ of the end of the step in the flows of every chamber, `_weights`
         (n,), and of every wall, `_wall_weights`: ½ for short steps and near 1 for steps in which
         pressures equalise, (4) and (5) of the module.
 
         The conductances at rest are summed too, in `_amplification` (n,) [-]: they amplify the
-        round-off of pressures, see `scales`.  p [Pa], T [K] and V [m³] (n,) are of the start.
+        round-off of pressures, see `scales`.  V [m³] (n,) are of the start.
         """
-        relaxation = np.zeros_like(p)  # ζ of (4)
-        equalisation = np.zeros_like(p)  # z of (5)
-        at_rest = np.zeros_like(p)
-        states = _states(p, T)
+        relaxation = np.zeros_like(self._p0)  # ζ of (4)
+        equalisation = np.zeros_like(self._p0)  # z of (5)
+        at_rest = np.zeros_like(self._p0)
+        states = _states(self._p0, self.temperatures, self.contents.mixtures(self._m0))
         for passage in self.passages:
-            pressures, temperatures = _at_ends(passage, states)
+            at_ends = _at_ends(passage, states)
+            first, second = at_ends
             # Of equal pressures the hotter end counts as upstream.
-            is_first = pressures[0] >= pressures[1]
-            if is_first and pressures[0] <= pressures[1]:
-                is_first = temperatures[0] >= temperatures[1]
+            is_first = first[0] >= second[0]
+            if is_first and first[0] <= second[0]:
+                is_first = first[1] >= second[1]
             upstream = 0 if is_first else 1
-            p_high = pressures[upstream]
-            p_low = pressures[1 - upstream]
-            T_high = temperatures[upstream]
+            p_high, T_high, gas = at_ends[upstream]
+            p_low = at_ends[1 - upstream][0]
             if p_high <= 0:
                 # Two vacuums exchange nothing.
                 continue
             # z of (5) has Δp in its denominator: it is taken at no smaller difference than this
             # one.
             almost_equal = p_high * (1 - REST_DIFFERENCE)
-            moving = self._conductance(passage, p_high, T_high, min(p_low, almost_equal))
-            resting = self._conductance(passage, p_high, T_high, almost_equal)
+            moving: Number = 0.0
+            resting: Number = 0.0
+            # A driven flow does not fall to zero with the difference of pressures.
+            if not passage.is_driven:
+                moving = _conductance(passage, at_ends, upstream, min(p_low, almost_equal))
+                resting = _conductance(passage, at_ends, upstream, almost_equal)
             for side, (k, sign) in enumerate(zip(passage.ends, (-1, 1), strict=True)):
                 if not isinstance(k, int):
                     continue
                 # Rise of the pressure in a step per mass flow, h γ R T/V of an adiabatic chamber
-                stiffness = self.h * self._gas.gamma * self._gas.R * T_high / V[k]
-                slopes = self._slope(passage, (pressures, temperatures), side, "pressure")
-                relaxation[k] -= stiffness * sign * slopes[0]
+                stiffness = self.h * gas.heat_ratio(T_high) * gas.R * T_high / V[k]
+                changed = _with_pressure_step(at_ends[side])
+                # The slopes of the mass flows of all species
+                _, slopes = _slopes(passage, at_ends, side, changed)
+                relaxation[k] -= stiffness * sign * sum(slopes[1:])
                 equalisation[k] += stiffness * moving
                 at_rest[k] += stiffness * resting
         # A chamber whose pressure would not relax, by round-off or a law of the user, has θ_e = ½.
@@ -420,40 +466,87 @@ class Balance:
         self._weights = 1 - 1 / (1 / (1 - fitted) + damping)
         self._amplification = at_rest
         wall_weights = []
+        if self.walls:
+            heat_factors = self.contents.heat_factors(self.temperatures, self._m0)
         for wall, k in self.walls:
-            heat_capacity = self._m0[k] * self._cv
+            # m c_v = c_v/R · p V/T
+            heat_capacity = heat_factors[k] * self._pV0[k] / self.temperatures[k]
             cooling_rate = wall.conductance / heat_capacity
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
         self._wall_weights = np.array(wall_weights)
 
-    def _conductance(self, passage: Passage, pu: Number, Tu: Number, pd: Number) -> Number:
-        """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening, from the
-        pressure pu [Pa] and temperature Tu [K] to a lower pressure pd."""
-        mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
-        return mass_flow.real / (pu - pd)
 
-
-def _states(p: Array, T: Array) -> list[State]:
-    """Pressure [Pa] and temperature [K] of each chamber, as Python's or dual numbers."""
+def _states(p: Array, T: Array, gases: list[Gas]) -> list[State]:
+    """Pressure [Pa], temperature [K] and gas of each chamber, as Python's or dual numbers."""
     pressures: Any = p.tolist()
     temperatures: Any = T.tolist()
-    return list(zip(pressures, temperatures, strict=True))
+    return list(zip(pressures, temperatures, gases, strict=True))
 
 
-def _at_ends(passage: Passage, states: list[State]) -> tuple[Pair, Pair]:
-    """Pressures [Pa] and temperatures [K] at the two ends of an opening, for the states of all
-    chambers."""
+def _at_ends(passage: Passage, states: list[State]) -> tuple[State, State]:
+    """The states at the two ends of an opening, for the states of all chambers."""
     first, second = passage.ends
-    first_pressure, first_temperature = _state_at(first, states)
-    second_pressure, second_temperature = _state_at(second, states)
-    return (first_pressure, second_pressure), (first_temperature, second_temperature)
+    first_gas, second_gas = passage.gases
+    return _state_at(first, first_gas, states), _state_at(second, second_gas, states)
 
 
-def _state_at(end: End, states: list[State]) -> State:
-    """Pressure [Pa] and temperature [K] of one end of an opening."""
+def _state_at(end: End, gas: Gas | None, states: list[State]) -> State:
+    """The state of one end of an opening; `gas` is that of a boundary."""
     if isinstance(end, int):
         return states[end]
-    return end.pressure, end.temperature
+    assert gas is not None, "A boundary has a gas."
+    return end.pressure, end.temperature, gas
+
+
+def _flows(passage: Passage, at_ends: tuple[State, State]) -> tuple[int, Number, Number]:
+    """Return the end from which the gas comes, 0 or 1, and mass flow [kg/s] and enthalpy flow [W]
+    from the first to the second end of an opening; the gas has the temperature and the mixture of
+    the end it comes from."""
+    (p_a, T_a, gas_a), (p_b, T_b, gas_b) = at_ends
+    mass_flow = passage.opening.flow((gas_a, gas_b), passage.area, (p_a, p_b), (T_a, T_b))
+    if mass_flow.real >= 0:
+        return 0, mass_flow, gas_a.enthalpy(T_a) * mass_flow
+    return 1, mass_flow, gas_b.enthalpy(T_b) * mass_flow
+
+
+def _slopes(
+    passage: Passage, at_ends: tuple[State, State], side: int, changed: State
+) -> tuple[int, list[Number]]:
+    """Return the end from which the gas comes, and the derivatives of the energy flow [W] and of
+    the mass flow of each species [kg/s] of a passage by the quantity of one end to which a complex
+    step was added, exact to round-off."""
+    varied = (changed, at_ends[1]) if side == 0 else (at_ends[0], changed)
+    upstream, mass_flow, energy_flow = _flows(passage, varied)
+    flows = [energy_flow]
+    for fraction in varied[upstream][2].fractions:
+        flows.append(fraction * mass_flow)
+    return upstream, [flow.imag / COMPLEX_STEP for flow in flows]
+
+
+def _with_pressure_step(state: State) -> State:
+    """The state at an end with a complex step of its pressure."""
+    p, T, gas = state
+    return p + 1j * COMPLEX_STEP, T, gas
+
+
+def _with_temperature_step(state: State) -> State:
+    """The state at an end with a complex step of its temperature."""
+    p, T, gas = state
+    return p, T + 1j * COMPLEX_STEP, gas
+
+
+def _conductance(
+    passage: Passage, at_ends: tuple[State, State], upstream: int, p_low: Number
+) -> Number:
+    """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening, from its end
+    with the number `upstream` to a lower pressure [Pa] at the same temperature."""
+    p_high, T_high, _ = at_ends[upstream]
+    gases = (at_ends[0][2], at_ends[1][2])
+    if upstream == 0:
+        mass_flow = passage.opening.flow(gases, passage.area, (p_high, p_low), (T_high, T_high))
+        return mass_flow.real / (p_high - p_low)
+    mass_flow = passage.opening.flow(gases, passage.area, (p_low, p_high), (T_high, T_high))
+    return -mass_flow.real / (p_high - p_low)
 
 
 def _fitted_weight(rate: Number) -> Number:

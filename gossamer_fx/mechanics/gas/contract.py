@@ -6,12 +6,15 @@ A new kind of valve is therefore a class with the members of `Opening`; nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
+import numpy as np
+
+from gossamer_fx.core.algebra.dual_numbers import Number
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure, Enclosure
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.surface import Geometry
 
 # Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
@@ -20,6 +23,56 @@ Aperture = Callable[[float, float], float]
 
 
 # Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
+@runtime_checkable
+class Gas(Protocol):
+    """A thermally perfect gas, p V = m R T and U = m u(T), or a mixture of such gases.
+
+    Its functions take real, complex and dual numbers T [K]: the network takes their derivatives by
+    complex steps, gradients by dual numbers.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in messages and outputs."""
+        ...
+
+    @property
+    def R(self) -> Number:
+        """Specific gas constant [J/(kg K)]."""
+        ...
+
+    @property
+    def species(self) -> tuple[Gas, ...]:
+        """The pure gases that it consists of; of a pure gas the gas itself."""
+        ...
+
+    @property
+    def fractions(self) -> Sequence[Number]:
+        """Mass fractions of the species; their sum is one."""
+        ...
+
+    @property
+    def constant_heat_ratio(self) -> float | None:
+        """γ = c_p/c_v if it is the same at all temperatures, so that U = p V/(γ - 1)."""
+        ...
+
+    def heat_ratio(self, T: Number) -> Number:
+        """γ = c_p/c_v at a temperature."""
+        ...
+
+    def heat_capacity(self, T: Number) -> Number:
+        """c_v [J/(kg K)]."""
+        ...
+
+    def energy(self, T: Number) -> Number:
+        """u [J/kg], positive, with du/dT = c_v."""
+        ...
+
+    def enthalpy(self, T: Number) -> Number:
+        """u + R T [J/kg]."""
+        ...
+
+
 @runtime_checkable
 class Holder(Protocol):
     """A gas boundary of constant state: gas comes from it or goes to it, and it does not change, as
@@ -38,6 +91,11 @@ class Holder(Protocol):
     @property
     def temperature(self) -> float:
         """Temperature [K]."""
+        ...
+
+    @property
+    def gas(self) -> Gas | None:
+        """The gas that it supplies; None for the gas of the scene, if that has one species."""
         ...
 
 
@@ -64,8 +122,8 @@ class Volume(Protocol):
         ...
 
     @property
-    def gas(self) -> IdealGas:
-        """The gas; all volumes of a scene hold the same."""
+    def gas(self) -> Gas:
+        """The gas or mixture at the start."""
         ...
 
     @property
@@ -112,15 +170,20 @@ class Opening(Protocol):
         ...
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gases: tuple[Gas, Gas],
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
-        It must be analytic in p and T where it is smooth: the network takes derivatives by complex
-        steps.
+        The flow has the mixture and the enthalpy of the end that it comes from.  It must be
+        analytic in p, T and the properties of the gases where it is smooth: the network takes
+        derivatives by complex steps.
 
         Args:
-            gas: the gas of the network.
+            gases: the gases at the ends a and b.
             area: effective area C_d A [m²].
             p: pressures [Pa] of the ends a and b.
             T: temperatures [K] of the ends a and b.
@@ -129,18 +192,36 @@ class Opening(Protocol):
 
 
 @runtime_checkable
+class Switch(Opening, Protocol):
+    """An opening that is open or closed in a whole step, by the pressures at its start: valves and
+    burst vents.  Whether it was open is part of the state of a run."""
+
+    @property
+    def starts_open(self) -> bool:
+        """Whether it is open at the start of a run."""
+        ...
+
+    def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
+        """Whether it is open in the coming step; p [Pa] are the pressures of the ends a and b."""
+        ...
+
+
+@runtime_checkable
+class DrivenOpening(Opening, Protocol):
+    """An opening whose flow does not vanish at equal pressures: an inflator or a blower."""
+
+    is_driven: ClassVar[bool]
+
+
+@runtime_checkable
 class Discharge(Opening, Protocol):
-    """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
-    Gradients know derivatives by these two; of another opening they know none by its numbers."""
+    """An opening with a geometric area A, and perhaps a number `discharge_coefficient` C_d, whose
+    effective area is C_d A.  Gradients know derivatives by these two; of another opening they know
+    none by its numbers."""
 
     @property
     def area(self) -> object:
-        """A number [m²], a function of time [s], or a `ring.Ring`."""
-        ...
-
-    @property
-    def discharge_coefficient(self) -> float:
-        """C_d."""
+        """A number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`."""
         ...
 
 
@@ -173,14 +254,15 @@ class Wall(Protocol):
 class ChamberState:
     """State of the gas in one chamber at the end of the last accepted step.
 
-    The gas is well mixed and ideal: pressure · volume = (γ - 1) · internal_energy.
+    The gas is well mixed and ideal: pressure · volume = Σ m_s R_s · temperature.
 
     Attributes:
         chamber: the chamber or tank that holds the gas.
         enclosure: what bounds it in the running scene; None for a rigid chamber.
+        species: the pure gases that it holds or can receive through openings.
+        masses: of each of the species [kg].
         pressure: [Pa], absolute.
-        mass: [kg].
-        internal_energy: U = m c_v T [J].
+        internal_energy: U = Σ m_s u_s(T) [J]; m c_v T for constant specific heats.
         volume: [m³], rigid part included.
 
     Example:
@@ -190,8 +272,9 @@ class ChamberState:
 
     chamber: Volume
     enclosure: CompiledEnclosure | None
+    species: tuple[Gas, ...]
+    masses: Array
     pressure: float = 0.0
-    mass: float = 0.0
     internal_energy: float = 0.0
     volume: float = 0.0
 
@@ -204,6 +287,36 @@ class ChamberState:
         return f"<ChamberState of '{self.chamber.name}': {state}>"
 
     @property
+    def mass(self) -> float:
+        """Mass of all species [kg]."""
+        return float(self.masses.sum())
+
+    def mass_of(self, gas: Gas) -> float:
+        """Mass of one species [kg], 0 if the chamber cannot receive it."""
+        found = zip(self.species, self.masses, strict=True)
+        return float(sum(mass for one, mass in found if one == gas))
+
+    @property
+    def mass_times_R(self) -> float:
+        """Σ m_s R_s [J/K]."""
+        return float(sum(m * gas.R for gas, m in zip(self.species, self.masses, strict=True)))
+
+    @property
     def temperature(self) -> float:
-        """Temperature of the gas [K], U/(m c_v)."""
-        return self.internal_energy / (self.mass * float(self.chamber.gas.cv))
+        """Temperature of the gas [K], p V/Σ m_s R_s."""
+        return self.pressure * self.volume / self.mass_times_R
+
+    @property
+    def heat_factor(self) -> float:
+        """∂U/∂(pV) at constant masses: c_v/R of the mixture, 1/(γ - 1)."""
+        T = self.temperature
+        amounts = zip(self.species, self.masses, strict=True)
+        return float(sum(m * gas.heat_capacity(T) for gas, m in amounts)) / self.mass_times_R
+
+    @property
+    def energy_by_mass(self) -> Array:
+        """∂U/∂m_s at constant pressure and volume, for each of the species [J/kg]: zero for a gas
+        of constant specific heats that is alone."""
+        T = self.temperature
+        c = self.heat_factor
+        return np.array([float(gas.energy(T)) - c * T * gas.R for gas in self.species])

@@ -179,15 +179,7 @@ class FilmEnclosure:
     def cells(self, film: Membrane) -> np.ndarray:
         """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
         order."""
-        if not self.surface:
-            return all_triangles(film)
-        groups = [self.film.mesh.group(name) for name in self.surface]
-        check(
-            all(dim == 2 for dim, _ in groups),
-            f"Chamber '{self.chamber}': "
-            f"its surface {self.surface} must be named groups of triangles.",
-        )
-        return np.unique(np.concatenate([cells for _, cells in groups]))
+        return named_triangles(self.film, self.surface, f"Chamber '{self.chamber}'")
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
         """Check that triangles (n,), owned and ghost, and strips over rings form a closed surface,
@@ -237,6 +229,19 @@ class FilmEnclosure:
             "make or read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
+
+
+def named_triangles(film: Membrane, surface: tuple[str, ...], user: str) -> np.ndarray:
+    """Return the local triangles (n,) of named groups, owned and ghost, in rising order; of the
+    whole film if no group is named.  `InputError`: a group is not one of triangles."""
+    if not surface:
+        return all_triangles(film)
+    groups = [film.mesh.group(name) for name in surface]
+    check(
+        all(dim == 2 for dim, _ in groups),
+        f"{user}: its surface {surface} must be named groups of triangles.",
+    )
+    return np.unique(np.concatenate([cells for _, cells in groups]))
 
 
 def all_triangles(film: Membrane) -> np.ndarray:

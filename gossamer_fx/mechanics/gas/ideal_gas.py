@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from gossamer_fx.core.algebra.dual_numbers import Number
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 
 
@@ -16,6 +17,7 @@ class IdealGas:
     Args:
         gamma: ratio of specific heats γ = c_p/c_v, > 1; 1.4 for air.
         R: specific gas constant [J/(kg K)], > 0; 287 for air.
+        name: of the species; gases of one scene that differ need different names.
 
     Raises:
         InputError: gamma ≤ 1 or R ≤ 0.
@@ -29,6 +31,17 @@ class IdealGas:
     # γ = 1 would mean an infinite c_v: the internal energy U = p V/(γ - 1) has no value then.
     gamma: Annotated[float, Range(1.0, above=True)]
     R: Annotated[float, positive("J/(kg K)")]
+    name: str = "gas"
+
+    @property
+    def species(self) -> tuple[IdealGas]:
+        """The gas itself."""
+        return (self,)
+
+    @property
+    def fractions(self) -> tuple[float]:
+        """All of its mass is of one species."""
+        return (1.0,)
 
     @property
     def cv(self) -> float:
@@ -39,3 +52,24 @@ class IdealGas:
     def cp(self) -> float:
         """Specific heat at constant pressure, γ c_v [J/(kg K)]."""
         return self.gamma * self.cv
+
+    @property
+    def constant_heat_ratio(self) -> float:
+        """γ."""
+        return self.gamma
+
+    def heat_ratio(self, T: Number) -> Number:
+        """γ, the same at all temperatures."""
+        return self.gamma
+
+    def heat_capacity(self, T: Number) -> Number:
+        """c_v [J/(kg K)], the same at all temperatures."""
+        return self.cv
+
+    def energy(self, T: Number) -> Number:
+        """c_v T [J/kg]."""
+        return self.cv * T
+
+    def enthalpy(self, T: Number) -> Number:
+        """c_p T [J/kg]."""
+        return self.cp * T

@@ -3,7 +3,8 @@
 Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to
 close to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
-Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.
+Unknowns.  y = (p1, m1), pressures [Pa] of the n chambers and the s masses [kg] of the species that
+they hold or can receive, s = n for one gas, at the end of a step.
 They solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.
 The same p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the
 last digit.
@@ -37,8 +38,18 @@ from petsc4py import PETSc
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
-from gossamer_fx.mechanics.gas.contract import ChamberState, Holder, Opening, Volume, Wall
+from gossamer_fx.mechanics.gas.contract import (
+    ChamberState,
+    DrivenOpening,
+    Gas,
+    Holder,
+    Opening,
+    Switch,
+    Volume,
+    Wall,
+)
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
+from gossamer_fx.mechanics.gas.mixture import Contents
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
 from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnknowns
@@ -60,70 +71,77 @@ class GasNetwork(ScalarUnknowns):
     """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
 
     Attributes:
-        size: number of unknowns, 2n for n chambers.
+        size: number of unknowns, n + s for n chambers with s masses of species.
         chambers: states of the chambers after the last accepted step.
         balance: their equations in a step.
         geometry: volumes and rings of the running scene.
-        y: pressures [Pa] and masses [kg] of the last iterate (2n,).
+        y: pressures [Pa] and masses [kg] of the last iterate (n + s,).
         volumes, swept: V and W of the last iterate (n,) [m³].
-        scale: energies [J] and masses [kg] by which the residual is divided (2n,).
+        scale: energies [J] and masses [kg] by which the residual is divided (n + s,).
 
     Raises:
-        InputError: the scene has no chamber, chambers hold different gases, or two of them enclose
-            the same film.
+        InputError: the scene has no chamber, two of them enclose the same film, two gases have the
+            same name, or a boundary supplies gas of a scene with several and names none.
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
         """Compile what bounds the chambers, and connect them by openings and walls; collective."""
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
-        self.gas = chambers[0].gas
+        openings = [item for item in items if isinstance(item, Opening)]
+        self.contents = Contents(chambers, openings)
         # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.geometry = Geometry(system)
         self.chambers = [
-            ChamberState(chamber, _compile_enclosure(chamber, system, self.geometry))
-            for chamber in chambers
+            ChamberState(
+                chamber=chamber,
+                enclosure=_compile_enclosure(chamber, system, self.geometry),
+                species=tuple(self.contents.gases[row] for row in rows),
+                masses=np.zeros(len(rows)),
+            )
+            for chamber, rows in zip(chambers, self.contents.rows, strict=True)
         ]
         n = len(chambers)
         # Two chambers may have equal values; they are told apart by identity.
         numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
-        self._passages = _passages(items, numbers, self.geometry)
+        self._passages = _passages(openings, numbers, self.geometry, self.contents)
+        # Openings that open and close by pressures
+        self._switches = [
+            (passage, passage.opening)
+            for passage in self._passages
+            if isinstance(passage.opening, Switch)
+        ]
         self._walls = [
             (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
         ]
         self._process = ADIABATIC
         self.balance = self._make_balance(Balance)
-        self.size = 2 * n
+        self.size = n + len(self.contents.gases)
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
         # [m³]
         self.volumes: Array = np.zeros(n)
         self._magnitude: Array = np.zeros(n)
         self.swept: Array = np.zeros(n)
         # y that solves the balance, and y that Newton's method for the bodies proposed
-        self.y: Array = np.ones(2 * n)
+        self.y: Array = np.ones(self.size)
         self._proposed: Array = self.y
-        self._residual: Array = np.zeros(2 * n)
-        self.scale: Array = np.ones(2 * n)
+        self._residual: Array = np.zeros(self.size)
+        self.scale: Array = np.ones(self.size)
         self._accepted_magnitude: Array = np.zeros(n)
-        # Energy [J] and mass [kg] from boundaries and walls since the start
+        # Energy [J] and mass of each species [kg] from boundaries and walls since the start
         self._supplied = 0.0
-        self._mass_supplied = 0.0
+        self._mass_supplied: Array = np.zeros(len(self.contents.species))
         # Mass flows [kg/s] through the openings in the last accepted step
         self._flows = [0.0] * len(self._passages)
 
     def _make_balance(self, kind: type[Balance]) -> Balance:
         """The equations of all chambers."""
-        return kind(
-            gas=self.gas,
-            passages=self._passages,
-            walls=self._walls,
-            n=len(self.chambers),
-        )
+        return kind(contents=self.contents, passages=self._passages, walls=self._walls)
 
     def set_static_process(self, process: str) -> None:
         """Choose by its name what stays constant in the chambers while an equilibrium is looked
-        for."""
+        for.  `InputError`: the specific heats of a gas change in an adiabatic search."""
         # Imported here, as runs do not need it.
         from gossamer_fx.mechanics.gas.static_processes import (
             AdiabaticBalance,
@@ -136,6 +154,13 @@ class GasNetwork(ScalarUnknowns):
             ISOTHERMAL: IsothermalBalance,
             HELD_PRESSURE: HeldPressureBalance,
         }
+        if process == ADIABATIC:
+            for gas in self.contents.species:
+                check(
+                    gas.constant_heat_ratio is not None,
+                    f"Gas '{gas.name}': an adiabatic equilibrium needs constant specific heats; "
+                    "give an IdealGas, or gas='isothermal' or 'held pressure'.",
+                )
         self._process = process
         self.balance = self._make_balance(kinds[process])
 
@@ -151,20 +176,25 @@ class GasNetwork(ScalarUnknowns):
         In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by
         -κ ΔV and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
         """
-        return self._stiffness(self.gas.gamma)
+        return self._stiffness(ADIABATIC)
 
     def static_stiffness(self) -> list[tuple[Array, float]]:
         """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
-        exponents = {ADIABATIC: self.gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
-        return self._stiffness(exponents[self._process])
+        return self._stiffness(self._process)
 
-    def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
+    def _stiffness(self, process: str) -> list[tuple[Array, float]]:
         """Stiffness of the gas in each film or piston against volume changes, p V^exponent =
         const.: this rank's part of the gradient of its volume [m²], and κ = exponent p/V [Pa/m³];
-        empty for the exponent 0.  Collective."""
+        empty at held pressure.  Collective."""
+        if process == HELD_PRESSURE:
+            return []
         found = []
         for state in self.chambers:
-            if state.enclosure is not None and exponent:
+            exponent = 1.0
+            if process == ADIABATIC:
+                # γ of the mixture
+                exponent += 1 / state.heat_factor
+            if state.enclosure is not None:
                 _, of_volume, _ = state.enclosure.gradients()
                 found.append((of_volume, exponent * state.pressure / state.volume))
         return found
@@ -186,18 +216,29 @@ class GasNetwork(ScalarUnknowns):
                 "open it by an initial displacement or give it a dead_volume.",
             )
             state.pressure = state.chamber.initial_pressure
-            state.internal_energy = state.pressure * state.volume / (self.gas.gamma - 1)
-            specific_energy = self.gas.cv * state.chamber.initial_temperature
-            state.mass = state.internal_energy / specific_energy
+            gas = state.chamber.gas
+            pV = state.pressure * state.volume
+            mass = pV / (gas.R * state.chamber.initial_temperature)
+            for one, fraction in zip(gas.species, gas.fractions, strict=True):
+                state.masses[state.species.index(one)] = fraction * mass
+        masses = self._masses()
+        products = np.array([state.pressure * state.volume for state in self.chambers])
+        energies = self.contents.energies(products, masses)
+        for state, energy in zip(self.chambers, energies, strict=True):
+            state.internal_energy = float(energy)
         self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
         """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
         moves."""
         pressures = np.array([state.pressure for state in self.chambers])
-        masses = np.array([state.mass for state in self.chambers])
+        masses = self._masses()
         energies = np.array([state.internal_energy for state in self.chambers])
         volumes = np.array([state.volume for state in self.chambers])
+        for passage, valve in self._switches:
+            first, second = passage.ends
+            acting = (self._pressure_at(first), self._pressure_at(second))
+            passage.is_open = valve.is_open(passage.was_open, acting)
         self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
         # The volumes of the last iterate are not used: they may be those of a step that failed.
         self.volumes = volumes
@@ -210,7 +251,7 @@ class GasNetwork(ScalarUnknowns):
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Return the scaled residual (2n,) of the gas balance at the iterate, after the balance was
+        """Return the scaled residual (n + s,) of the gas balance at the iterate, after it was
         solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
         self.volumes = np.array([_volume(state) for state in self.chambers])
@@ -220,7 +261,7 @@ class GasNetwork(ScalarUnknowns):
         self._proposed = y
         self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
         self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
-        # The second half of y are the masses.
+        # After the pressures y has the masses.
         for state, end_pressure in zip(self.chambers, self.y, strict=False):
             if state.enclosure is not None:
                 acting = self._acting_pressure(state.pressure, float(end_pressure))
@@ -259,9 +300,8 @@ class GasNetwork(ScalarUnknowns):
         """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
         the forces [N] of a unit of the unknowns y, H the derivatives of the scaled gas balance by
         coordinates, C those by y.  Collective."""
-        n = len(self.chambers)
-        G: list[Array | None] = [None] * (2 * n)
-        H: list[Array | None] = [None] * (2 * n)
+        G: list[Array | None] = [None] * self.size
+        H: list[Array | None] = [None] * self.size
         by_y, by_V = self.balance.derivatives(self.y, self.volumes, self.swept)
         C = by_y / self.scale[:, None]
         enclosures = {
@@ -301,32 +341,63 @@ class GasNetwork(ScalarUnknowns):
         volumes = np.array([_volume(state) for state in self.chambers])
         swept = np.array([_swept(state) for state in self.chambers])
         works = self.balance.work(self.y, volumes, swept)
+        masses = self._masses() + h * rates.mass
+        start_volumes = np.array([state.volume for state in self.chambers])
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
             state.volume = float(volumes[k])
-            state.mass += h * float(rates.mass[k])
+            state.masses = masses[self.contents.rows[k]]
             state.internal_energy += h * float(rates.energy[k]) - float(works[k])
-            if self._process != ADIABATIC:
-                self._supply_at_rest(state, float(self.balance.temperatures[k]))
-            state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
+        if self._process != ADIABATIC:
+            self._supply_at_rest(volumes / start_volumes)
+        energies = np.array([state.internal_energy for state in self.chambers])
+        pressures = self.contents.pressures(
+            energies, self._masses(), volumes, self.balance.temperatures
+        )
+        for state, pressure in zip(self.chambers, pressures, strict=True):
+            state.pressure = float(pressure)
         self.geometry.accept()
         self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
-        self._mass_supplied += h * rates.mass_supplied
+        self._mass_supplied = self._mass_supplied + h * rates.mass_supplied
         self._flows = rates.openings
+        for passage, _ in self._switches:
+            passage.was_open = passage.is_open
 
-    def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
-        """Count the gas that holds the pressure of a chamber, and the heat that holds its
-        temperature [K], as supplied."""
+    def _supply_at_rest(self, expansion: Array) -> None:
+        """Count the gas that holds the pressures of the chambers, and the heat that holds their
+        temperatures, as supplied; `expansion` (n,) are the volumes over those before the step."""
+        masses = self._masses()
         if self._process == HELD_PRESSURE:
-            mass = state.pressure * state.volume / (self.gas.R * temperature)
-            self._mass_supplied += mass - state.mass
-            state.mass = mass
-        energy = self.gas.cv * state.mass * temperature
-        self._supplied += energy - state.internal_energy
-        state.internal_energy = energy
+            held = masses * self.contents.per_mass(expansion)
+            for gas, mass in zip(self.contents.gases, held - masses, strict=True):
+                self._mass_supplied[self.contents.species.index(gas)] += mass
+            for state, rows in zip(self.chambers, self.contents.rows, strict=True):
+                state.masses = held[rows]
+            masses = held
+        energies = self.contents.thermal_energies(self.balance.temperatures, masses)
+        for state, energy in zip(self.chambers, energies, strict=True):
+            self._supplied += float(energy) - state.internal_energy
+            state.internal_energy = float(energy)
+
+    def _pressure_at(self, end: End) -> float:
+        """Pressure [Pa] at one end of an opening after the last accepted step."""
+        if isinstance(end, int):
+            return self.chambers[end].pressure
+        return end.pressure
+
+    def switch(self, opening: Switch) -> Passage:
+        """The passage of a valve, whose `was_open` may be set between steps.  `InputError`: the
+        valve is not in the scene."""
+        found = [passage for passage, valve in self._switches if valve is opening]
+        check(bool(found), f"'{opening.name}' is not in the scene; add it.")
+        return found[0]
+
+    def _masses(self) -> Array:
+        """Masses [kg] of the species in all chambers (s,) after the last accepted step."""
+        return np.concatenate([state.masses for state in self.chambers])
 
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
@@ -359,9 +430,12 @@ class GasNetwork(ScalarUnknowns):
         """Report in one clause which chamber's balance has the largest residual, with its volume
         [m³] and pressure [Pa] at the last iterate; empty if all are at most `ACCEPTABLE_RESIDUAL`.
         NaN counts as infinite."""
-        largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
+        n = len(self.chambers)
+        error = np.abs(self._residual)
         # argmax would pass over a NaN in favour of a number
-        largest[~np.isfinite(largest)] = np.inf
+        error[~np.isfinite(error)] = np.inf
+        largest = error[:n]
+        np.maximum.at(largest, self.contents.owners, error[n:])
         k = int(np.argmax(largest))
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
@@ -378,8 +452,12 @@ class GasNetwork(ScalarUnknowns):
             stored={state.chamber.name: state.internal_energy for state in self.chambers},
             supplied=self._supplied,
             mass=sum(state.mass for state in self.chambers),
-            mass_supplied=self._mass_supplied,
+            mass_supplied=float(self._mass_supplied.sum()),
         )
+
+    def supplied_mass(self, gas: Gas) -> float:
+        """Mass [kg] of a species that came from boundaries since the start."""
+        return float(self._mass_supplied[self.contents.species.index(gas)])
 
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
@@ -390,14 +468,21 @@ class GasNetwork(ScalarUnknowns):
 
     def get_history(self) -> dict[str, Any]:
         chambers = [
-            [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
+            [
+                state.chamber.name,
+                state.pressure,
+                state.masses.tolist(),
+                state.internal_energy,
+                state.volume,
+            ]
             for state in self.chambers
         ]
         return {
             "chambers": chambers,
             "supplied": self._supplied,
-            "mass supplied": self._mass_supplied,
+            "mass supplied": self._mass_supplied.tolist(),
             "flows": self._flows,
+            "open": [passage.was_open for passage, _ in self._switches],
         }
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -405,11 +490,14 @@ class GasNetwork(ScalarUnknowns):
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):
             # The name is for readers of the file; the order of chambers does not change.
-            _, chamber.pressure, chamber.mass, chamber.internal_energy, chamber.volume = row
+            _, chamber.pressure, masses, chamber.internal_energy, chamber.volume = row
+            chamber.masses = np.array(masses, dtype=float)
         self._accepted_magnitude = self._magnitudes()
         self._supplied = state["supplied"]
-        self._mass_supplied = state["mass supplied"]
+        self._mass_supplied = np.array(state["mass supplied"], dtype=float)
         self._flows = state["flows"]
+        for (passage, _), was_open in zip(self._switches, state["open"], strict=True):
+            passage.was_open = was_open
 
     # ---- chambers --------------------------------------------------------------------------------
 
@@ -429,19 +517,11 @@ class GasNetwork(ScalarUnknowns):
 
 
 def _check_chambers(chambers: list[Volume]) -> None:
-    """Raise `InputError` unless there are chambers, of one gas, and no two enclose the same whole
-    film."""
+    """Raise `InputError` unless there are chambers, and no two enclose the same whole film."""
     check(
         bool(chambers),
         "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
     )
-    first = chambers[0]
-    for chamber in chambers:
-        check(
-            chamber.gas == first.gas,
-            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; "
-            "a scene has one.",
-        )
     whole_films: list[object] = []
     for chamber in chambers:
         if chamber.enclosure is None:
@@ -464,21 +544,51 @@ def _compile_enclosure(
     return chamber.enclosure.compile(system, geometry)
 
 
-def _passages(items: list[Any], numbers: dict[int, int], geometry: Geometry) -> list[Passage]:
+def _passages(
+    openings: list[Opening], numbers: dict[int, int], geometry: Geometry, contents: Contents
+) -> list[Passage]:
     """Return the openings of a scene, with their ends as numbers of chambers or as boundaries."""
 
     def end(item: Holder | Volume) -> End:
         return item if isinstance(item, Holder) else numbers[id(item)]
 
-    openings = [item for item in items if isinstance(item, Opening)]
-    return [
-        Passage(
-            opening=opening,
-            ends=(end(opening.a), end(opening.b)),
-            aperture=opening.aperture(geometry),
+    found = []
+    for opening in openings:
+        ends = (end(opening.a), end(opening.b))
+        gases = (
+            _boundary_gas(opening.a, opening.b, contents),
+            _boundary_gas(opening.b, opening.a, contents),
         )
-        for opening in openings
-    ]
+        rows = []
+        for source, gas in zip(ends, gases, strict=True):
+            species = gas.species if gas is not None else contents.held(source)
+            rows.append([contents.numbers(target, species) for target in ends])
+        passage = Passage(
+            opening=opening,
+            ends=ends,
+            gases=gases,
+            rows=rows,
+            aperture=opening.aperture(geometry),
+            is_driven=isinstance(opening, DrivenOpening),
+        )
+        if isinstance(opening, Switch):
+            passage.was_open = opening.starts_open
+        found.append(passage)
+    return found
+
+
+def _boundary_gas(end: Holder | Volume, other: Holder | Volume, contents: Contents) -> Gas | None:
+    """The gas of a boundary at one end of an opening; None for a chamber, whose mixture changes."""
+    if not isinstance(end, Holder):
+        return None
+    if end.gas is not None:
+        return end.gas
+    check(
+        len(contents.species) == 1 or end.pressure <= 0,
+        f"'{end.name}' supplies one of several gases; give its gas.",
+    )
+    # No gas comes from a vacuum; a law may still ask for one.
+    return other.gas or contents.species[0]
 
 
 def _volume(state: ChamberState) -> float:

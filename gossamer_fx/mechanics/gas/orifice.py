@@ -12,12 +12,19 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Holder, Volume
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.film_area import FilmArea
+from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Chamber
+
+# Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
+Area = float | Callable[[float], float] | Ring | FilmArea
+
+# C_d, the effective over the geometric area
+Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
 
 # Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
 # would replace (3) in flows that are far from rest.
@@ -27,9 +34,7 @@ MAX_LAMINAR = 0.1
 MIN_LAMINAR = 1e-12
 
 
-def isentropic_flow(
-    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
-) -> complex:
+def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu [Pa] and Tu [K] to
     pd ≤ pu.
 
@@ -43,7 +48,8 @@ def isentropic_flow(
     at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
     within `laminar` of each other equalise later than by (3).
 
-    It is analytic in pu, Tu and pd within each branch, so derivatives by complex steps are exact.
+    γ and R are those of the gas upstream, γ at its temperature.  The flow is analytic in pu, Tu, pd
+    and the properties of the gas within each branch, so derivatives by complex steps are exact.
 
     Example:
         >>> air = IdealGas(gamma=1.4, R=287.0)
@@ -52,11 +58,11 @@ def isentropic_flow(
     """
     if pu.real <= 0:
         return 0.0
-    γ = gas.gamma
+    γ = gas.heat_ratio(Tu)
     x = pd / pu
     scale = pu / (gas.R * Tu) ** 0.5
     critical_ratio = (2 / (γ + 1)) ** (γ / (γ - 1))
-    if x.real <= critical_ratio:
+    if x.real <= critical_ratio.real:
         # (2)
         return scale * γ**0.5 * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
     if (1 - x).real >= laminar:
@@ -81,8 +87,9 @@ class Orifice:
     Args:
         a, b: chambers, tanks or surroundings; a flow from a to b is positive.
         area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
-            between two chambers, whose deformed area counts.
-        discharge_coefficient: C_d, effective over geometric area, in (0, 1].
+            between two chambers or a `FilmArea`, whose deformed area counts.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a `LinearTable`
+            of it over the ratio p_down/p_up.
         laminar: pressure difference as a share of the upstream pressure below which the flow law is
             regularised; in (0, 0.1).
         name: in messages.
@@ -98,33 +105,43 @@ class Orifice:
     a: Volume | Holder
     b: Volume | Holder
     _: KW_ONLY
-    area: float | Callable[[float], float] | Ring
-    discharge_coefficient: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
+    area: Area
+    discharge_coefficient: Coefficient | LinearTable = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
+        what = f"{type(self).__name__} '{self.name}'"
+        check(self.a is not self.b, f"{what} leads from '{self.a.name}' back into it.")
         check(
-            self.a is not self.b,
-            f"Orifice '{self.name}' leads from '{self.a.name}' back into it.",
-        )
-        check(
-            isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
-            f"Orifice '{self.name}': area is {self.area!r} m²; "
+            isinstance(self.area, Ring | FilmArea)
+            or callable(self.area)
+            or 0 <= self.area < math.inf,
+            f"{what}: area is {self.area!r} m²; "
             "give a positive number, a function of time, or a ring.",
         )
         check(
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
-            f"Orifice '{self.name}': laminar is {self.laminar!r}; "
-            "give a small fraction such as 1e-5.",
+            f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
+        if isinstance(self.discharge_coefficient, LinearTable):
+            self._check_table(what, self.discharge_coefficient)
+
+    def _check_table(self, what: str, table: LinearTable) -> None:
+        """Refuse a table of discharge coefficients out of range."""
+        for ratio, coefficient in table.points:
+            check(
+                0 <= ratio <= 1 and 0 < coefficient <= 1,
+                f"{what}: the discharge coefficient {coefficient!r} at the pressure ratio "
+                f"{ratio!r} is out of range; give ratios of 0 to 1 and coefficients up to 1.",
+            )
 
     def requires(self) -> Iterable[Any]:
         yield self.a
         yield self.b
-        if isinstance(self.area, Ring):
+        if isinstance(self.area, Ring | FilmArea):
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
@@ -134,30 +151,51 @@ class Orifice:
         The function is collective, and raises `InputError` if a valve's area is negative or not a
         number.
         """
-        coefficient = self.discharge_coefficient
-        area = self.area
-        if isinstance(area, Ring):
-            loop = geometry.loop(area)
-            return lambda h, t: coefficient * loop.aperture(h)
-        if callable(area):
-            return lambda h, t: coefficient * self._opening(geometry.comm, area, t)
-        return lambda h, t: coefficient * area
-
-    def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
-        """The area [m²] that a user's function gives at time t, checked.  Collective."""
-        what = f"Orifice '{self.name}': its area at t = {t:.6g} s"
-        opening = float(ask_numbers(comm, what, lambda: area(t)))
-        check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
-        return opening
+        # A table multiplies the flow instead.
+        coefficient = 1.0
+        if not isinstance(self.discharge_coefficient, LinearTable):
+            coefficient = self.discharge_coefficient
+        what = f"{type(self).__name__} '{self.name}'"
+        return compile_aperture(self.area, coefficient, geometry, what)
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gases: tuple[Gas, Gas],
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Mass flow [kg/s] from the first end to the second through an effective area [m²], at the
         pressures p [Pa] and temperatures T [K] of both ends."""
         if p[0].real >= p[1].real:
-            return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
-        return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
+            return area * self._flux(gases[0], p[0], T[0], p[1])
+        return -area * self._flux(gases[1], p[1], T[1], p[0])
+
+    def _flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """Mass flow per effective area [kg/(s m²)] from the upstream to the downstream pressure."""
+        flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
+        if isinstance(self.discharge_coefficient, LinearTable) and pu.real > 0:
+            flux = flux * self.discharge_coefficient(pd / pu)
+        return flux
+
+
+def compile_aperture(area: Area, coefficient: float, geometry: Geometry, user: str) -> Aperture:
+    """The area of an opening times a discharge coefficient [m²] as a function of step length and
+    time; collective.  It raises `InputError` if the area of a valve is negative or no number."""
+    if isinstance(area, Ring | FilmArea):
+        moving = geometry.area(area)
+        return lambda h, t: coefficient * moving.aperture(h)
+    if callable(area):
+        return lambda h, t: coefficient * _area_at(geometry.comm, area, t, user)
+    return lambda h, t: coefficient * area
+
+
+def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user: str) -> float:
+    """The area [m²] that a user's function gives at time t, checked.  Collective."""
+    what = f"{user}: its area at t = {t:.6g} s"
+    opening = float(ask_numbers(comm, what, lambda: area(t)))
+    check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+    return opening
 
 
 @check_arguments

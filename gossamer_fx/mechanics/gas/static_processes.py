@@ -9,8 +9,8 @@ of
     isothermal       p1 V = m1 R T0                                                             (2)
     held pressure    p1 = p0,   m1 = p0 V/(R T0)                                                (3)
 
-with the temperature T0 of the start.  Steps of (1) compose exactly.  Heat of (2) and gas of (3)
-count as supplied.
+with the temperature T0 of the start; for mixtures γ is that of the start.  Steps of (1) compose
+exactly.  Heat of (2) and gas of (3) count as supplied.
 
 An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
 at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
@@ -40,9 +40,12 @@ class AdiabaticBalance(Balance):
         super().begin(h, t, p, m, U, V)
         self._V0 = V
 
+        # γ - 1
+        self._exponent = 1 / self.contents.heat_factors(self.temperatures, m)
+
     def work(self, y: Array, V: Array, W: Array) -> Array:
         """Work [J] of each chamber (n,) if it expands from V0 to V without heat and flow."""
-        work: Array = self._U0 * (1 - self._ratio(V) ** (self._gas.gamma - 1))
+        work: Array = self._U0 * (1 - self._ratio(V) ** self._exponent)
         return work
 
     def _ratio(self, V: Array) -> Array:
@@ -56,7 +59,7 @@ class AdiabaticBalance(Balance):
         n = self._n
         by_y, by_V = super().derivatives(y, V, np.zeros(n))
         # The work's derivative by V is the pressure p0 (V0/V)^γ at which it ends.
-        pressures = self._p0 * self._ratio(V) ** self._gas.gamma
+        pressures = self._p0 * self._ratio(V) ** (1 + self._exponent)
         by_V[np.arange(n), np.arange(n)] += pressures
         return by_y, by_V
 
@@ -67,14 +70,13 @@ class IsothermalBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
-        [kg]."""
+        """Residual (n + s,): excess of the energy at p and V over that at T0 [J] of each chamber,
+        then the mass balance [kg]."""
         n = self._n
-        pressures = y[:n]
         masses = y[n:]
-        # (2) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
-        pressure_energy = pressures * V / (self._gas.gamma - 1)
-        thermal_energy = masses * self._gas.cv * self.temperatures
+        # (2) as energies, e.g. p V/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
+        pressure_energy = self.contents.energies(y[:n] * V, masses)
+        thermal_energy = self.contents.thermal_energies(self.temperatures, masses)
         both_balances = super().residual(y, V, W, known)
         mass_balance = both_balances[n:]
         return np.concatenate([pressure_energy - thermal_energy, mass_balance])
@@ -88,16 +90,22 @@ class IsothermalBalance(Balance):
             W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
 
         Returns:
-            (2n, 2n) by y and (2n, n) by V.
+            (n + s, n + s) by y and (n + s, n) by V.
         """
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
-        heat_factor = self._gas.gamma - 1
-        by_pressure = np.diag(V / heat_factor)
-        by_mass = -np.diag(self._gas.cv * self.temperatures)
+        p1 = y[:n]
+        m1 = y[n:]
+        contents = self.contents
+        temperature = contents.temperatures(p1 * V, m1)
+        heat_factor = contents.heat_factors(temperature, m1)
         # The rows of the energy balance; those of the mass balance stay.
-        by_y[:n] = np.hstack([by_pressure, by_mass])
-        by_V[:n] = np.diag(y[:n] / heat_factor)
+        by_y[:n] = 0.0
+        by_y[:n, :n] = np.diag(V * heat_factor)
+        specific_energy = contents.specific_energies(self.temperatures)
+        by_mass = contents.energy_slopes(temperature, m1) - specific_energy
+        by_y[contents.owners, n + np.arange(len(m1))] = by_mass
+        by_V[:n] = np.diag(p1 * heat_factor)
         return by_y, by_V
 
 
@@ -107,18 +115,18 @@ class HeldPressureBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
-        mass [kg].
+        """Residual (n + s,): excess of the pressure as energy (p1 - p0) V [J], then of the masses
+        [kg].
 
         p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
-        start; γ is the ratio of specific heats."""
+        start."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]
         excess_pressure = pressures - self._p0
-        excess_mass = masses - self._mass(V)
+        excess_mass = masses - self.held_masses(V)
         # The first rows in the unit of the energy balance that they replace.
-        excess_energy = excess_pressure * V / (self._gas.gamma - 1)
+        excess_energy = excess_pressure * V
         return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
@@ -130,19 +138,19 @@ class HeldPressureBalance(Balance):
             W: swept volumes; not used.
 
         Returns:
-            (2n, 2n) by y and (2n, n) by V.
+            (n + s, n + s) by y and (n + s, n) by V.
         """
         n = self._n
-        heat_factor = self._gas.gamma - 1
         # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
         excess_pressure = y[:n] - self._p0
-        # Each chamber's equations contain its own pressure, mass and volume only.
-        by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))
-        energy_by_V = np.diag(excess_pressure / heat_factor)
-        mass_by_V = -np.diag(self._mass(np.ones(n)))
-        return by_y, np.vstack([energy_by_V, mass_by_V])
+        # Each chamber's equations contain its own pressure, masses and volume only.
+        by_y = np.diag(np.concatenate([V, np.ones(len(self._m0))]))
+        by_V = np.zeros((len(y), n))
+        by_V[:n] = np.diag(excess_pressure)
+        by_V[n + np.arange(len(self._m0)), self.contents.owners] = -self.held_masses(np.ones(n))
+        return by_y, by_V
 
-    def _mass(self, V: Array) -> Array:
-        """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
-        masses: Array = self._p0 * V / (self._gas.R * self.temperatures)
+    def held_masses(self, V: Array) -> Array:
+        """Masses [kg] of the species in volumes V (n,) at the held pressures."""
+        masses: Array = self._m0 * self.contents.per_mass(self._p0 * V / self._pV0)
         return masses

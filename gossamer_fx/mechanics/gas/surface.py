@@ -319,6 +319,31 @@ class Moving(Protocol):
         ...
 
 
+class MovingArea(Protocol):
+    """The area of an opening that moves with bodies, taken at the middle of the coming step."""
+
+    def aperture(self, h: float) -> float:
+        """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
+        ...
+
+    def aperture_gradient(self, h: float) -> Array:
+        """Its derivative [m] by positions at the start of the step, for `add_own`; that by v0 is ½
+        h times as large.  Collective."""
+        ...
+
+    def add_own(self, values: Array, start: int, gradient: Array, /) -> None:
+        """Add such a derivative to this rank's part of a system vector that begins at `start`."""
+        ...
+
+
+class DeformedArea(Protocol):
+    """The area of a part of a body, as an item of a scene."""
+
+    def compile(self, system: Assembly) -> MovingArea:
+        """The area in a running scene.  Collective."""
+        ...
+
+
 class Geometry:
     """Loops, surfaces and pistons of a running scene, each of them once: two chambers may share a
     film, and a chamber and an orifice a ring."""
@@ -328,6 +353,7 @@ class Geometry:
         self._system = system
         self._loops: dict[Ring, Loop] = {}
         self._surfaces: dict[Membrane, FilmSurface] = {}
+        self._areas: dict[DeformedArea, MovingArea] = {}
         self._others: list[Moving] = []
 
     def loop(self, ring: Ring) -> Loop:
@@ -335,6 +361,14 @@ class Geometry:
         if ring not in self._loops:
             self._loops[ring] = Loop(ring, self._system)
         return self._loops[ring]
+
+    def area(self, area: Ring | DeformedArea) -> MovingArea:
+        """The area of an opening, created on the first call.  Collective."""
+        if isinstance(area, Ring):
+            return self.loop(area)
+        if area not in self._areas:
+            self._areas[area] = area.compile(self._system)
+        return self._areas[area]
 
     def surface(self, film: Membrane) -> FilmSurface:
         """The surface of a film, created on the first call."""

@@ -11,8 +11,8 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative, pos
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
 from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.contract import Gas
 from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 
@@ -32,6 +32,7 @@ class Ambient:
     Args:
         pressure: absolute pressure [Pa], ≥ 0.
         temperature: [K], > 0; of gas that flows in from it.
+        gas: the gas or mixture that it supplies; None for that of the scene, if it has one species.
         name: in messages.
 
     Raises:
@@ -46,6 +47,7 @@ class Ambient:
     pressure: Annotated[float, not_negative("Pa")] = 0.0
     temperature: Temperature = 300.0
     _: KW_ONLY
+    gas: Gas | None = None
     name: str = "ambient"
     scalar_unknowns = GasNetwork
 
@@ -56,16 +58,16 @@ class Chamber:
 
     Mass and energy balance of the chamber:
 
-        dm/dt = Σ ṁ
-        dU/dt = Σ c_p T_up ṁ - p dV/dt + heat,      p = (γ - 1) U/V
+        dm/dt = Σ Y ṁ                                  for each species
+        dU/dt = Σ h ṁ - p dV/dt + heat,      p V = T Σ m R,      U = Σ m u(T)
 
-    ṁ are the mass flows [kg/s] of the orifices that lead into it, T_up the temperature of the end
-    from which the gas comes.
+    ṁ are the mass flows [kg/s] of the openings that lead into it, Y and h mass fraction and
+    enthalpy [J/kg] of the end from which the gas comes; h = c_p T for constant specific heats.
 
     Args:
         enclosure: the closed film that bounds it, several films that are sewn together, or a
             `Piston`; None for a rigid chamber.
-        gas: the gas; the same for all chambers of a scene.
+        gas: the gas at the start, an `IdealGas`, a `PolynomialGas` or a `Mixture`.
         pressure: initial absolute pressure [Pa], > 0.
         temperature: initial temperature [K], > 0.
         dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, a valve); > 0 if
@@ -95,7 +97,7 @@ class Chamber:
         self,
         enclosure: Membrane | Sequence[Membrane] | Enclosure | None = None,
         *,
-        gas: IdealGas,
+        gas: Gas,
         pressure: Pressure,
         temperature: Temperature,
         # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
@@ -139,7 +141,7 @@ class Tank(Chamber):
 
     Args:
         volume: [m³], > 0.
-        gas: the gas; the same for all chambers of a scene.
+        gas: the gas at the start, an `IdealGas`, a `PolynomialGas` or a `Mixture`.
         pressure: initial absolute pressure [Pa], > 0.
         temperature: initial temperature [K], > 0.
         name: in messages, outputs and `run.chamber(name)`.
@@ -155,7 +157,7 @@ class Tank(Chamber):
         self,
         volume: Annotated[float, positive("m³")],
         *,
-        gas: IdealGas,
+        gas: Gas,
         pressure: Pressure,
         temperature: Temperature,
         name: str = "tank",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.state import State
@@ -57,11 +59,15 @@ class ForceInTime:
         self._name = name
         self._value = value
         self._now: Array = np.zeros(3)
+        self._time = math.nan
         self.factor = 1.0
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
-        self._now = at_time(self._comm, self._name, self._value, t + lag)
+        # Once a step, also for a force on many points: the user's function is asked on rank 0 only,
+        # which costs a broadcast.
+        if t + lag != self._time:
+            self._time = t + lag
+            self._now = at_time(self._comm, self._name, self._value, self._time)
 
     def force(self, X: Array) -> Array:
         return self.factor * self._now
@@ -111,15 +117,17 @@ class TorqueInTime(Couple):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body; its work counts as supplied.
+    """A force on a point of a body, or on each of several points; its work counts as supplied.
 
     Args:
-        port: the point, e.g. `film.port("tip")`.
-        force: [N] in space axes, three numbers or a function of time [s] that returns them.
+        port: the point, e.g. `film.port("tip")`, or points, e.g. `film.ports("rim")`.
+        force: [N] on each point in space axes, three numbers or a function of time [s] that returns
+            them.
         name: name in messages and output.
 
     Raises:
-        InputError: a port that is a direction; during a run: a force that is not finite.
+        InputError: a port that is a direction, or no port; during a run: a force that is not
+            finite.
 
     Example:
         >>> push = gx.loads.Force(mass.port(), lambda t: (np.sin(t), 0.0, 0.0))
@@ -127,27 +135,36 @@ class Force:
         'force'
     """
 
-    port: Port
+    port: Port | Sequence[Port]
     force: Vector | History
     _: KW_ONLY
     name: str = "force"
 
+    def __post_init__(self) -> None:
+        check(bool(self._ports), f"Force '{self.name}': there is no port; give one or several.")
+
+    @property
+    def _ports(self) -> Sequence[Port]:
+        return [self.port] if isinstance(self.port, Port) else self.port
+
     def requires(self) -> Iterable[Any]:
-        yield self.port.body
+        for port in self._ports:
+            yield port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """A load on the point; numbers, and a factor of a function of time, are parameters of
+        """A load on each point; numbers, and a factor of a function of time, are parameters of
         gradients."""
         value = self.force
+        law: PointForce
         if callable(value):
-            law = ForceInTime(self.port.body.comm, self.name, value)
+            law = ForceInTime(self._ports[0].body.comm, self.name, value)
             # A function of time belongs to its user; a gradient has the number that multiplies it.
-            factor = (Parameter("factor", "", "factor"),)
-            yield PointLoad(self.name, (self.port,), law, factor)
-            return
-        constant_force = ConstantForce(np.asarray(value, dtype=float))
-        parameters = (Parameter("force", "N", "value"),)
-        yield PointLoad(self.name, (self.port,), constant_force, parameters)
+            parameters = (Parameter("factor", "", "factor"),)
+        else:
+            law = ConstantForce(np.asarray(value, dtype=float))
+            parameters = (Parameter("force", "N", "value"),)
+        for port in self._ports:
+            yield PointLoad(self.name, (port,), law, parameters)
 
 
 @check_arguments

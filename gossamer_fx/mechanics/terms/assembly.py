@@ -286,6 +286,11 @@ class Multipliers(ABC):
         """Positions in this rank's part of a vector of multipliers that touch held coordinates
         only."""
 
+    def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
+        """This rank's equations that are linear in the coordinates and always hold: the global
+        index of the multiplier, and the coefficients by global index of the coordinate."""
+        return []
+
     def switch(self) -> Iterator[str]:
         """Engage and release, one after the other, the constraints of which that is wanted; yields
         the name of each that holds from now on.  Collective."""

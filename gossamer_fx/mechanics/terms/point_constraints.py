@@ -242,6 +242,22 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             # zero but for those of free equations.
             add_blocks(A, rows, rows, is_free[:, :, None] * np.eye(at.m))
 
+    def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
+        equations = []
+        for k, at in enumerate(self._measures):
+            # The gradient of linear measures is the same in every state.
+            gradient = at.gradient(np.zeros((at.n, at.D)))
+            for i in np.flatnonzero(at.each_is_linear):
+                if int(self._term_of[k][i]) in self._latches:
+                    continue
+                for multiplier, slope in zip(self._rows[k][i].tolist(), gradient[i], strict=True):
+                    coefficients: dict[int, float] = {}
+                    for d in np.flatnonzero(slope):
+                        unknown = int(at.indices[i, d])
+                        coefficients[unknown] = coefficients.get(unknown, 0.0) + float(slope[d])
+                    equations.append((multiplier, coefficients))
+        return equations
+
     def _middle_gradient(self, k: int, q: Array) -> Array:
         """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
         at = self._measures[k]
@@ -446,6 +462,9 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             largest[0] = max(largest[0], rates[:, 0].max(initial=0.0))
             largest[1] = max(largest[1], rates[:, 1:].max(initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        # Directors' rates below the round-off of velocities mean nothing.
+        round_off = np.finfo(float).eps * largest[0] / start.extent()
+        largest[1] = max(largest[1], round_off / MAX_INITIAL_RATE)
         sizes = []
         for of_position, of_director in ((start.extent(), 1.0), largest):
             vector = self._system.numbering.vector()

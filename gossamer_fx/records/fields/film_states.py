@@ -13,6 +13,7 @@ from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.records.fields.best_surface import cells_of
 from gossamer_fx.records.fields.body_shape import PATH_POINTS, AlternationWatch, At, BodyShape
 from gossamer_fx.solve.system.system import System
 
@@ -72,42 +73,56 @@ class AreaFractions:
     Args:
         films: of which all areas are added up.
         at: "mean" over the last step, or "end".
+        group: of cells of their meshes; empty: the whole films.
 
     Example:
         >>> from gossamer_fx.records.fields.film_states import AreaFractions
         >>> slack, wrinkled, taut = AreaFractions([film])(run.system)
     """
 
-    def __init__(self, films: Sequence[Membrane], at: At = "mean") -> None:
+    def __init__(self, films: Sequence[Membrane], at: At = "mean", group: str = "") -> None:
         self._films = films
         self._at: At = at
+        self._group = group
         self._compiled: list[_FilmAreas] | None = None
 
     def __call__(self, system: System) -> Array:
         """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
+        Collective."""
+        areas = self.areas(system)
+        shares: Array = areas / areas.sum()
+        return shares
+
+    def areas(self, system: System) -> Array:
+        """Return the areas (3,) [m²] that are slack, wrinkled and taut.
 
         Collective.  Areas are those of the stress-free shape.  Warns once of a film whose states
         at the ends of steps alternate.
         """
         if self._compiled is None:
-            self._compiled = [_FilmAreas(system, film, self._at) for film in self._films]
+            self._compiled = [
+                _FilmAreas(system, film, self._at, self._group) for film in self._films
+            ]
         areas = np.array([of_film.measure() for of_film in self._compiled])
         areas = system.comm.allreduce(areas)
         for of_film, row in zip(self._compiled, areas, strict=True):
             of_film.alternation.see(system, row[-1] / row[:-1].sum())
-        of_states = areas[:, : len(STATES)].sum(axis=0)
-        return of_states / of_states.sum()
+        of_states: Array = areas[:, : len(STATES)].sum(axis=0)
+        return of_states
 
 
 class _FilmAreas:
     """Areas of one film by state, as compiled forms."""
 
-    def __init__(self, system: System, film: Membrane, at: At) -> None:
+    def __init__(self, system: System, film: Membrane, at: At, group: str) -> None:
         """Compile the area in a state, and that which is taut at one end of a step only;
         collective."""
         self.alternation = AlternationWatch(film, "of its area is")
         self._shape = BodyShape(system, film, at)
         dx = self._shape.body.dx
+        if group:
+            cells = cells_of(film, group)
+            dx = dx(subdomain_data=[(1, cells)], subdomain_id=1)
         mesh = self._shape.body.space.mesh
         # One form with a constant serves the three states.
         self._which = fem.Constant(mesh, np.zeros(len(STATES)))

@@ -64,6 +64,13 @@ def scaled_axis(axis: Axis, values: Array) -> tuple[float, str]:
     return factor, f"{prefix}{axis.unit}"
 
 
+def with_decimals(value: float) -> str:
+    """A number with four digits, also if the last ones are zeros, e.g. "15.00"."""
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:#.4g}"
+
+
 def energy_words(energy: float) -> str:
     """An energy with its unit, e.g. "17.2 kJ"."""
     factor, prefix = scaled(abs(energy))
@@ -91,7 +98,7 @@ NAMES = {
     "pressure": "Pressure inside over outside",
     "contact_pressure": "Contact pressure",
     "state": "State of the film",
-    "mode_amplitude": "Amplitude of the mode",
+    "mode_amplitude": "Amplitude of the mode (arbitrary scale)",
     "wrinkle_slope": "Slope of the wrinkles",
     "wrinkle_amplitude": "Amplitude of the wrinkles",
     "wrinkle_direction": "Direction of the wrinkles",

@@ -9,8 +9,8 @@ Stored are
 4. functions by their qualified name, a hash of their source, their default arguments, and the
    numbers and words that they read from outside.
 
-Limits.  A list, an array or an object that a function reads from outside may change during a run,
-and is reported as unknown.
+Limits.  Of a list, an array or an object that a function reads from outside, and that may change
+during a run, only the class is stored.
 """
 
 from __future__ import annotations
@@ -33,10 +33,6 @@ from gossamer_fx.mechanics.terms.scalar_unknowns import InitialCondition
 
 # A value for JSON: None, bool, int, float, str, and lists and dictionaries of them.
 Known = Any
-
-# The only key of a dictionary in place of a value that is not stored; its value is the name of the
-# class.
-UNKNOWN = "unknown"
 
 # Keys of numbers that are computed from a mesh, and of their tolerance.
 MEASURED = "measured"
@@ -80,7 +76,7 @@ def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
 
 
 def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
-    """Convert a value to data for JSON; `{"unknown": class}` stands for one that cannot be
+    """Convert a value to data for JSON; the name of its class stands for one that cannot be
     converted.
 
     Numbers and words are returned as they are, items of the scene as "Class 'name'", objects of
@@ -120,24 +116,7 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
             return {"class": type(value).__name__, **_attributes(value, inner)}
         if callable(value) and not isinstance(value, type):
             return _of_function(value, inner)
-    return {UNKNOWN: type(value).__name__}
-
-
-def unknown(known: Known, where: str = "") -> list[str]:
-    """Names, joined to words, that lead to the values of a description that could not be stored."""
-    if isinstance(known, dict):
-        if UNKNOWN in known:
-            return [where]
-        found = []
-        for key, value in known.items():
-            found += unknown(value, f"{where} {key}")
-        return found
-    if isinstance(known, list):
-        found = []
-        for value in known:
-            found += unknown(value, where)
-        return found
-    return []
+    return type(value).__name__
 
 
 # ---- objects -------------------------------------------------------------------------------------
@@ -200,10 +179,10 @@ def _of_port(port: Port) -> Known:
 
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
-    """Data about a function, method, partial function, or object that can be called: its name, a
-    hash of its source, and the values that it takes from its surroundings.
+    """Data about a function, method or partial function: its name, a hash of its source, and the
+    values that it takes from its surroundings.
 
-    Of compiled functions, e.g. those of NumPy, only the name is known.
+    Of compiled functions, e.g. those of NumPy, and other objects only the name is known.
     """
     if isinstance(function, functools.partial):
         return {
@@ -212,9 +191,6 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
         }
     if isinstance(function, MethodType):
         return {"function": inner(function.__func__), "of": inner(function.__self__)}
-    call = vars(type(function)).get("__call__")
-    if not isinstance(function, FunctionType) and isinstance(call, FunctionType):
-        return {"function": inner(call), "of": inner(dict(vars(function)))}
     name = getattr(function, "__qualname__", type(function).__name__)
     if not isinstance(function, FunctionType):
         return {"function": f"{getattr(function, '__module__', '')}.{name}"}
@@ -228,7 +204,7 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
         known["source"] = hashlib.sha256(source.encode()).hexdigest()[:_HASH_DIGITS]
     except (OSError, TypeError, SyntaxError, tokenize.TokenError):
         # As of a function that was typed in or made by a program, or whose file was changed since.
-        known["source"] = {UNKNOWN: "source"}
+        known["source"] = None
     read = inspect.getclosurevars(function)
     for outside, value in {**read.globals, **read.nonlocals}.items():
         # Modules and classes are known by their names, and the communicator may differ.
@@ -236,5 +212,5 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
             continue
         is_constant = isinstance(value, bool | str | Real | tuple | FunctionType) or value is None
         # A list, an array or an object may change during the run.
-        known["outside"][outside] = inner(value) if is_constant else {UNKNOWN: type(value).__name__}
+        known["outside"][outside] = inner(value) if is_constant else type(value).__name__
     return known

@@ -5,26 +5,68 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.records.fields.units import energy_words
 from gossamer_fx.solve.view import Account, StateView
 
-# Wall time [s] between two lines if the output is not a terminal: a log file must stay short.
-LINE_INTERVAL = 10.0
+# Wall time [s] between two lines: on a terminal, where each replaces the one before, and in any
+# other stream: a log file must stay short.
+TERMINAL_INTERVAL = 0.5
+FILE_INTERVAL = 10.0
 
-if TYPE_CHECKING:
-    from rich.progress import Progress as Bar
+# Columns of a terminal that are overwritten, so that nothing of a longer line before is left.
+LINE_WIDTH = 150
+
+TINY = 1e-300  # against division by zero
+
+
+class StatusLine:
+    """On a terminal one line that changes, in any other stream a line now and then.
+
+    Args:
+        interval: wall time between two lines on a terminal [s].
+        quiet: wall time before the first line [s].
+    """
+
+    def __init__(self, stream: IO[str], interval: float, quiet: float = 0.0) -> None:
+        self.stream = stream
+        self.is_terminal = stream.isatty()
+        self.started = time.monotonic()
+        self._interval = interval if self.is_terminal else max(interval, FILE_INTERVAL)
+        self._next = self.started + quiet
+        self._has_line = False  # whether an unfinished line is on the terminal
+
+    def is_due(self) -> bool:
+        """Whether enough time has passed since the last line."""
+        return time.monotonic() >= self._next
+
+    def write(self, words: str) -> None:
+        """Write a line, in place of the one before on a terminal."""
+        self._next = time.monotonic() + self._interval
+        if self.is_terminal:
+            self.stream.write("\r" + words.ljust(LINE_WIDTH))
+            self._has_line = True
+        else:
+            self.stream.write(words + "\n")
+        self.stream.flush()
+
+    def close(self) -> None:
+        """End the line on a terminal."""
+        if self._has_line:
+            self.stream.write("\n")
+            self.stream.flush()
+            self._has_line = False
 
 
 @check_arguments
 class Progress:
     """Shows time, step, iterations and energy error of a run on rank 0, and a summary at its end.
 
-    A terminal shows a bar with the length of the step and the remaining wall time; any other stream
-    gets a line every ten seconds.
+    A terminal shows one line with the length of the step and the remaining wall time; any other
+    stream gets a line every ten seconds.
 
     Args:
         stream: default the standard error.
@@ -42,19 +84,16 @@ class Progress:
 
     times: Sequence[float] = ()
 
-    def __init__(self, stream: IO[str] | None = None, seconds: float = 0.5) -> None:
+    def __init__(self, stream: IO[str] | None = None, seconds: float = TERMINAL_INTERVAL) -> None:
         check(
             not getattr(stream, "closed", False), "Progress: stream is closed; give an open file."
         )
         self._stream = stream or sys.stderr
-        self._pause = seconds
-        self._shown = 0.0  # time of the last update, by the monotonic clock [s]
-        self._bar: Bar | None = None
+        self._interval = seconds
 
     def open(self, run: StateView) -> None:
-        self._live = self._stream.isatty()
-        if not self._live:
-            self._pause = max(self._pause, LINE_INTERVAL)
+        self._start = run.time
+        self._line = StatusLine(self._stream, self._interval)
         self._print(
             run,
             f"{run.system.numbering.size} unknowns, "
@@ -68,49 +107,32 @@ class Progress:
             self._stream.flush()
 
     def record(self, run: StateView, last: bool) -> None:
-        """Update the terminal if enough wall time has passed since the last update.  Collective.
-
-        `_shown` is the time of the last update and `_pause` the time between updates, both wall
-        time [s]; `_live` tells whether a bar is drawn or lines are printed. Rank 0 alone writes."""
-        now = time.monotonic()
+        """Write a line on rank 0 if enough wall time has passed since the last one.  Collective."""
         # The energy error is collective, and clocks differ: rank 0 decides for all ranks.
-        is_early = now - self._shown < self._pause and not last
-        if run.comm.bcast(is_early):
+        if not run.comm.bcast(last or self._line.is_due()):
             return
-        self._shown = now
-        account = run.account
-        balance = energy_balance(account)
-        if self._live:
-            self._draw(run, account, balance)
-        else:
-            where = f"{run.axis.symbol} = {run.time:.6g} of {account.until:.6g} {run.axis.unit}"
-            counts = f"step {run.step}   iterations {account.last_iterations}   {balance}"
-            self._print(run, f"{where}   {counts}\n")
+        words = self._words(run)
+        if run.comm.rank == 0:
+            self._line.write(words)
 
-    def _draw(self, run: StateView, account: Account, balance: str) -> None:
-        """Update the bar on the terminal; only rank 0 draws."""
-        if run.comm.rank > 0:
-            return
-        if self._bar is None:
-            self._bar = _bar(self._stream)
-            self._bar.add_task("")
-            self._bar.start()
-        words = f"{run.time:.4g}/{account.until:.4g} {run.axis.unit}  "
+    def _words(self, run: StateView) -> str:
+        """Time, step, iterations and energy error; on a terminal also the length of the step [s],
+        and the share of the run that is made with the wall time that is left [s].  Collective."""
+        account = run.account
+        words = f"{run.axis.symbol} = {run.time:.6g} of {account.until:.6g} {run.axis.unit}   "
+        words += f"step {run.step}   iterations {account.last_iterations}   "
+        words += energy_balance(account)
         # Before the first step, no step has a length that could be shown.
-        if run.step:
-            words += f"h {run.system.h:.2g} s  "
-        words += f"step {run.step}  {account.last_iterations} it.  {balance}"
-        self._bar.update(
-            self._bar.task_ids[0], completed=run.time, total=account.until, description=words
-        )
-        self._bar.refresh()
+        if self._line.is_terminal and run.step:
+            share = (run.time - self._start) / max(account.until - self._start, TINY)
+            elapsed = time.monotonic() - self._line.started
+            left = elapsed * (1 - share) / max(share, TINY)
+            words += f"   h {run.system.h:.2g} s   {100 * share:.0f}%, {left:.0f} s left"
+        return words
 
     def close(self, run: StateView) -> None:
-        """End the bar, and print a summary: steps, iterations, wall times [s], and closing
-        errors."""
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        """Print a summary: steps, iterations, wall times [s], and closing errors."""
+        self._line.close()
         steps = max(run.step, 1)
         account = run.account
         summary = (
@@ -142,23 +164,3 @@ def energy_balance(account: Account) -> str:
     if balance.at_rest:
         return "at rest"
     return f"ledger {balance.energy_error:+.1e}"
-
-
-def _bar(stream: IO[str]) -> Bar:
-    """A progress bar of the library rich on a terminal; it is drawn only when it is told to
-    refresh."""
-    # Imported here, as runs without a terminal do not need it.
-    from rich.console import Console
-    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    return Bar(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=None),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-        console=Console(file=stream),
-        # A thread that refreshes the bar would write between the lines of other outputs.
-        auto_refresh=False,
-        expand=True,
-    )

@@ -19,6 +19,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Shown
+from gossamer_fx.records.fields.units import with_decimals
 from gossamer_fx.records.outputs.file_locks import FileLocks
 from gossamer_fx.records.outputs.output import Output, Writing, begin
 from gossamer_fx.records.outputs.recording import Recording
@@ -290,7 +291,7 @@ def record_modes(
             f"record_modes: nothing moves in mode {number}; give modes of this equilibrium.",
         )
         path = Path(folder) / f"mode_{number}"
-        title = f"Mode {number}: {mode.frequency:.4g} Hz"
+        title = f"Mode {number}: {with_decimals(mode.frequency)} Hz"
         recording = Recording(path, fields, title=title, every=1, overwrite=overwrite)
         view = ModeView(equilibrium, mode, number, amplitude, frames)
         try:

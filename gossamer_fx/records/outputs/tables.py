@@ -217,7 +217,8 @@ class Ledger(TableOutput):
     `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far; it is zero
     at rest, while all energies are round-off.  H is the kinetic and stored energy, including that
     of the gas; supplied and dissipated energies are sums from the start.  If several items
-    dissipate, each has a column in addition to the sum.
+    dissipate, each has a column in addition to the sum.  Equilibria have their `residual`, the
+    unbalanced force over the load.
 
     Args:
         path: of the file.
@@ -256,6 +257,8 @@ class Ledger(TableOutput):
         row |= {"supplied": t.supplied, "dissipated": t.dissipated}
         if len(t.losses) > 1:
             row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
+        if account.residual is not None:
+            row |= {"residual": account.residual}
         if account.balance is not None:
             row |= {"energy_error": account.balance.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}

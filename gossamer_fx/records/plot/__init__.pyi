@@ -1,4 +1,5 @@
 from .camera import View as View
+from .colours import Limits as Limits
 from .picture import Picture as Picture
 from .plot import animate as animate
 from .plot import curves as curves
@@ -9,3 +10,4 @@ from .plot import strip as strip
 from .report import InlineReport as InlineReport
 from .run_reader import RunReader as RunReader
 from .vtk_export import export as export
+from .watch import Watch as Watch

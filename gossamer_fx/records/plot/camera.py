@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.plot.colours import Colouring
 from gossamer_fx.records.plot.rasterise import Canvas, Colours
 from gossamer_fx.records.plot.shapes import Integers, Shape, unit
 
@@ -66,7 +67,7 @@ class View:
         zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
             otherwise all have one scale.
         opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are
-            visible.
+            visible, and colours are paler than those of the legend.
 
     Raises:
         InputError: an angle or an opacity out of its range.
@@ -214,24 +215,28 @@ def _axes(spread: Array, view: View) -> Array:
 
 
 class _Triangles(NamedTuple):
-    """Triangles on a canvas: corners (n, 3, 3) [pixels], brightness (n, 3), kinds (n,)."""
+    """Triangles on a canvas: corners (n, 3, 3) [pixels], brightness (n, 3), kinds (n,), and
+    whether (n,) they are hatched."""
 
     corners: Array
     shades: Array
     kinds: Integers
+    is_hatched: npt.NDArray[np.bool_] | None = None
 
 
 def render(
     camera: Camera,
     shapes: Iterable[Shape],
     scale: float,
-    colours: Array,
+    colours: Colouring,
 ) -> Iterator[Array]:
-    """Draw shapes (a scene at one or more times) as images with shading and hidden surfaces.
+    """Draw shapes (a scene at one or more times) as images with hidden surfaces.
+
+    Kinds are shaded.  Numbers are not: each has the colour of the bar, and dark outlines show the
+    shape.
 
     Args:
         shapes: as many as the camera has centres, with points [m].
-        colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
 
     Yields:
         An image (height, width, 3) in [0, 1] of each shape.
@@ -240,6 +245,10 @@ def render(
     width = round(camera.size[0] * scale) * n
     height = round(camera.size[1] * scale) * n
     palette = _palette(colours)
+    outline = _OUTLINE_STRENGTH
+    if colours.scale is not None:
+        # A colour that is only darkened would be that of another number.
+        outline = 1.0
     ink = len(palette) - 2
     for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
         pixels_per_metre = scale * n * zoom
@@ -248,14 +257,14 @@ def render(
         project = _Projection(camera.axes, pixels_per_metre, origin)
         corners = project(shape.corners)
         shades = _shades(corners, shape.normals @ camera.axes.T)
-        parts = [_Triangles(corners, shades, shape.kinds)]
+        parts = [_Triangles(corners, shades, shape.kinds, shape.is_slack)]
         line_kinds = np.where(shape.line_kinds < 0, ink, shape.line_kinds)
         parts.append(_bars(project(shape.lines), line_kinds))
         parts.append(_balls(project(shape.dots), ink))
         near = camera.depth[0] * pixels_per_metre
         far = camera.depth[1] * pixels_per_metre
         canvas = Canvas(height, width, near, far)
-        image = _image(canvas, parts, palette, camera.opacity)
+        image = _image(canvas, parts, palette, outline, camera.opacity)
         yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
 
 
@@ -263,6 +272,7 @@ def _image(
     canvas: Canvas,
     parts: Sequence[_Triangles],
     palette: Colours,
+    outline: float,
     opacity: float,
 ) -> Array:
     """What is nearest and, through it, what is behind: the image of a canvas.
@@ -273,6 +283,7 @@ def _image(
     Args:
         canvas: empty, of the size of the image [pixels].
         palette: colours (kinds, 256, 3) by brightness, 0 to 255.
+        outline: how much silhouettes are darkened, from 0 to 1.
 
     Returns:
         red, green and blue (height, width, 3) in [0, 1] on white.
@@ -281,8 +292,8 @@ def _image(
     light = 1.0
     while True:
         for part in parts:
-            canvas.draw(part.corners, part.shades, part.kinds, palette)
-        layer = canvas.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH)
+            canvas.draw(part.corners, part.shades, part.kinds, palette, part.is_hatched)
+        layer = canvas.outlined(_OUTLINE * _SUPERSAMPLES, outline)
         image += light * opacity * (layer - 1)
         light *= 1 - opacity
         behind = canvas.behind() if light > _UNSEEN else None
@@ -370,18 +381,18 @@ def _shades(corners: Array, normals: Array) -> Array:
     return shades
 
 
-def _palette(colours: Array) -> npt.NDArray[np.uint8]:
+def _palette(colours: Colouring) -> Colours:
     """Colours (kinds + 2, 256, 3) by brightness, as bytes; the last two kinds are lines and solids.
 
-    They go from black to the colour at 1 - gloss, then half-way on to white.
-
-    Args:
-        colours: red, green and blue in [0, 1], (kinds, 3), of the triangles of films.
+    They go from black to the colour at 1 - gloss, then half-way on to white; numbers have one
+    colour at any brightness.
     """
     brightness = np.linspace(0, 1, 256)[:, None]
-    base = np.array([*colours, _INK, _SOLID_COLOUR])[:, None]
+    base = np.array([*colours.table, _INK, _SOLID_COLOUR])[:, None]
     matt = (brightness / (1 - _GLOSS)).clip(0, 1)
     gloss = ((brightness - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
     shaded = base * matt * (1 - gloss / 2) + gloss / 2
-    palette: npt.NDArray[np.uint8] = np.rint(255 * shaded).astype(np.uint8)
+    if colours.scale is not None:
+        shaded[: len(colours.table) - 1] = base[: len(colours.table) - 1]
+    palette: Colours = np.rint(255 * shaded).astype(np.uint8)
     return palette

@@ -41,10 +41,14 @@ _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
 _ANGULAR = "angular momentum "  # before the axes of its components
-_STORED = "stored "  # before the names of parts that store energy
+STORED = "stored "  # before the names of parts that store energy
 _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
 _LEGEND_LINE = 0.11  # height of a line of a legend, of the height of the curves
 _MANY_MARKS = 200  # measured values from which on their marks are small
+_SCALED_UNITS = ("m", "m/s", "N", "Pa", "J", "W", "Hz")  # of probes, that get a prefix
+_NUMBER = re.compile(r"[\s_-]*\d+")  # that tells one part of a family from the others
+_FAMILY = 3  # parts that make one
+_BAND = ("largest of ", "mean of ", "least of ")  # before the number and name of the parts
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
@@ -73,7 +77,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
     points: of a longer table rows at about equal distances are drawn, the first and the last
     included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
-    is absent.
+    is absent, or nothing is seen in them.
     """
     ledger = _thinned(run.table("ledger.csv"))
     if len(run.along(ledger)) < 2:
@@ -84,20 +88,27 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
 
     energies = {"kinetic": ledger["kinetic"]}
     # The kinetic, supplied and dissipated energy have a colour each.
-    stored = _with_sum_of_others(_with_prefix(ledger, _STORED), most=len(LINES) - 3)
+    stored = _with_sum_of_others(_with_prefix(ledger, STORED), most=len(LINES) - 3)
     energies |= {f"in {name}": energy for name, energy in stored.items()}
     energies |= {name: ledger[name] for name in ("supplied", "dissipated")}
+    if run.kind == "equilibrium" and len(stored) > 1:
+        # To be compared with the supplied energy.
+        energies["stored, all"] = np.sum(list(stored.values()), axis=0)
     colours = _line_colours(energies)
     t = run.along(ledger) / factor
-    panels: list[Panel] = [partial(_lines, t, energies, colours, "Energy", "J")]
+    panels: list[Panel] = []
+    if _is_seen(energies):
+        panels.append(partial(_lines, t, energies, colours, "Energy", "J"))
+    if "residual" in ledger:
+        panels.append(partial(_residuals, t, ledger["residual"]))
     losses = _with_sum_of_others(_with_prefix(ledger, LOST), most=len(LINES))
-    if len(losses) > 1:
+    if len(losses) > 1 and _is_seen(losses):
         panels.append(partial(_lines, t, losses, _line_colours(losses), "Energy lost", "J"))
     suffix = " pressure"
     pressures = {
         name.removesuffix(suffix): values for name, values in gas.items() if name.endswith(suffix)
     }
-    if pressures:
+    if _is_seen(pressures):
         pressures = _extent(pressures)
         shades = _line_colours(pressures)
         if all(f"in {name}" in colours for name in pressures):
@@ -129,6 +140,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         panels += [
             partial(_probes, run.along(probes) / factor, title, _extent(curves))
             for title, curves in grouped(_without(probes, run.not_values)).items()
+            if any(np.isfinite(values).any() for values in curves.values())
         ]
     return Curves(panels, start=float(t[0]), end=float(t[-1]), label=run.axis.label(unit))
 
@@ -244,22 +256,68 @@ def _with_sum_of_others(curves: Tables, most: int) -> Tables:
     return shown | {f"{len(others)} others": np.sum([curves[name] for name in others], axis=0)}
 
 
+def _is_seen(curves: Tables) -> bool:
+    """Whether any value differs from zero."""
+    return any(np.nan_to_num(values).any() for values in curves.values())
+
+
 def _extent(curves: Tables) -> Tables:
-    """Curves of parts alike, as many as there are colours: of more the largest, the mean and the
-    least value of all at each time."""
-    count = len(curves)
-    if count <= len(LINES):
+    """Curves of parts alike, as many as there are colours.
+
+    Of more, parts whose names differ in a number become a band, "tie 1", "tie 2", ...; if they are
+    still too many, all parts become one.
+    """
+    if len(curves) <= len(LINES):
         return curves
+    families: dict[str, Tables] = {}
+    for name, values in curves.items():
+        stem = _NUMBER.sub("", name)
+        families.setdefault(stem, {})[name] = values
+    found: Tables = {}
+    drawn = 0
+    for stem, family in families.items():
+        is_band = len(family) >= _FAMILY
+        found |= _band(family, f" {stem}") if is_band else family
+        drawn += 1 if is_band else len(family)
+    if len(families) == 1 or drawn > len(LINES):
+        return _band(curves, "")
+    return found
+
+
+def _band(curves: Tables, name: str) -> Tables:
+    """The largest, the mean and the least value of some curves at each time.
+
+    Args:
+        name: of what the curves are, after their number; empty: of all.
+    """
     values = np.array(list(curves.values()))
-    return {
-        f"largest of {count}": values.max(axis=0),
-        f"mean of {count}": values.mean(axis=0),
-        f"least of {count}": values.min(axis=0),
-    }
+    limits = (values.max(axis=0), values.mean(axis=0), values.min(axis=0))
+    words = f"{len(curves)}{name}".rstrip()
+    return {f"{which}{words}": curve for which, curve in zip(_BAND, limits, strict=True)}
+
+
+def _band_of(name: str) -> str:
+    """Words that the three curves of a band share; another curve has its own name."""
+    for which in _BAND:
+        if name.startswith(which):
+            return name.removeprefix(which)
+    return name
 
 
 def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:
-    return dict(zip(curves, cycle(LINES), strict=False))
+    """A colour for each curve, and one for the three of a band."""
+    names = dict.fromkeys(_band_of(name) for name in curves)
+    colours = dict(zip(names, cycle(LINES), strict=False))
+    return {name: colours[_band_of(name)] for name in curves}
+
+
+def _fill_bands(t: Array, curves: Tables, colours: Mapping[str, str], axes: Axes) -> None:
+    """Fill the bands between their least and largest curves."""
+    largest, _, least = _BAND
+    for name, values in curves.items():
+        lower = f"{least}{name.removeprefix(largest)}"
+        if name.startswith(largest) and lower in curves:
+            axes.fill_between(t, curves[lower], values, color=colours[name], alpha=0.2, lw=0)
 
 
 # ---- panels --------------------------------------------------------------------------------------
@@ -288,6 +346,7 @@ def _lines(
     logarithmic = bool(peaks) and largest > _LOGARITHMIC * min(peaks.values())
     factor, prefix = (1.0, "") if logarithmic else scaled(largest)
     ends: dict[str, tuple[float, str]] = {}
+    shown: Tables = {}
     for name in peaks:
         values = curves[name] / factor
         label = name
@@ -297,6 +356,8 @@ def _lines(
                 label = f"−{name}"
         axes.plot(t, values, color=colours[name])
         ends[label] = (_last_finite(values), colours[name])
+        shown[name] = values
+    _fill_bands(t, shown, colours, axes)
     if logarithmic:
         axes.set_yscale("log")
         low, high = axes.get_ylim()
@@ -350,9 +411,23 @@ def _errors(t: Array, errors: Tables, axes: Axes) -> None:
     label_ends(axes, ends)
 
 
+def _residuals(t: Array, residuals: Array, axes: Axes) -> None:
+    """Draw the unbalanced force of equilibria over that of loads and supports."""
+    axes.set_yscale("log")
+    axes.plot(t, np.where(residuals > 0, residuals, np.nan), color=LINES[0], marker=".")
+    positive = residuals[residuals > 0]
+    if positive.size:
+        # Whole decades, so that two at least have numbers.
+        lowest = np.floor(np.log10(positive.min()))
+        highest = np.floor(np.log10(positive.max())) + 1
+        axes.set_ylim(10.0**lowest, 10.0**highest)
+    axes.set_title("Unbalanced force, relative")
+
+
 def _iterations(t: Array, iterations: Array, axes: Axes) -> None:
     axes.plot(t, iterations, color=LINES[0], linewidth=0.8)
     axes.set_ylim(bottom=0)
+    axes.locator_params(axis="y", integer=True)
     axes.set_title("Newton iterations of a step")
 
 
@@ -368,11 +443,20 @@ def _probes(
         t: times (n,), in the unit of the time axis.
         curves: values (n,) by the words at their ends, e.g. "x"; an empty name is not written.
     """
+    unit = _UNIT.search(title)
+    factor = 1.0
+    if unit is not None and unit[1] in _SCALED_UNITS:
+        largest = max(float(np.nan_to_num(abs(values)).max()) for values in curves.values())
+        factor, prefix = scaled(largest)
+        title = f"{title[: unit.start()]}[{prefix}{unit[1]}]"
+    colours = _line_colours(curves)
+    shown = {name: values / factor for name, values in curves.items()}
     ends: dict[str, tuple[float, str]] = {}
-    for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
-        axes.plot(t, values, color=colour)
+    for name, values in shown.items():
+        axes.plot(t, values, color=colours[name])
         if name:
-            ends[name] = (float(values[-1]), colour)
+            ends[name] = (float(values[-1]), colours[name])
+    _fill_bands(t, shown, colours, axes)
     axes.set_title(wrapped(plain_text(title), _TITLE_WIDTH, 2))
     label_ends(axes, ends)
 

@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from gossamer_fx.core.checks.errors import OutputFailure
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import plain_text
-from gossamer_fx.records.plot.colours import Scale
+from gossamer_fx.records.plot.colours import MISSING_COLOUR, Colouring
 from gossamer_fx.records.plot.curve_panels import INK, Curves
 
 if TYPE_CHECKING:
@@ -29,7 +31,8 @@ DPI = 150  # pixels per inch
 # ---- lengths in inches
 WIDTH = 12.0
 _TITLE = 0.45
-_KEY = 0.45  # height of the line with key and scale bar
+_KEY = 0.45  # height of the line with key and scale bar, of which a narrow page has two
+_NARROW = 6.0  # width of a page below which key and scale bar do not fit into one line
 _CAPTION = 0.35  # height of the line above an image
 _CAPTION_LINE = 0.16  # height of a further line of a caption
 _LETTER = 0.075  # width of a letter of a caption, of wide ones: a little more than the mean
@@ -37,6 +40,11 @@ _MAX_IMAGES = 4.8  # height of all images together
 _PANEL = 2.9  # height of a panel with its title and axis
 _PAD = 0.1  # around everything
 _GAP = 3 * _PAD  # between images, about
+
+_TICK_LETTER = 0.07  # width of a letter of the numbers at the bar of a scale
+_TIP = 0.12  # of the triangles at its ends
+_BAR_SPACE = 0.18  # left and right of the bar, for the triangles
+_BAR_SHARE = 0.25  # width of the bar, of the width of the page
 
 # Points of the letters of the title, on a wide and on a narrow page.
 _TITLE_SIZE = 13
@@ -52,6 +60,8 @@ _STYLE = {
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
     "axes.linewidth": 0.6,
+    # Numbers at an axis are whole: nothing is to be added to them in mind.
+    "axes.formatter.useoffset": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.xmargin": 0,
@@ -75,13 +85,13 @@ class Views:
         captions: of each image.
         size: width and height of what each image shows [m].
         draw: makes the images (height, width, 3) in [0, 1] at a number of pixels per metre.
-        key: names and colours of what is shown, or a scale.
+        colours: of what is shown, for the legend.
     """
 
     captions: Sequence[str]
     size: tuple[float, float]
     draw: Callable[[float], Iterable[Array]]
-    key: dict[str, Any] | Scale
+    colours: Colouring
 
 
 @dataclass(frozen=True)
@@ -123,7 +133,8 @@ def write_page(
     if views is not None:
         image_height = _image_height(views, image_rows, image_columns, width)
         caption_height = _caption_height(views, image_columns, width)
-        heights += [_KEY, image_rows * (caption_height + image_height)]
+        key_height = 2 * _KEY if width < _NARROW else _KEY
+        heights += [key_height, image_rows * (caption_height + image_height)]
     if panels:
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
@@ -143,7 +154,7 @@ def write_page(
         place = None
         if views is not None:
             header = next(parts).subplots()
-            _draw_key(header, views.key)
+            _draw_key(header, views.colours, width)
             frames = _frames(next(parts), views, image_rows, image_columns, width)
         if curves is not None and panels:
             _draw_panels(next(parts), curves, panel_rows)
@@ -151,7 +162,8 @@ def write_page(
             figure.draw_without_rendering()
             figure.set_layout_engine("none")  # it is laid out
             place = _draw_images(figure, frames, views)
-            _draw_scale_bar(header, place.scale, views.size[0])
+            corner = "lower right" if width < _NARROW else "center right"
+            _draw_scale_bar(header, place.scale, views.size[0], corner)
         try:
             figure.savefig(path, format="png", dpi=dpi)
         except OSError as error:
@@ -272,29 +284,63 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
 # ---- key and scale bar ---------------------------------------------------------------------------
 
 
-def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Draw names and colours at the left end of the line above the images, or a bar of a scale."""
+def _draw_key(header: Axes, colours: Colouring, page_width: float) -> None:
+    """Draw what colours mean at the left end of the line above the images: a bar, or names.
+
+    Args:
+        page_width: [inches].
+    """
     from matplotlib.patches import Patch
 
     header.set_axis_off()
-    if isinstance(key, Scale):
-        factor, label = key.label
-        bar = header.inset_axes((0.0, 0.35, 0.25, 0.4))
-        bar.imshow(
-            key.table[None], aspect="auto", extent=(key.low / factor, key.high / factor, 0, 1)
+    swatches = [
+        Patch(facecolor=colour, edgecolor=INK, lw=0.6, label=plain_text(name))
+        for name, colour in colours.names.items()
+    ]
+    if colours.has_slack:
+        swatches.append(Patch(facecolor="white", edgecolor=INK, lw=0.6, hatch="/////"))
+        swatches[-1].set_label("slack")
+    if colours.has_missing:
+        swatches.append(Patch(facecolor=MISSING_COLOUR, edgecolor=INK, lw=0.6, label="no value"))
+    is_narrow = page_width < _NARROW
+    swatches_at = (0.0, 0.5)
+    swatches_from = "center left"
+    if colours.scale is not None:
+        left_of_bar = _BAR_SPACE / page_width
+        right_of_bar = 2 * left_of_bar + _BAR_SHARE
+        words = colours.scale.label[1]
+        if colours.scale.beyond and not colours.scales:
+            words += f"; {colours.scale.beyond}"
+        bar_bottom = 0.35
+        bar_height = 0.4
+        words_at = (right_of_bar, 0.55)
+        swatches_at = (right_of_bar, 0.5)
+        swatches_from = "upper left"
+        if is_narrow:
+            bar_bottom = 0.2
+            bar_height = 0.2
+            words_at = (0.0, 0.75)
+        bar = header.inset_axes((left_of_bar, bar_bottom, _BAR_SHARE, bar_height))
+        _draw_bar(bar, colours, _BAR_SHARE * page_width)
+        is_above = is_narrow or bool(swatches)
+        header.text(
+            *words_at,
+            plain_text(words),
+            va="bottom" if is_above else "center",
+            transform=header.transAxes,
         )
-        bar.set(yticks=[])
-        bar.locator_params(axis="x", nbins=4)
-        bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
-        bar.spines[:].set_visible(False)
-        header.text(0.27, 0.55, plain_text(label), va="center", transform=header.transAxes)
-    elif key:
-        swatches = [Patch(facecolor=colour, edgecolor=INK, lw=0.6) for colour in key.values()]
+    elif is_narrow:
+        swatches_at = (0.0, 1.0)
+        swatches_from = "upper left"
+    if swatches:
         header.legend(
             swatches,
-            [f" {plain_text(name)}" for name in key],  # names that begin with "_" would be left out
-            loc="center left",
-            ncols=len(key),
+            # names that begin with "_" would be left out
+            [f" {patch.get_label()}" for patch in swatches],
+            loc=swatches_from,
+            bbox_to_anchor=swatches_at,
+            ncols=len(swatches),
+            columnspacing=1.2,
             frameon=False,
             handlelength=1.0,
             handleheight=1.0,
@@ -303,12 +349,59 @@ def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
         )
 
 
-def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
+def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
+    """Draw the colours of a scale, with numbers at both ends, and triangles where values are
+    beyond them.
+
+    Args:
+        colours: with a scale.
+        width: of the bar [inches].
+    """
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    scale = colours.scale
+    assert scale is not None
+    table = colours.table[:-1]
+    bar.imshow(table[None], aspect="auto", extent=(0, 1, 0, 1))
+    # Each picture has its own ends, which its caption says.
+    ends = ("least", "largest")
+    inner: Array = np.zeros(0)
+    factor, _ = scale.label
+    if not colours.scales:
+        ends = scale.ends
+        locator = LogLocator() if scale.log else MaxNLocator(4)
+        inner = np.asarray(locator.tick_values(scale.low / factor, scale.high / factor))
+    at = scale.parts(inner * factor)
+    numbers = [f"{value:.4g}" for value in inner]
+    longest = max(len(number) for number in (*ends, *numbers))
+    gap = _TICK_LETTER * (longest + 1) / width
+    is_apart = (at > gap) & (at < 1 - gap)
+    if (np.diff(at[is_apart]) < gap).any():
+        is_apart[:] = False
+    labels = [ends[0], *np.array(numbers)[is_apart], ends[1]]
+    bar.set(yticks=[])
+    if scale.low == scale.high:
+        bar.set_xticks([0.0], labels[:1])
+    else:
+        bar.set_xticks([0.0, *at[is_apart], 1.0], labels)
+    bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
+    bar.spines[:].set_visible(False)
+    tip = _TIP / width
+    for is_beyond, base, point, colour in zip(
+        scale.clipped, (0.0, 1.0), (-tip, 1 + tip), (table[0], table[-1]), strict=True
+    ):
+        if is_beyond and not colours.scales:
+            bar.fill([base, point, base], [0, 0.5, 1], color=colour, lw=0, clip_on=False)
+    bar.set(xlim=(0, 1), ylim=(0, 1))
+
+
+def _draw_scale_bar(header: Axes, scale: float, width: float, corner: str) -> None:
     """A round length at the right end of the line above the images, about a quarter of an image
     long.
 
     Args:
         width: of an image [m].
+        corner: name of the position for matplotlib.
     """
     from matplotlib.transforms import IdentityTransform
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
@@ -327,7 +420,7 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
             IdentityTransform(),  # a length in pixels
             length * scale,
             name,
-            loc="center right",
+            loc=corner,
             frameon=False,
             color=INK,
             sep=4,

@@ -179,7 +179,7 @@ class Picture(DrawnRun):
         colours = by_state(False)
         if run.films:
             colours = colouring(run, self.colour)
-        return field_views(run, self.colour, colours, records, self.view)
+        return field_views(run, colours, records, self.view)
 
     def _records(self, run: RunReader) -> list[int]:
         """Indices of the states to draw: those that were asked for, and the last one of a stopped

@@ -19,7 +19,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.units import NAMES, scaled_axis
 from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
-from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
+from gossamer_fx.records.plot.colours import NO_LIMITS, Colouring, Limits, colouring, sampled
 from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
 from gossamer_fx.records.plot.measured_series import read_measured
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
@@ -70,7 +70,7 @@ _INK = (51, 56, 61)
 _MIN_PAUSE = 20
 
 # Pixels with a channel below this number are drawn on; all others are nearly white.
-_SHORT_OF_WHITE = 250
+_SHORT_OF_WHITE = 240
 
 # Bits of red, green and blue by which the colours of a GIF are told apart before its palette is
 # made.
@@ -88,6 +88,7 @@ def field(
     times: Sequence[float],
     path: str | Path,
     view: View | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> None:
     """Write a PNG of a field at some times, with the same colours and scale.
 
@@ -97,6 +98,7 @@ def field(
         times: [s].
         path: of the file, ending in `.png`.
         view: camera and transparency; default: chosen for all times.
+        limits: of the colours of numbers.
 
     Raises:
         InputError: no times, an unknown field, a time outside the run, files of the run that cannot
@@ -114,7 +116,8 @@ def field(
         "There are no times of which to draw a picture; give one or more in seconds.",
     )
     records = [run.record_at(time) for time in times]
-    views = field_views(run, field, colouring(run, field), records, view or View())
+    colours = colouring(run, field, limits, records)
+    views = field_views(run, colours, records, view or View())
     width = WIDTH
     if len(records) == 1:
         aspect = views.size[0] / views.size[1]
@@ -130,6 +133,7 @@ def strip(
     path: str | Path,
     count: Annotated[int, Range(1, MAX_PICTURES)] = STRIP_COUNT,
     view: View | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> None:
     """Write a PNG of a field at times that are evenly spread over the run.
 
@@ -139,6 +143,7 @@ def strip(
         path: of the file, ending in `.png`.
         count: number of times.
         view: camera and transparency; default: chosen for all times.
+        limits: of the colours of numbers.
 
     Raises:
         InputError: an unknown field, a count below one, a run without fields, files of the run that
@@ -151,17 +156,23 @@ def strip(
         >>> picture.is_file()
         True
     """
-    views = strip_views(run, field, count, view or View())
+    views = strip_views(run, field, count, view or View(), limits)
     write_page(file_to_write(path), _title(run, field), views)
 
 
-def strip_views(run: RunReader, field: str, count: int, view: View) -> Views:
+def strip_views(
+    run: RunReader,
+    field: str,
+    count: int,
+    view: View,
+    limits: Limits = NO_LIMITS,
+) -> Views:
     """Pictures of a field at times that are evenly spread over the run."""
     run.require_fields()
     evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
     # A run may have fewer records than pictures were asked for.
     records = np.unique(evenly.astype(int)).tolist()
-    return field_views(run, field, colouring(run, field), records, view)
+    return field_views(run, colouring(run, field, limits, records), records, view)
 
 
 def _title(run: RunReader, field: str) -> str:
@@ -237,7 +248,6 @@ def overlay(run: RunReader, measured: Sequence[str | Path], path: str | Path) ->
 
 def field_views(
     run: RunReader,
-    field: str,
     colours: Colouring,
     records: Sequence[int],
     view: View,
@@ -248,13 +258,17 @@ def field_views(
         captions, size [m], key, and a function that draws the pictures at a number of pixels per
         metre.
     """
-    shapes = [run.shape(record, field, colours.kinds) for record in records]
+    shapes = [colours.shape(run, record) for record in records]
     camera = aim(shapes, view)
+    words = captions(run, records, camera.zooms)
     return Views(
-        captions=captions(run, records, camera.zooms),
+        captions=[
+            caption + colours.caption(record)
+            for caption, record in zip(words, records, strict=True)
+        ],
         size=camera.size,
-        draw=lambda scale: render(camera, shapes, scale, colours.table),
-        key=colours.key,
+        draw=lambda scale: render(camera, shapes, scale, colours),
+        colours=colours,
     )
 
 
@@ -312,15 +326,17 @@ def modes(
             f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes "
             "made.",
         )
-    # All modes have the same largest displacement, and so the colours of the first one.
-    colours = colouring(runs[0], MODE_FIELD)
-    shapes = [run.shape(0, MODE_FIELD, colours.kinds) for run in runs]
+    # All modes are shown with the same largest displacement, which may be that of a body without a
+    # mesh.
+    shown = runs[0].about["result"]["largest displacement shown [m]"]
+    colours = colouring(runs[0], MODE_FIELD, Limits(low=0.0, high=float(shown)))
+    shapes = [colours.shape(run, 0) for run in runs]
     camera = aim(shapes, replace(view or View(), zoom=False))
     views = Views(
         captions=[run.title for run in runs],
         size=camera.size,
-        draw=lambda scale: render(camera, shapes, scale, colours.table),
-        key=colours.key,
+        draw=lambda scale: render(camera, shapes, scale, colours),
+        colours=colours,
     )
     write_page(file_to_write(path), "", views)
 
@@ -336,6 +352,7 @@ def animate(
     path: str | Path,
     seconds: Annotated[float, Range(0.0, MAX_SECONDS, "s", above=True)] = 6.0,
     view: View | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> None:
     """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
 
@@ -346,6 +363,7 @@ def animate(
         seconds: length of the animation [s].
         view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
             Default: a camera that stands still and sees the whole run.
+        limits: of the colours of numbers.
 
     Raises:
         InputError: a path with another ending, no ffmpeg for an MP4, a length that is not positive,
@@ -373,11 +391,12 @@ def animate(
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)
-    frames = np.unique([run.record_at(time) for time in times])
-    colours = colouring(run, field)
+    records = sorted({run.record_at(time) for time in times})
+    frames = np.array(records)
+    colours = colouring(run, field, limits, records)
     view = replace(view or View(), zoom=False)
-    camera = _camera_for_all(run, field, colours, view)
-    images = _images(run, field, colours, camera, frames, follow=bool(view.follow))
+    camera = _camera_for_all(run, colours, view)
+    images = _images(run, colours, camera, frames, follow=bool(view.follow))
     if path.suffix == ".gif":
         _write_gif(path, images, seconds / len(frames))
     else:
@@ -386,12 +405,11 @@ def animate(
 
 def _camera_for_all(
     run: RunReader,
-    field: str,
     colours: Colouring,
     view: View,
 ) -> Camera:
     """A camera for one picture at a time, which sees the whole run, or follows each shape."""
-    shapes = [run.shape(record, field, colours.kinds) for record in sampled(run)]
+    shapes = [colours.shape(run, record) for record in sampled(run)]
     if not view.follow:
         # A camera that stands still sees all points of the run as those of one shape.
         shapes = [Shape(time=0.0, dots=np.concatenate([shape.points for shape in shapes]))]
@@ -401,7 +419,6 @@ def _camera_for_all(
 
 def _images(
     run: RunReader,
-    field: str,
     colours: Colouring,
     camera: Camera,
     frames: Integers,
@@ -422,7 +439,7 @@ def _images(
         return [np.ones((round(height * scale), round(width * scale), 3))]
 
     file = BytesIO()
-    views = Views(captions=[" "], size=camera.size, draw=blank, key=colours.key)
+    views = Views(captions=[" "], size=camera.size, draw=blank, colours=colours)
     # The page is as wide as its picture: a tall scene would leave most of a wide one empty.
     width = min(max(_ANIMATION_HEIGHT * camera.aspect, _MIN_ANIMATION_WIDTH), WIDTH)
     dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
@@ -442,17 +459,17 @@ def _images(
     shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)
     digits = max(0, 1 - int(np.floor(np.log10(shortest))))
     for frame in frames:
-        shape = run.shape(int(frame), field, colours.kinds)
+        shape = colours.shape(run, int(frame))
         if follow:
             seen = shape.points @ camera.axes[:2].T
             middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
             centre = (float(middle[0]), float(middle[1]))
             camera = replace(camera, centres=[centre])
         whole = page.copy()
-        for image in render(camera, [shape], place.scale, colours.table):
+        for image in render(camera, [shape], place.scale, colours):
             bytes_of_image = np.rint(255 * image).astype(np.uint8)
             whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
-        words = run.caption(int(frame), digits)
+        words = run.caption(int(frame), digits) + colours.caption(int(frame))
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 

@@ -33,12 +33,18 @@ _BACKGROUND = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 _FARTHEST = float(2**40 - 2)
 
 _COLOUR_BITS = np.uint64(24)
+_WHITE = np.uint64(0xFF_FFFF)
+_BLACK = np.uint64(0)
 
 # Bits of red, green and blue above the lowest one.
 _CHANNEL_SHIFTS = np.array([16, 8, 0], dtype=np.uint64)
 
 # Pixels that are drawn at once, to bound the memory.
 _MAX_SAMPLES = 2_000_000
+
+# Pixels across which two lines of a hatch, a bright and a dark one, return, and of one line.
+_HATCH_PITCH = 16
+_HATCH_LINE = 2
 
 # Twice the area [pixels²] below which a triangle is seen on edge: it covers nothing, and has no
 # slopes.
@@ -78,6 +84,7 @@ class Canvas:
         shades: Array,
         kinds: Integers,
         palette: Colours,
+        is_hatched: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         """Draw triangles.
 
@@ -89,7 +96,10 @@ class Canvas:
             shades: (n, 3), brightness of the corners in [0, 1], linear between them.
             kinds: (n,), row of the palette of each triangle.
             palette: (k, 256, 3), colours of each kind from dark to bright.
+            is_hatched: (n,), whether white and black lines are drawn on a triangle; None: on none.
         """
+        if is_hatched is None:
+            is_hatched = np.zeros(len(kinds), dtype=bool)
         x = corners[..., 0]
         y = corners[..., 1]
         # Rows whose centres are in the triangle: top <= row < bottom.
@@ -111,6 +121,7 @@ class Canvas:
                 corners=corners[batch],
                 shades=shades[batch],
                 kinds=kinds[batch],
+                is_hatched=is_hatched[batch],
                 top=top[batch],
                 bottom=bottom[batch],
                 colours=colours,
@@ -121,6 +132,7 @@ class Canvas:
         corners: Array,
         shades: Array,
         kinds: Integers,
+        is_hatched: npt.NDArray[np.bool_],
         top: Integers,
         bottom: Integers,
         colours: npt.NDArray[np.uint64],
@@ -131,6 +143,7 @@ class Canvas:
             corners: (n, 3, 3): x to the right and y down [pixels], and the distance from the eye.
             shades: brightness (n, 3) of the corners in [0, 1].
             kinds: row (n,) of each triangle in `colours`.
+            is_hatched: whether (n,) lines are drawn on it.
             top: first row (n,) of pixels that each triangle covers.
             bottom: row (n,) after the last one.
             colours: (kinds, 256), red, green and blue packed in the low 24 bits, from dark to
@@ -157,6 +170,12 @@ class Canvas:
 
         kind = kinds[triangle][span]
         colour = colours[kind, brightness]
+        if is_hatched.any():
+            # Lines of the image, not of the film: they have one width in all pictures.
+            position = (row[span] + column) % _HATCH_PITCH
+            position = np.where(is_hatched[triangle][span], position, _HATCH_PITCH)
+            colour = np.where(position < 2 * _HATCH_LINE, _BLACK, colour)
+            colour = np.where(position < _HATCH_LINE, _WHITE, colour)
         pixel = row[span] * self.width + column
         if self._in_front is not None:
             seen = z > self._in_front[pixel]

@@ -11,7 +11,7 @@ import json
 import tempfile
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import cache, partial
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -26,11 +26,11 @@ from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
-from gossamer_fx.records.plot.curve_panels import run_curves
+from gossamer_fx.records.plot.curve_panels import STORED, run_curves
 from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
-from gossamer_fx.records.plot.viewer import view_data
+from gossamer_fx.records.plot.viewer import RunView
 from gossamer_fx.solve.view import Axis
 
 _STYLE = """
@@ -42,22 +42,34 @@ img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 1
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
 th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
-#bar { display: flex; flex-wrap: wrap; gap: 0.5em 1em; align-items: center; margin: 0.5em 0; }
-#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; }
+.bar { display: flex; flex-wrap: wrap; gap: 0.4em 1em; align-items: center; margin: 0.5em 0; }
+#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; } #factor { width: 5em; } #probe { flex: 1; min-width: 0; }
+#parts { max-height: 8em; overflow-y: auto; } #parts label { overflow-wrap: anywhere; } select { max-width: 14em; }
 #legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
 #legend b { display: inline-block; width: 12em; height: 0.7em; max-width: 40vw; }
+#picked { white-space: pre-line; overflow-wrap: anywhere; margin: 0.3em 0; } [hidden] { display: none !important; }
 div.table { overflow-x: auto; }
+@media (min-width: 1100px) {
+  #watch { display: grid; grid-template-columns: minmax(0, 1fr) 380px; gap: 1.5em; }
+  #curves-frame { max-height: 85vh; overflow-y: auto; } #watch #view { height: 60vh; }
+}
 @media (max-width: 700px) {
   body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }
   td, th { padding-right: 0.8em; } div.table { font-size: 13px; }
 }
 """.strip()
 
-_VIEW = """
+VIEW = """
 <div id="viewer"><canvas id="view" tabindex="0"></canvas>
-<div id="bar"><button id="play">Play</button><input id="time" type="range" min="0"><span id="time-label"></span>
-<select id="field"></select><span id="legend"></span></div></div>
-<p class="status">Drag to turn, shift-drag to move, wheel to zoom, double click to go back.</p>
+<div class="bar"><button id="play">Play</button><input id="time" type="range" min="0" value="0">
+<span id="time-label"></span></div>
+<div class="bar"><label>Colour <select id="field"></select></label><span id="legend"></span></div>
+<div class="bar"><label>Deformation × <input id="factor" type="number" value="1" step="any"></label>
+<label>Cut <select id="cut"></select></label><input id="depth" type="range" min="0" max="1000" value="500" hidden><span id="depth-label"></span>
+<label><input id="follow" type="checkbox"> move along</label><button id="home">Show all</button></div>
+<div class="bar" id="parts"></div>
+<p id="picked" class="status">Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.</p>
+<div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>
 """.strip()
 
 # Screens of at most this width [pixels] show pictures that are laid out for them.
@@ -71,6 +83,10 @@ _NARROW_WIDTH = 4.0
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
+_LEDGER_HEAD = ("", "start", "end", "largest magnitude")
+_EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
+# Rows of the table of equilibria, which are evenly spread over a longer path.
+_MAX_EQUILIBRIA = 12
 _PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
 _TENSIONS_HEAD = ("[N]", "mean", "least", "largest")
 
@@ -148,30 +164,28 @@ def _check_recorded(run: RunReader) -> None:
 
 def _page(run: RunReader) -> Iterable[str]:
     """Yield the lines of the HTML page of a report."""
-    script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0
-    yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-    yield f'<meta http-equiv="Content-Security-Policy" content="{_policy(script)}">'
-    yield f"<title>{escape(run.title)}</title>"
-    yield f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
-    yield f"<h1>{escape(run.title)}</h1>"
-    yield _status(run.about)
+    yield page_head(run.title)
+    kind, words = status_words(run.about)
+    yield f'<p class="{kind}">{escape(words)}</p>'
     if shows_scene:
         field = default_field(run)
-        yield _VIEW
+        yield VIEW
         if len(run.times) > 1:
             yield f"<h2>Over the {escape(run.axis.name)}</h2>"
         yield _image(partial(_draw_strip, run, field), f"{field} at six times")
-    if len(run.along(ledger)) > 1:
+    # The energies of a mode are those of an arbitrary amplitude.
+    if run.kind != "mode" and len(run.along(ledger)) > 1:
         yield _image(
             partial(_draw_curves, run),
             "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
-    yield "<h2>Ledger</h2>" + _table(
-        ("", "start", "end", "largest magnitude"), _ledger(run, ledger)
-    )
+    if run.kind == "equilibrium":
+        yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
+    elif run.kind == "run":
+        yield "<h2>Ledger</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
     prestress = run.about.get("prestress", {})
     if prestress:
         yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
@@ -182,33 +196,61 @@ def _page(run: RunReader) -> Iterable[str]:
     yield "<h2>Solver</h2>" + _table((), numbers)
     yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
     if shows_scene:
-        yield f'<script type="application/json" id="run-data">{_json(view_data(run))}</script>'
-        yield f"<script>{script}</script>"
+        yield view_scripts(RunView(run).whole())
     yield "</body></html>"
 
 
-def _policy(script: str) -> str:
-    """The content security policy: images and styles in the page, and this one script."""
-    sources = [
+def page_head(title: str, sources: str = "img-src data:") -> str:
+    """The HTML page up to its heading, with a content security policy: styles and scripts of this
+    module alone.
+
+    Args:
+        sources: of what else the page loads, in the words of a policy.
+    """
+    script_hash, style_hash = (
         f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
-        for text in (script, _STYLE)
-    ]
-    return f"default-src 'none'; img-src data:; script-src {sources[0]}; style-src {sources[1]}"
+        for text in (_script(), _STYLE)
+    )
+    policy = f"default-src 'none'; {sources}; script-src {script_hash}; style-src {style_hash}"
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f"<title>{escape(title)}</title>"
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
+        f'<h1 id="title">{escape(title)}</h1>'
+    )
 
 
-def _json(data: Any) -> str:
-    """Data for a script element: no character in it can end the element or begin another one."""
-    return json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+def view_scripts(data: Mapping[str, Any]) -> str:
+    """The data of a view and the script that shows it, as elements at the end of a page.
+
+    No character in the data can end its element or begin another one.
+    """
+    text = json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+    return (
+        f'<script type="application/json" id="run-data">{text}</script><script>{_script()}</script>'
+    )
 
 
-def _status(about: Mapping[str, Any]) -> str:
-    """The HTML paragraph that states how the run ended."""
+@cache
+def _script() -> str:
+    """The library three.js and our script, which uses it."""
+    folder = Path(__file__).parent
+    return "\n".join(
+        (folder / name).read_text(encoding="utf-8") for name in ("three.min.js", "viewer.js")
+    )
+
+
+def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
+    """Class of the HTML paragraph that states how a run ended, and its words."""
     status = about["status"]
     numbers = about["statistics"]
     if "result" in about:
         pairs = _pairs(about["result"])
         words = ", ".join(f"{name} {value}" for name, value in pairs)
-        return f'<p class="status">{escape(words)}</p>'
+        if about["kind"] == "mode":
+            words += "; the amplitude of a mode is arbitrary"
+        return "status", words
     kind = "status" if status in ("finished", "running") else "status bad"
     along = about["axis"]
     axis = Axis(along["name"], along["unit"])
@@ -223,7 +265,7 @@ def _status(about: Mapping[str, Any]) -> str:
         if "energy defect" in numbers and "largest energy" in numbers:
             largest = energy_words(numbers["largest energy"])
             words += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
-    return f'<p class="{kind}">{escape(words)}</p>'
+    return kind, words
 
 
 def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:
@@ -256,10 +298,29 @@ def _image(draw: Callable[[Path, float], None], words: str) -> str:
     )
 
 
+def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+    """Load, unbalanced force over the load, iterations, work of loads and supports, and stored
+    energy of all parts, in states of a path."""
+    loads = run.along(dict(ledger))
+    stored = sum(values for name, values in ledger.items() if name.startswith(STORED))
+    energy = np.broadcast_to(stored, loads.shape)
+    # Older records do not have it.
+    residuals = ledger.get("residual", np.full(len(loads), np.nan))
+    for row in np.unique(np.linspace(0, len(loads) - 1, _MAX_EQUILIBRIA).astype(int)):
+        residual = f"{residuals[row]:.1e}" if np.isfinite(residuals[row]) else ""
+        yield (
+            run.axis.words(float(loads[row]), digits=4),
+            residual,
+            f"{ledger['iterations'][row]:.0f}",
+            f"{ledger['supplied'][row]:.6g}",
+            f"{energy[row]:.6g}",
+        )
+
+
 def _ledger(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
-    """Start, end and largest magnitude of each column."""
+    """Start, end and largest magnitude of each column that is not zero throughout."""
     for name, values in ledger.items():
-        if name not in (*run.not_values, "iterations", "substeps"):
+        if name not in (*run.not_values, "iterations", "substeps") and values.any():
             largest = values[int(np.abs(values).argmax())]
             numbers = (values[0], values[-1], largest)
             yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
@@ -300,11 +361,14 @@ def _pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table whose first column has names, and the others numbers."""
+    """A table whose first column has names, and the others numbers; empty columns are left out."""
+    cells = list(rows)
+    columns = len(cells[0]) if cells else 0
+    used = [k for k in range(columns) if k == 0 or any(row[k] for row in cells)]
     found = []
-    if head:
-        found.append(_row("th", head))
-    found += [_row("td", row) for row in rows]
+    if head and cells:
+        found.append(_row("th", tuple(head[k] for k in used)))
+    found += [_row("td", tuple(row[k] for k in used)) for row in cells]
     return f'<div class="table"><table>{"".join(found)}</table></div>'
 
 

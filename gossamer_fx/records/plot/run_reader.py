@@ -22,6 +22,7 @@ from gossamer_fx.core.drawing import table
 from gossamer_fx.core.mesh.linear_pieces import linear_pieces, middles
 from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
 from gossamer_fx.records.outputs.solid_poses import REST, placed
@@ -55,6 +56,8 @@ class RunReader:
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
         axis: what `times` are: the time [s], or the load parameter of a path of equilibria.
+        connector_names: of the items to which the lines of `connector_lines` belong.
+        point_names: of the bodies without a mesh, in the order of `dots`.
         groups: names of the groups of the films' cells, see `fields.groups_of`; empty if the
             field "group" was not recorded.
         times: values on the axis at which pictures can be drawn: those of the fields or, without
@@ -82,10 +85,12 @@ class RunReader:
         self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
+        columns = [name for name in self.table("points.csv") if name not in self.not_values]
+        self.point_names = [name.removesuffix(" x") for name in columns[::3]]
         self._poses = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
-        self._connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
+        self.connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
         self._tensions = self.table("tensions.csv")
         self.times: Array = self._points[0]
         if self.bodies:
@@ -287,14 +292,40 @@ class RunReader:
             f"{', '.join(known)}; {remedy}.",
         )
 
+    def check_part(self, field: str, part: str) -> None:
+        """Raise `InputError` unless a part, or any if its name is empty, has the field.
+
+        Args:
+            field: that the run has.
+            part: name of a film or line.
+        """
+        names = [name for name in self.bodies if field in self.fields[name]]
+        if field == "tension":
+            names += self._lines_with_means()
+        check(
+            not part or part in names,
+            f"The run in '{self.folder}' has no field {field!r} of a part '{part}'; the parts with "
+            f"it are: {', '.join(names)}.",
+        )
+
+    def has_field(self, name: str, field: str, part: str = "") -> bool:
+        """Whether a body has a field, and is the part that is looked at; an empty name: all are."""
+        return field in self.fields[name] and part in ("", name)
+
+    def has_slack(self, record: int, part: str = "") -> bool:
+        """Whether film, or that of a part, is slack in a recorded state."""
+        states = self.values("state", record, part)
+        return any((np.rint(one.mean(axis=1)) == SLACK).any() for one in states)
+
     @check_arguments
-    def values(self, field: str, record: int) -> list[Array]:
+    def values(self, field: str, record: int, part: str = "") -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
         vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
 
         Args:
             record: number of the recorded state, see `record_at`.
             field: name of a field; bodies that did not record it are left out.
+            part: name of the only body whose values are wanted; empty: those of all.
 
         Raises:
             InputError: there is no such state, or a file of fields is missing or damaged.
@@ -305,24 +336,26 @@ class RunReader:
         if field in LINE_FIELDS:
             bodies = list(self.fields)
         for name in bodies:
-            if field in self.fields[name]:
+            if self.has_field(name, field, part):
                 segment, step = self.bodies[name].at(record)
                 found.append(segment.at_corners(field, step))
         if field == "tension":
             for name in self._lines_with_means():
-                mean = self._mean_tension(name, float(self.times[record]))
+                if part not in ("", name):
+                    continue
+                mean = self.mean_tension(name, float(self.times[record]))
                 found.append(np.full((1, 2), mean))
         return found
 
     def _lines_with_means(self) -> list[str]:
         """Names of connectors, and of cables and beams whose field "tension" was not recorded."""
-        names = list(dict.fromkeys(self._connector_names))
+        names = list(dict.fromkeys(self.connector_names))
         for name, body in self.bodies.items():
             if not body.is_film and "tension" not in self.fields[name]:
                 names.append(name)
         return names
 
-    def _mean_tension(self, name: str, time: float) -> float:
+    def mean_tension(self, name: str, time: float) -> float:
         """Mean tension [N] of a line at a recorded time [s]; NaN if it was not recorded."""
         values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
         if not len(values):
@@ -330,7 +363,12 @@ class RunReader:
         return float(values[int(np.abs(self.along(self._tensions) - time).argmin())])
 
     def _line_kinds(
-        self, names: list[str], field: str, time: float, kinds: Callable[[Array], Integers]
+        self,
+        names: list[str],
+        field: str,
+        time: float,
+        kinds: Callable[[Array], Integers],
+        part: str,
     ) -> Integers:
         """Rows of the table of colours (n,) of lines by their mean tension, INK for other fields.
 
@@ -342,12 +380,14 @@ class RunReader:
         if field == "tension":
             values = self._mean_tensions(names, time)
             is_known = np.isfinite(values)
+            if part:
+                is_known &= np.array(names) == part
             found[is_known] = kinds(values[is_known])
         return found
 
     def _mean_tensions(self, names: list[str], time: float) -> Array:
         """Mean tensions (n,) [N] of lines, which may be named several times."""
-        of_name = {name: self._mean_tension(name, time) for name in set(names)}
+        of_name = {name: self.mean_tension(name, time) for name in set(names)}
         return np.array([of_name[name] for name in names])
 
     def film_corners(self, record: int) -> list[Array]:
@@ -363,7 +403,13 @@ class RunReader:
             found.append(segment.joined_positions(step)[segment.vertices])
         return found
 
-    def shape(self, record: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
+    def shape(
+        self,
+        record: int,
+        field: str,
+        kinds: Callable[[Array], Integers],
+        part: str = "",
+    ) -> Shape:
         """The scene in a recorded state, as triangles, lines and dots [m] with colours.
 
         Args:
@@ -371,7 +417,8 @@ class RunReader:
             field: by which films are coloured; where a film does not have it, values are not
                 numbers.
             kinds: function that returns rows of a table of colours for values (n,) of the field on
-                triangles.
+                triangles, also for those that are not numbers.
+            part: name of the only body whose values are shown; empty: those of all.
 
         Raises:
             InputError: the files of the run cannot be read.
@@ -379,6 +426,7 @@ class RunReader:
         corners: list[Array] = [np.zeros((0, 3, 3))]
         normals: list[Array] = [np.zeros((0, 3, 3))]
         values: list[Array] = [np.zeros((0, 3))]
+        states: list[Array] = [np.zeros((0, 3))]
         lines: list[Array] = [np.zeros((0, 2, 3))]
         line_kinds: list[Integers] = [np.zeros(0, dtype=np.int64)]
         for name, body in self.bodies.items():
@@ -386,27 +434,28 @@ class RunReader:
             points = segment.positions(step)[segment.pieces]
             if not body.is_film:
                 lines.append(points)
-                if field in LINE_FIELDS and field in self.fields[name]:
+                if field in LINE_FIELDS and self.has_field(name, field, part):
                     at_ends = segment.at_corners(field, step)
                     line_kinds.append(kinds(at_ends.mean(axis=1)))
                 else:
                     time = float(self.times[record])
-                    line_kinds.append(self._line_kinds([name] * len(points), field, time, kinds))
+                    names = [name] * len(points)
+                    line_kinds.append(self._line_kinds(names, field, time, kinds, part))
                 continue
             corners.append(points)
             normals.append(smooth_normals(points, segment.vertices))
-            if field in self.fields[name]:
-                values.append(segment.at_corners(field, step))
-            else:
-                values.append(np.full(points.shape[:2], np.nan))
-        fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values)))
-        of_films = kinds(fine[2].mean(axis=1))
-        if field in LINE_FIELDS:
-            # Films have no tension of this kind: they are drawn as solids are.
-            of_films = np.full(len(of_films), SOLID, dtype=np.int64)
-        of_triangles = [of_films]
+            for one, found in ((field, values), ("state", states)):
+                if self.has_field(name, one, part):
+                    found.append(segment.at_corners(one, step))
+                else:
+                    found.append(np.full(points.shape[:2], np.nan))
+        fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values, states)))
+        of_triangles = [kinds(fine[2].mean(axis=1))]
         corners = [fine[0]]
         normals = [fine[1]]
+        is_slack = np.zeros(len(fine[0]), dtype=bool)
+        if field != "state":
+            is_slack = np.rint(fine[3].mean(axis=1)) == SLACK
         time = float(self.times[record])
         for X, solid in zip(self.solid_points(time), self.solids, strict=True):
             surface = X[solid.triangles]
@@ -417,12 +466,15 @@ class RunReader:
                 lines.append(X[solid.lines])
                 line_kinds.append(np.full(len(solid.lines), INK))
         lines.append(self.connector_lines(time))
-        line_kinds.append(self._line_kinds(self._connector_names, field, time, kinds))
+        line_kinds.append(self._line_kinds(self.connector_names, field, time, kinds, part))
+        of_all = np.concatenate(of_triangles)
         return Shape(
             time=time,
             corners=np.concatenate(corners),
             normals=np.concatenate(normals),
-            kinds=np.concatenate(of_triangles),
+            kinds=of_all,
+            # Solids follow the films.
+            is_slack=np.pad(is_slack, (0, len(of_all) - len(is_slack))),
             lines=np.concatenate(lines),
             line_kinds=np.concatenate(line_kinds),
             dots=self.dots(time),
@@ -434,7 +486,7 @@ class RunReader:
 
     def connector_tensions(self, time: float) -> Array:
         """Mean tensions (n,) [N] of the items to which these lines belong; NaN if unknown."""
-        return self._mean_tensions(self._connector_names, time)
+        return self._mean_tensions(self.connector_names, time)
 
     def dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh at a time [m]."""
@@ -457,7 +509,7 @@ def _at_time(table: tuple[Array, Array], time: float) -> Array:
     return nearest
 
 
-def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
+def _refined(corners: Array, normals: Array, values: Array, states: Array) -> list[Array]:
     """Triangles so small that a colour for each shows how values vary.
 
     All triangles are cut in four until there are 12 000 or more, or values are constant in each; an
@@ -467,18 +519,19 @@ def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Arra
         corners: (n, 3, 3) [m].
         normals: unit vectors (n, 3, 3) at the corners.
         values: (n, 3) at the corners, in the unit of a field; NaN where a film does not have it.
+        states: (n, 3) of films, constant in each triangle; NaN where they were not recorded.
 
     Returns:
-        the same three arrays for n × 4^k triangles.
+        the same four arrays for n × 4^k triangles.
     """
-    parts = [corners, normals, values]
-    while 0 < len(parts[0]) < _FINE and np.ptp(parts[2], axis=1).max() > 0:
+    parts = [corners, normals, values, states]
+    while 0 < len(parts[0]) < _FINE and np.nan_to_num(np.ptp(parts[2], axis=1)).max() > 0:
         for k, part in enumerate(parts):
             # the pieces of a quadratic triangle whose middle nodes have mean values
             nodes = middles(part)
             pieces = linear_pieces(np.arange(6)[None], 2)
             parts[k] = np.concatenate([nodes[:, piece] for piece in pieces])
-    return parts[0], parts[1], parts[2]
+    return parts
 
 
 class RecordedSolid:
@@ -499,6 +552,7 @@ class RecordedBody:
 
     def __init__(self, folder: Path, name: str) -> None:
         records = read_records(folder / f"{file_name(name)}.pvd")
+        self.mesh_files = [mesh for one in records for mesh in one.meshes]
         self.segments = [RecordedMesh(one) for one in records]
         self._located = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))

@@ -33,6 +33,7 @@ class Shape:
         corners: (n, 3, 3) of the triangles [m].
         normals: (n, 3, 3), unit vectors at the corners.
         kinds: (n,), rows of a table of colours, or SOLID.
+        is_slack: (n,), whether they are slack film, which is hatched.
         lines: (m, 2, 3), ends [m].
         line_kinds: (m,), rows of the table of colours, or INK.
         dots: (k, 3), centres [m].
@@ -42,6 +43,7 @@ class Shape:
     corners: Array = field(default_factory=lambda: _empty(0, 3, 3))
     normals: Array = field(default_factory=lambda: _empty(0, 3, 3))
     kinds: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    is_slack: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     lines: Array = field(default_factory=lambda: _empty(0, 2, 3))
     line_kinds: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     dots: Array = field(default_factory=lambda: _empty(0, 3))

@@ -1,192 +1,438 @@
-// A turnable view of a run: drag to turn, shift-drag to move, wheel to zoom, space to play.
+// The view of a run that can be turned.  three.js draws it; its data are in the page, or come from `gossamer watch`.
 "use strict";
 (function () {
-  const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
-  const data = JSON.parse(document.getElementById("run-data").textContent);
-  const canvas = document.getElementById("view"), slider = document.getElementById("time");
-  const label = document.getElementById("time-label"), chooser = document.getElementById("field");
-  const button = document.getElementById("play"), legend = document.getElementById("legend");
-  const gl = canvas.getContext("webgl", { antialias: true });
-  if (!gl) {
-    document.getElementById("viewer").textContent = "This browser has no WebGL; the pictures below show the run.";
+  const $ = id => document.getElementById(id);
+  const canvas = $("view"), slider = $("time"), chooser = $("field"), factor = $("factor"), cut = $("cut"), depth = $("depth");
+  const given = JSON.parse($("run-data").textContent);
+  let renderer;
+  try {
+    renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+  } catch {
+    $("viewer").textContent = "This browser has no WebGL; the pictures show the run.";
     return;
   }
 
-  // ---- the run: positions are 16-bit parts of the box around everything, colours are rows of a table ----
-  const parts = data.parts.map(part => ({
-    triangles: new Uint32Array(bytes(part.triangles).buffer),
-    lines: new Uint32Array(bytes(part.lines).buffer),
-    positions: new Uint16Array(bytes(part.positions).buffer),
-    kinds: part.kinds.map(bytes),
-    first: part.first, frames: part.frames, vertices: part.vertices,
-  }));
-  const middle = data.low.map((low, i) => low + data.span[i] / 2);
-  const radius = Math.hypot(...data.span) / 2 || 1;
+  // ---- data ----
+  const binary = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
 
-  function positions(frame) {
-    const part = parts.find(p => frame < p.first + p.frames), n = 3 * part.vertices;
-    const whole = part.positions.subarray((frame - part.first) * n, (frame - part.first + 1) * n);
-    const x = new Float32Array(n);
-    for (let i = 0; i < n; i++) x[i] = (data.low[i % 3] + whole[i] / 65535 * data.span[i % 3] - middle[i % 3]) / radius;
-    return [part, x];
+  // Rows of numbers, which are fractions of the range of each column; 65535 stands for no number.
+  function unpacked({ low, span, data }) {
+    const raw = new Uint16Array(binary(data)), columns = low.length;
+    return Float64Array.from(raw, (n, i) => n === 65535 ? NaN : low[i % columns] + n / 65534 * span[i % columns]);
   }
 
-  // Corners one after the other: position, normal, colour.
-  function mesh(frame, field) {
-    const [part, x] = positions(frame), t = part.triangles, normals = new Float32Array(x.length);
-    for (let i = 0; i < t.length; i += 3) {
-      const [a, b, c] = [3 * t[i], 3 * t[i + 1], 3 * t[i + 2]];
-      const u = [0, 1, 2].map(k => x[b + k] - x[a + k]), v = [0, 1, 2].map(k => x[c + k] - x[a + k]);
-      const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-      for (const corner of [a, b, c]) for (let k = 0; k < 3; k++) normals[corner + k] += n[k];
+  async function ask(path) {
+    const answer = await fetch(path, { cache: "no-store" });
+    if (!answer.ok) throw new Error(`the server answers ${answer.status}`);
+    const data = await answer.json();
+    if (data.message) throw new Error(data.message);
+    return data;
+  }
+
+  let header, version = 0;
+  let legends = new Map(), states = new Map();
+  const MOST_STATES = 100; // in memory; a report has no more than 80
+
+  async function legendOf(field) {
+    if (!legends.has(field)) legends.set(field, given.legends ? given.legends[field] : await ask(`legend/${version}/${field}`));
+    return legends.get(field);
+  }
+  async function stateOf(record, field) {
+    const key = given.states ? record : `${record}/${field}`;
+    if (!states.has(key)) {
+      const packed = given.states ? given.states[record] : await ask(`state/${version}/${key}`);
+      const state = { mesh: packed.mesh, moved: packed.moved.map(unpacked), values: {} };
+      if (states.size >= MOST_STATES) states.delete(states.keys().next().value);
+      states.set(key, state);
+      state.packed = packed.values;
     }
-    const table = data.fields[field].table, smooth = data.fields[field].smooth;
-    const count = smooth ? t.length : t.length / 3; // a colour for each corner, or for each triangle
-    const kinds = part.kinds[field].subarray((frame - part.first) * count, (frame - part.first + 1) * count);
-    const out = new Float32Array(9 * (t.length + part.lines.length));
-    let o = 0;
-    const put = (corner, n, colour) => {
-      for (let k = 0; k < 3; k++) {
-        out[o + k] = x[3 * corner + k];
-        out[o + 3 + k] = n ? normals[3 * corner + k] : 0;
-        out[o + 6 + k] = colour[k] / 255;
+    const state = states.get(key);
+    for (const one of [field, header.stateField])
+      state.values[one] ||= (state.packed[one] || []).map(packed => packed && { numbers: unpacked(packed), atPoints: packed.atPoints });
+    return state;
+  }
+
+  // ---- scene ----
+  const scene = new THREE.Scene(), camera = new THREE.OrthographicCamera();
+  camera.up.set(0, 0, 1);
+  const controls = new THREE.OrbitControls(camera, canvas);
+  // A surface that faces the eye has the colour of the bar, others are darker.
+  const light = new THREE.DirectionalLight(0xffffff, 0.45 * Math.PI);
+  camera.add(light, light.target);
+  light.position.set(0, 0, 1);
+  light.target.position.set(0, 0, 0);
+  scene.add(camera, new THREE.AmbientLight(0xffffff, 0.55 * Math.PI));
+  renderer.setClearColor(0xffffff);
+  // Three rows of colours: by value, of what has no value, and by value for film that is slack.
+  const table = new THREE.DataTexture(new Uint8Array(12), 1, 3);
+  table.colorSpace = THREE.SRGBColorSpace;
+  const COLOURED = 1 / 6, BLANK = 3 / 6, SLACK = 5 / 6, INK = [76, 84, 94];
+  function film(Material) {
+    const material = new Material({ map: table, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2 });
+    // White and black lines of the image, not of the film.
+    material.onBeforeCompile = shader => {
+      shader.fragmentShader = shader.fragmentShader.replace("#include <map_fragment>", `#include <map_fragment>
+        float stripe = mod(floor(gl_FragCoord.x) + floor(gl_FragCoord.y), 16.0);
+        if (vMapUv.y > 0.7 && stripe < 4.0) diffuseColor.rgb = vec3(stripe < 2.0 ? 1.0 : 0.0);`);
+    };
+    return material;
+  }
+  // Numbers have the colour of the bar, without light and shade.
+  const lit = film(THREE.MeshLambertMaterial), plain = film(THREE.MeshBasicMaterial);
+  const stroke = new THREE.LineMaterial({ linewidth: 2, vertexColors: true });
+  const dot = new THREE.PointsMaterial({ size: 8, sizeAttenuation: false, color: new THREE.Color().setRGB(...INK.map(c => c / 255), THREE.SRGBColorSpace) });
+  const mark = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 11, sizeAttenuation: false, color: 0xd00060, depthTest: false }));
+  mark.renderOrder = 1;
+  mark.frustumCulled = false;
+  mark.visible = false;
+  scene.add(mark);
+
+  let parts = [], mesh = -1, legend = null, centre = null, picked = null;
+  const hidden = new Set();
+
+  function build(number) {
+    for (const part of parts) { scene.remove(part.object); part.object.geometry.dispose(); }
+    mesh = number;
+    parts = header.meshes[number].map(about => {
+      const part = { name: about.name, corners: about.corners, pieces: new Uint32Array(binary(about.pieces)),
+        start: Float64Array.from(new Float32Array(binary(about.start)), (value, i) => about.origin[i % 3] + value),
+        X: about.X && new Float64Array(binary(about.X)) };
+      part.x = part.start.slice();
+      const geometry = new THREE.BufferGeometry();
+      if (!part.pieces.length) part.object = new THREE.Points(geometry, dot);
+      else if (part.corners === 2) part.object = new THREE.LineSegments2(new THREE.LineSegmentsGeometry(), stroke);
+      else {
+        for (const [name, size] of [["position", 3], ["normal", 3], ["uv", 2]])
+          geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(size * part.pieces.length), size));
+        part.object = new THREE.Mesh(geometry, lit);
       }
-      o += 9;
-    };
-    for (let i = 0; i < t.length; i++) put(t[i], true, table[kinds[smooth ? i : Math.floor(i / 3)]]);
-    for (const corner of part.lines) put(corner, false, [76, 84, 94]);
-    return [out, t.length, part.lines.length];
+      part.object.frustumCulled = false;
+      part.object.visible = !hidden.has(part.name);
+      scene.add(part.object);
+      return part;
+    });
+    const boxes = parts.map(part => {
+      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: part.object.visible });
+      box.onchange = () => {
+        part.object.visible = box.checked;
+        hidden[box.checked ? "delete" : "add"](part.name);
+        draw();
+      };
+      const label = document.createElement("label");
+      label.append(box, ` ${part.name}`);
+      return label;
+    });
+    $("parts").replaceChildren(...(parts.length > 1 ? boxes : []));
   }
 
-  // ---- drawing ----
-  const program = gl.createProgram();
-  for (const [kind, source] of [[gl.VERTEX_SHADER, `
-      attribute vec3 place, normal, colour; uniform mat3 turn; uniform vec3 shift; uniform vec2 scale;
-      varying vec3 n, c;
-      void main() {
-        vec3 p = turn * place;
-        n = turn * normal; c = colour;
-        gl_Position = vec4((p.xy + shift.xy) * scale, -0.5 * p.z, 1.0);
-        if (length(n) == 0.0) gl_Position.z -= 0.002; // lines stand before the film that they lie on
-      }`], [gl.FRAGMENT_SHADER, `
-      precision mediump float; varying vec3 n, c;
-      void main() {
-        float size = length(n);
-        vec3 u = size > 0.0 ? n / size * (n.z < 0.0 ? -1.0 : 1.0) : vec3(0.0, 0.0, 1.0);
-        vec3 light = normalize(vec3(-0.45, 0.55, 0.7));
-        float matt = 0.4 + 0.6 * (0.5 + 0.5 * dot(u, light));
-        float gloss = pow(max(dot(u, normalize(light + vec3(0.0, 0.0, 1.0))), 0.0), 24.0);
-        gl_FragColor = vec4(size > 0.0 ? c * matt + 0.18 * gloss : c, 1.0);
-      }`]]) {
-    const shader = gl.createShader(kind);
-    gl.shaderSource(shader, source);
-    gl.compileShader(shader);
-    gl.attachShader(program, shader);
+  // Row of the table of colours for the value of a piece or at a point of it, in [0, 1]; NaN where there is none.
+  function row(values, piece, point) {
+    if (!values || !legend) return NaN;
+    const value = values.numbers[values.atPoints ? point : piece], rows = legend.table.length - 1;
+    if (!legend.smooth) return (Math.round(value) % rows + 0.5) / rows;
+    const range = legend.high - legend.low;
+    const part = range > 0 ? Math.min(Math.max((value - legend.low) / range, 0), 1) : 0;
+    return (part * (rows - 1) + 0.5) / rows;
   }
-  gl.linkProgram(program);
-  gl.useProgram(program);
-  gl.enable(gl.DEPTH_TEST);
-  gl.clearColor(1, 1, 1, 1);
-  gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-  ["place", "normal", "colour"].forEach((name, i) => {
-    const at = gl.getAttribLocation(program, name);
-    gl.enableVertexAttribArray(at);
-    gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 36, 12 * i);
-  });
-  const uniform = name => gl.getUniformLocation(program, name);
 
-  const eye = {};
-  // Rows right, up, towards the eye; column by column.
-  function turn() {
-    const [a, e] = [eye.azimuth, eye.elevation].map(d => d * Math.PI / 180);
-    const [ca, sa, ce, se] = [Math.cos(a), Math.sin(a), Math.cos(e), Math.sin(e)];
-    return [ca, -sa * se, sa * ce, sa, ca * se, -ca * ce, 0, ce, se];
+  function place(part, moved) {
+    const by = Number(factor.value) || 0;
+    for (let i = 0; i < part.x.length; i++) part.x[i] = part.start[i] + by * moved[i];
   }
-  // Look at the whole of the frame that is shown.
-  function home() {
-    Object.assign(eye, { azimuth: -25, elevation: 25, zoom: 1, x: 0, y: 0 });
-    const [, x] = positions(Number(slider.value)), t = turn(), low = [1e9, 1e9], high = [-1e9, -1e9];
-    for (let i = 0; i < x.length; i += 3) for (let k = 0; k < 2; k++) {
-      const p = t[k] * x[i] + t[3 + k] * x[i + 1] + t[6 + k] * x[i + 2];
-      low[k] = Math.min(low[k], p);
-      high[k] = Math.max(high[k], p);
+  // The lowest and the highest coordinates of what is shown [m].
+  function box() {
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    for (const { x, object } of parts) if (object.visible) for (let i = 0; i < x.length; i++) {
+      low[i % 3] = Math.min(low[i % 3], x[i]);
+      high[i % 3] = Math.max(high[i % 3], x[i]);
     }
-    eye.x = -(low[0] + high[0]) / 2;
-    eye.y = -(low[1] + high[1]) / 2;
-    const wide = canvas.clientWidth / canvas.clientHeight, [w, h] = [0, 1].map(k => high[k] - low[k] || 1e-3);
-    eye.zoom = 1.8 * Math.min(wide / w, 1 / h);
+    return low[0] <= high[0] ? [low, high] : [[-1, -1, -1], [1, 1, 1]];
   }
-  let shown = [-1, -1], counts = [0, 0];
+
+  function fill(part, values, states) {
+    const { pieces, x, object } = part, at = Float64Array.from(x, (value, i) => value - centre[i % 3]);
+    if (!pieces.length) {
+      object.geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(at), 3));
+      object.geometry.computeBoundingSphere();
+    } else if (part.corners === 2) {
+      const positions = new Float32Array(3 * pieces.length), colours = new Float32Array(3 * pieces.length), colour = new THREE.Color();
+      for (let i = 0; i < pieces.length; i++) {
+        for (let k = 0; k < 3; k++) positions[3 * i + k] = at[3 * pieces[i] + k];
+        const found = legend && legend.onLines ? row(values, i >> 1, pieces[i]) : NaN;
+        const rgb = found >= 0 ? legend.table[Math.floor(found * (legend.table.length - 1))] : INK;
+        colour.setRGB(...rgb.map(c => c / 255), THREE.SRGBColorSpace).toArray(colours, 3 * i);
+      }
+      object.geometry.dispose();
+      object.geometry = new THREE.LineSegmentsGeometry();
+      object.geometry.setPositions(positions);
+      object.geometry.setColors(colours);
+    } else {
+      const normals = new Float64Array(at.length), { position, normal, uv } = object.geometry.attributes;
+      for (let i = 0; i < pieces.length; i += 3) {
+        const [a, b, c] = [3 * pieces[i], 3 * pieces[i + 1], 3 * pieces[i + 2]];
+        const u = [0, 1, 2].map(k => at[b + k] - at[a + k]), v = [0, 1, 2].map(k => at[c + k] - at[a + k]);
+        const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        for (const corner of [a, b, c]) for (let k = 0; k < 3; k++) normals[corner + k] += n[k];
+      }
+      for (let i = 0; i < pieces.length; i++) {
+        const p = 3 * pieces[i], size = Math.hypot(normals[p], normals[p + 1], normals[p + 2]) || 1;
+        for (let k = 0; k < 3; k++) {
+          position.array[3 * i + k] = at[p + k];
+          normal.array[3 * i + k] = normals[p + k] / size;
+        }
+        const piece = Math.floor(i / 3), found = row(values, piece, pieces[i]);
+        const isSlack = legend && legend.hasSlack && states && Math.round(states.numbers[piece]) === header.slack;
+        uv.array[2 * i] = found >= 0 ? found : 0.5;
+        uv.array[2 * i + 1] = !(found >= 0) ? BLANK : isSlack ? SLACK : COLOURED;
+      }
+      position.needsUpdate = normal.needsUpdate = uv.needsUpdate = true;
+      object.geometry.computeBoundingSphere();
+      object.material = legend && legend.smooth && part.X ? plain : lit;
+    }
+  }
+
+  let shown = null; // the state on the screen
+  async function show() {
+    const record = Number(slider.value), field = Number(chooser.value);
+    if (!header || !header.labels.length) return;
+    const [state, colours] = [await stateOf(record, field), header.fields.length ? await legendOf(field) : null];
+    if (record !== Number(slider.value) || field !== Number(chooser.value)) return; // another one was asked for
+    if (colours !== legend) { legend = colours; explain(); }
+    const isFirst = !centre;
+    if (state.mesh !== mesh) build(state.mesh);
+    parts.forEach((part, i) => place(part, state.moved[i]));
+    if (isFirst || $("follow").checked) {
+      const [low, high] = box();
+      centre = low.map((value, k) => (value + high[k]) / 2);
+    }
+    shown = { record, values: state.values[field] || [] };
+    const states = state.values[header.stateField] || [];
+    parts.forEach((part, i) => fill(part, shown.values[i], states[i]));
+    $("time-label").textContent = header.labels[record];
+    Object.assign(canvas.dataset, { record, field: header.fields[field] || "" });
+    if (isFirst) home();
+    tell();
+    draw();
+  }
+
   function draw() {
-    const ratio = window.devicePixelRatio || 1, frame = Number(slider.value), field = Number(chooser.value);
-    canvas.width = canvas.clientWidth * ratio;
-    canvas.height = canvas.clientHeight * ratio;
-    gl.viewport(0, 0, canvas.width, canvas.height);
-    if (shown[0] !== frame || shown[1] !== field) {
-      const [corners, triangles, lines] = mesh(frame, field);
-      gl.bufferData(gl.ARRAY_BUFFER, corners, gl.DYNAMIC_DRAW);
-      counts = [triangles, lines];
-      shown = [frame, field];
-      label.textContent = data.labels[frame];
-    }
-    gl.uniformMatrix3fv(uniform("turn"), false, turn());
-    gl.uniform3f(uniform("shift"), eye.x, eye.y, 0);
-    gl.uniform2f(uniform("scale"), eye.zoom * canvas.height / canvas.width, eye.zoom);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
-    for (const [i, j] of [[0, 0], [1, 0], [0, 1], [1, 1]]) { // lines of two pixels
-      const pixel = 2 / canvas.height / eye.zoom;
-      gl.uniform3f(uniform("shift"), eye.x + i * pixel, eye.y + j * pixel, 0);
-      gl.drawArrays(gl.LINES, counts[0], counts[1]);
-    }
-    canvas.dataset.drawn = counts.join(" ");
+    const [wide, high] = [canvas.clientWidth, canvas.clientHeight], half = camera.top;
+    renderer.setPixelRatio(window.devicePixelRatio || 1);
+    renderer.setSize(wide, high, false);
+    camera.right = half * wide / high;
+    camera.left = -camera.right;
+    camera.updateProjectionMatrix();
+    renderer.clippingPlanes = plane ? [plane()] : [];
+    renderer.render(scene, camera);
+    canvas.dataset.drawn = `${renderer.info.render.triangles} ${renderer.info.render.calls}`;
   }
 
-  function tell() {
-    const field = data.fields[Number(chooser.value)];
-    legend.replaceChildren();
-    const swatch = colour => {
-      const box = document.createElement("i");
-      box.style.background = `rgb(${colour})`;
-      return box;
-    };
-    if (field.names) field.names.forEach(([name, kind]) => legend.append(swatch(field.table[kind]), ` ${name}  `));
-    else {
-      const bar = document.createElement("b");
-      bar.style.background = `linear-gradient(to right, ${field.table.map(c => `rgb(${c})`).join(",")})`;
-      legend.append(`${field.low} `, bar, ` ${field.high}  ${field.unit}`);
+  // Look at all of what is shown, and at where it started unless the view moves along.
+  function home() {
+    const [azimuth, elevation] = [-25, 25].map(degrees => degrees * Math.PI / 180);
+    const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
+    const right = [ca, sa, 0], up = [-sa * se, ca * se, ce], eye = [sa * ce, -ca * ce, se];
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    const seen = parts.filter(part => part.object.visible).flatMap(part => $("follow").checked ? [part.x] : [part.x, part.start]);
+    for (const x of seen) for (let i = 0; i < x.length; i += 3)
+      [right, up, eye].forEach((axis, k) => {
+        const along = axis[0] * (x[i] - centre[0]) + axis[1] * (x[i + 1] - centre[1]) + axis[2] * (x[i + 2] - centre[2]);
+        low[k] = Math.min(low[k], along);
+        high[k] = Math.max(high[k], along);
+      });
+    if (!(low[0] <= high[0])) return;
+    const size = high.map((value, k) => value - low[k]), middle = high.map((value, k) => (value + low[k]) / 2);
+    const whole = Math.hypot(...size) || 1;
+    camera.zoom = 1;
+    camera.top = 0.55 * Math.max(size[1], size[0] * canvas.clientHeight / canvas.clientWidth, 1e-3 * whole);
+    camera.bottom = -camera.top;
+    camera.near = 0;
+    camera.far = 200 * whole; // what moves stays in view
+    const target = [0, 1, 2].map(k => middle[0] * right[k] + middle[1] * up[k] + middle[2] * eye[k]);
+    controls.target.set(...target);
+    camera.position.set(...target.map((value, k) => value + 100 * whole * eye[k]));
+    controls.update();
+  }
+
+  // ---- plane that cuts ----
+  let plane = null;
+  function setPlane() {
+    depth.hidden = !cut.value;
+    plane = null;
+    if (cut.value && parts.length) {
+      const axis = "xyz".indexOf(cut.value[0]), sign = cut.value[1] === ">" ? 1 : -1, [low, high] = box();
+      const size = high[axis] - low[axis], at = low[axis] + depth.value / 1000 * size;
+      $("depth-label").textContent = `${digits(rounded(at, size), 4)} m`;
+      plane = () => new THREE.Plane(new THREE.Vector3(...[0, 1, 2].map(k => k === axis ? sign : 0)), -sign * (at - centre[axis]));
+    } else $("depth-label").textContent = "";
+    draw();
+  }
+
+  // ---- picking ----
+  function pick(event) {
+    const frame = canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
+    const pointer = new THREE.Vector2(2 * (event.clientX - frame.left) / frame.width - 1, 1 - 2 * (event.clientY - frame.top) / frame.height);
+    ray.params.Line2 = { threshold: 8 };
+    ray.params.Points = { threshold: 8 * (camera.top - camera.bottom) / camera.zoom / canvas.clientHeight };
+    ray.setFromCamera(pointer, camera);
+    const seen = parts.filter(part => part.object.visible), cutting = plane && plane();
+    const [hit] = ray.intersectObjects(seen.map(part => part.object)).filter(one => !cutting || cutting.distanceToPoint(one.point) >= 0);
+    picked = null;
+    if (hit) {
+      const part = parts.find(one => one.object === hit.object);
+      picked = { name: part.name, piece: hit.faceIndex || 0, point: 0 };
+      // The corner of the piece that is nearest to the ray.
+      let nearest = Infinity;
+      for (let i = 0; i < part.corners && part.pieces.length; i++) {
+        const point = part.pieces[part.corners * picked.piece + i];
+        const away = ray.ray.distanceToPoint(new THREE.Vector3(...[0, 1, 2].map(k => part.x[3 * point + k] - centre[k])));
+        if (away < nearest) { nearest = away; picked.point = point; }
+      }
     }
+    tell();
+    draw();
+  }
+
+  // What is below the resolution of numbers of 16 bits is zero.
+  const rounded = (value, range) => Math.abs(value) < range / 65534 ? 0 : value;
+  const digits = (value, count = 5) => String(Number(value.toPrecision(count)));
+  const triple = (array, point, count) => `(${[0, 1, 2].map(k => digits(array[3 * point + k], count)).join(", ")})`;
+
+  // Words about the point that was picked, at the time that is shown.
+  function tell() {
+    const index = picked ? parts.findIndex(part => part.name === picked.name) : -1;
+    mark.visible = index >= 0 && 3 * picked.point < parts[index].x.length;
+    $("copying").hidden = !(mark.visible && parts[index].X);
+    if (!mark.visible) {
+      if (picked === null) $("picked").textContent = "Click on a point for its values. Drag to turn, shift-drag to move, wheel to zoom.";
+      return;
+    }
+    const part = parts[index], values = shown.values[index];
+    const at = [0, 1, 2].map(k => part.x[3 * picked.point + k] - centre[k]);
+    mark.geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(at), 3));
+    const lines = [`${part.name}: at ${triple(part.x, picked.point)} m`];
+    if (values && legend) {
+      const value = values.numbers[values.atPoints ? picked.point : picked.piece];
+      const kind = legend.names.find(one => !legend.smooth && one[1] === Math.round(value) % (legend.table.length - 1));
+      if (kind) lines.push(`${legend.name}: ${kind[0]}`);
+      else if (legend.smooth) lines.push(`${legend.name}: ${Number.isNaN(value) ? "none" : `${digits(rounded(value, legend.high - legend.low) / legend.factor)} ${legend.unit}`}`);
+    }
+    if (part.X) {
+      const point = triple(part.X, picked.point, 10), name = part.name.replace(/\W+/g, "_").replace(/^(?=\d)/, "_");
+      lines.push(`Point of the mesh: ${point} m`);
+      $("probe").value = `"${part.name.replace(/["\\]/g, "\\$&")} ${triple(part.X, picked.point, 4)} z [m]": gx.probes.Displacement(${name}.port_at(${point}), "z"),`;
+    }
+    $("picked").textContent = lines.join("\n");
+  }
+
+  // ---- key of the colours ----
+  function explain() {
+    $("legend").replaceChildren();
+    if (!legend) return;
+    const colours = legend.table.slice(0, -1), missing = legend.table.at(-1);
+    const rgba = [colours, colours.map(() => missing), colours].flat().flatMap(colour => [...colour, 255]);
+    table.dispose();
+    table.image = { data: Uint8Array.from(rgba), width: colours.length, height: 3 };
+    table.needsUpdate = true;
+    const add = (kind, background, words) => {
+      const one = document.createElement(kind);
+      one.style.background = background;
+      $("legend").append(one, words);
+    };
+    for (const [name, kind] of legend.names) add("i", `rgb(${colours[kind]})`, ` ${name}  `);
+    if (legend.smooth) {
+      $("legend").append(`${legend.ends[0]} `);
+      add("b", `linear-gradient(to right, ${colours.map(colour => `rgb(${colour})`).join(",")})`, ` ${legend.ends[1]} ${legend.unit}  `);
+      if (legend.beyond) $("legend").append(`(${legend.beyond})  `);
+    }
+    if (legend.hasSlack) add("i", "repeating-linear-gradient(135deg, #fff 0 2px, #000 2px 4px)", " slack  ");
+    if (legend.hasMissing) add("i", `rgb(${missing})`, " no value");
   }
 
   // ---- the user ----
-  data.fields.forEach((field, i) => chooser.add(new Option(field.name, i)));
-  slider.max = data.labels.length - 1;
-  slider.value = slider.max;
-  slider.oninput = draw;
-  chooser.onchange = () => { tell(); draw(); };
-  let timer = 0;
-  button.onclick = () => {
-    if (timer) { clearInterval(timer); timer = 0; button.textContent = "Play"; return; }
-    button.textContent = "Stop";
-    timer = setInterval(() => { slider.value = (Number(slider.value) + 1) % data.labels.length; draw(); }, 80);
-  };
-  canvas.onpointerdown = event => canvas.setPointerCapture(event.pointerId);
-  canvas.onpointermove = event => {
-    if (!event.buttons) return;
-    if (event.shiftKey || event.buttons > 1) {
-      eye.x += 2 * event.movementX / canvas.clientHeight / eye.zoom;
-      eye.y -= 2 * event.movementY / canvas.clientHeight / eye.zoom;
-    } else {
-      eye.azimuth -= event.movementX / 3;
-      eye.elevation = Math.max(-90, Math.min(90, eye.elevation + event.movementY / 3));
+  let isPlaying = false;
+  async function play() {
+    isPlaying = !isPlaying;
+    $("play").textContent = isPlaying ? "Pause" : "Play";
+    while (isPlaying) {
+      const began = performance.now();
+      slider.value = Number(slider.value) >= Number(slider.max) ? 0 : Number(slider.value) + 1;
+      await attempt(show);
+      await new Promise(done => setTimeout(done, Math.max(80 - performance.now() + began, 0)));
     }
-    draw();
+  }
+  async function attempt(action) {
+    try {
+      await action();
+    } catch (error) {
+      if ($("status")) $("status").textContent = `${error.message}`;
+      else throw error;
+    }
+  }
+  const showNow = () => attempt(show);
+  $("play").onclick = play;
+  slider.oninput = chooser.onchange = showNow;
+  factor.oninput = $("follow").onchange = showNow;
+  cut.append(...["", "x <", "x >", "y <", "y >", "z <", "z >"].map(words => new Option(words ? `keep ${words}` : "none", words.replace(" ", ""))));
+  cut.onchange = depth.oninput = setPlane;
+  $("home").onclick = canvas.ondblclick = () => { home(); draw(); };
+  $("copy").onclick = () => {
+    $("probe").select();
+    document.execCommand("copy"); // the newer interface is shut in a frame of a notebook
+    $("copy").textContent = "Copied";
   };
-  canvas.onwheel = event => { event.preventDefault(); eye.zoom *= Math.exp(-event.deltaY / 800); draw(); };
-  canvas.ondblclick = () => { home(); draw(); };
-  canvas.onkeydown = event => { if (event.key === " ") { event.preventDefault(); button.onclick(); } };
-  window.onresize = draw;
-  tell();
-  home();
-  draw();
+  canvas.onkeydown = event => { if (event.key === " ") { event.preventDefault(); play(); } };
+  let pressed = [0, 0];
+  canvas.addEventListener("pointerdown", event => { pressed = [event.clientX, event.clientY]; $("copy").textContent = "Copy probe"; });
+  canvas.addEventListener("pointerup", event => {
+    if (Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 5 && shown) pick(event);
+  });
+  controls.addEventListener("change", draw);
+  new ResizeObserver(() => { if (shown) draw(); }).observe(canvas);
+
+  function setHeader(found) {
+    header = found;
+    const field = chooser.value;
+    chooser.replaceChildren(...header.fields.map((name, i) => new Option(name, i)));
+    chooser.value = header.fields[field] ? field : 0;
+    if (mesh < 0) $("follow").checked = header.follows;
+    mesh = -1;
+  }
+  function setLabels(labels) {
+    const wasLast = Number(slider.value) >= Number(slider.max);
+    header.labels = labels;
+    slider.max = Math.max(labels.length - 1, 0);
+    if (wasLast && !isPlaying) slider.value = slider.max;
+  }
+
+  // ---- a run that is computing ----
+  async function follow() {
+    const news = await ask("progress");
+    $("title").textContent = document.title = news.title;
+    $("status").textContent = news.status;
+    $("status").className = news.kind;
+    if (!news.version) return;
+    if (news.version !== version) {
+      const found = await ask(`header/${news.version}`);
+      version = news.version;
+      legends = new Map();
+      states = new Map();
+      setHeader(found);
+    }
+    const count = header.labels.length, isNew = mesh < 0;
+    setLabels(news.labels);
+    if (isNew || news.labels.length !== count) await show();
+    const curves = `curves/${news.curves}`;
+    if (news.curves && $("curves").getAttribute("src") !== curves) $("curves").src = curves;
+  }
+  async function poll() {
+    await attempt(follow);
+    setTimeout(poll, 1000);
+  }
+
+  if (given.header) {
+    setHeader(given.header);
+    setLabels(header.labels);
+    attempt(show);
+  } else poll();
 })();

@@ -1,22 +1,32 @@
-"""The data of the view in a report that can be turned: surfaces, lines and colours at some times,
-in few bytes."""
+"""The data of the view of a run that can be turned: meshes, states and values, in few bytes.
+
+`viewer.js` shows it.  A report contains all of it, `Watch` serves it piece by piece:
+
+    header      meshes, captions of the states and names of the fields
+    legend      colours and scale of a field
+    state       displacements of all parts in a recorded state, and values of some fields
+"""
 
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES
-from gossamer_fx.records.plot.colours import Colouring, Scale, colouring, default_field
+from gossamer_fx.records.plot.colours import Colouring, colouring, default_field
 from gossamer_fx.records.plot.run_reader import RecordedMesh, RunReader
 from gossamer_fx.records.plot.shapes import Integers
 
-_MAX_BYTES = 6_000_000  # of positions and colours together, about
+# Of displacements and values in a report together, about.
+_MAX_BYTES = 6_000_000
 _MAX_FRAMES = 80
 _MAX_VERTICES = 20_000  # of all bodies together
 _MIN_VERTICES = 100  # of each body, whatever the number of bodies
@@ -24,8 +34,12 @@ _FINEST = (
     1000  # cells along a body in which vertices are joined at first; then they grow by _COARSER
 )
 _COARSER = 1.25
-_POSITION_BYTES = 6  # of a point: three numbers of 16 bits
-_LARGEST_POSITION = 65535
+_KINDS = ("state", "group")  # fields whose values are numbers of kinds
+_NUMBER_BYTES = 2  # numbers are sent with 16 bits, as fractions of their range in a state
+_LARGEST_NUMBER = 65534
+_NO_NUMBER = 65535  # where a part does not have a field
+# Way of the parts over their size from which on the view moves with them, as the camera does.
+_FAR = 1.6
 
 
 @dataclass(frozen=True)
@@ -33,199 +47,247 @@ class _Surface:
     """A body's mesh in one of its files, with few vertices.
 
     Attributes:
-        file: that holds the positions.
         points: numbers (v,) of the points of the file that are kept.
         pieces: triangles (n, 3) or lines (n, 2), numbers of the kept points.
         origin: numbers (n,) of the pieces of the file that are kept.
     """
 
-    file: RecordedMesh
     points: Integers
     pieces: Integers
     origin: Integers
 
-    @property
-    def frame_bytes(self) -> int:
-        """Bytes of the positions at one time."""
-        return _POSITION_BYTES * len(self.points)
-
 
 @dataclass(frozen=True)
-class _Box:
-    """The box around a whole run: its lowest corner (3,) and its sides (3,) [m]."""
+class _Part:
+    """What can be shown or hidden: a body, a connector, a solid or a point.
 
-    low: Array
-    span: Array
-
-    def packed(self, x: Array) -> Array:
-        """Points (n, 3) as parts of the box, in whole numbers of 16 bits."""
-        part = (x - self.low) / np.where(self.span > 0, self.span, 1.0)
-        fractions: Array = np.rint(part * _LARGEST_POSITION).clip(0, _LARGEST_POSITION)
-        return fractions
-
-
-def view_data(run: RunReader) -> dict[str, Any]:
-    """The data that the script `viewer.js` shows in a report: positions, colours, labels; for JSON.
-
-    Positions are 16-bit fractions of the box [m] around the whole run; colours are rows of a table
-    for each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out
-    where there would be more than 80, or more than about six megabytes.
+    Attributes:
+        pieces: triangles (n, 3), lines (n, 2), or none for a point.
+        positions: function that returns the points (v, 3) [m] in a recorded state.
+        values: function that returns values of a field in a recorded state, (v,) at the points or
+            (n,) on the pieces, and whether they are at the points; None if it does not have it.
+        X: points (v, 3) of the stress-free mesh [m], at which probes are placed.
     """
-    fields = _fields(run)
-    files_of_frame = [
-        tuple(body.at(frame)[0] for body in run.bodies.values()) for frame in range(len(run.times))
-    ]
-    # Of a triangle at one time.
-    colour_bytes = sum(3 if _is_smooth(colours) else 1 for _, colours in fields)
-    share = max(_MAX_VERTICES // max(len(run.bodies), 1), _MIN_VERTICES)
-    surfaces = {
-        file: _thinned(file, share) for body in run.bodies.values() for file in body.segments
-    }
-    frames = _chosen_frames(run, files_of_frame, surfaces, colour_bytes)
-    box = _box_around(run, frames)
-    parts: list[dict[str, Any]] = []
-    first = 0
-    # The mesh stays the same while a run writes to the same files; a restart on other ranks has
-    # another one.
-    for files in dict.fromkeys(files_of_frame):
-        here = [frame for frame in frames if files_of_frame[frame] == files]
-        if here:
-            part = _part(run, [surfaces[file] for file in files], here, fields, box)
-            parts.append(part | {"first": first})
-            first += len(here)
-    return {
-        "low": box.low.tolist(),
-        "span": box.span.tolist(),
-        "labels": [run.caption(frame) for frame in frames],
-        "fields": [_legend(name, colours) for name, colours in fields],
-        "parts": parts,
-    }
+
+    name: str
+    pieces: Integers
+    positions: Callable[[int], Array]
+    values: Callable[[str, int], tuple[Array, bool] | None]
+    X: Array | None = None
 
 
-def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
-    """Names and colours of the fields that can be chosen; without films the colours do not
-    matter."""
-    first = default_field(run)
-    names = [first]
-    if run.films:
-        # The view colours triangles only.
-        hidden = (first, "velocity", *LINE_FIELDS)
-        names += [name for name in run.known_fields() if name not in hidden]
-    return [(name, colouring(run, name)) for name in names]
+class RunView:
+    """A recorded run as data for `viewer.js`.
 
+    Surfaces of more than 20 000 vertices are thinned out.
 
-def _chosen_frames(
-    run: RunReader,
-    files_of_frame: list[tuple[RecordedMesh, ...]],
-    surfaces: dict[RecordedMesh, _Surface],
-    colour_bytes: int,
-) -> list[int]:
-    """Numbers of recorded states that are evenly spread over the run and do not need too many
-    bytes."""
-    sizes = [
-        sum(
-            surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
-        )
-        for files in files_of_frame
-    ]
-    affordable = int(_MAX_BYTES / max(float(np.mean(sizes)), 1.0))
-    count = min(max(affordable, 2), _MAX_FRAMES, max(len(run.times), 2))
-    spread = np.linspace(0, len(run.times) - 1, count)
-    return np.unique(np.rint(spread).astype(int)).tolist()
-
-
-def _box_around(run: RunReader, frames: list[int]) -> _Box:
-    """The smallest box [m] around bodies, solids and connectors in some frames."""
-    lows = []
-    highs = []
-    for frame in frames:
-        time = float(run.times[frame])
-        points = [*run.solid_points(time), run.connector_lines(time).reshape(-1, 3)]
-        for body in run.bodies.values():
-            file, step = body.at(frame)
-            points.append(file.positions(step))
-        for x in points:
-            if len(x):
-                lows.append(x.min(axis=0))
-                highs.append(x.max(axis=0))
-    low = np.min(lows, axis=0)
-    return _Box(low, np.max(highs, axis=0) - low)
-
-
-def _part(
-    run: RunReader,
-    surfaces: list[_Surface],
-    frames: list[int],
-    fields: list[tuple[str, Colouring]],
-    box: _Box,
-) -> dict[str, Any]:
-    """Some recorded states with the same mesh, as data for `viewer.js`.
-
-    Args:
-        box: around the whole run [m], of which positions are fractions.
-
-    Returns:
-        numbers of frames and vertices, and arrays in base 64: triangles and lines as numbers of
-        vertices, positions (16 bits), and for each field the rows of its table of colours (8 bits).
+    Attributes:
+        run: its reader; another one of the same run, which has grown, may take its place.
     """
-    triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
-    lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
-    vertices = 0
-    for surface in surfaces:
-        pieces = triangles if surface.file.is_film else lines
-        pieces.append(surface.pieces + vertices)
-        vertices += len(surface.points)
-    for solid in run.solids:
-        lines.append(solid.lines + vertices)
-        vertices += len(solid.X)
-    # Each rope, spring and bar of a tape has its two ends for itself.
-    ends = run.connector_lines(float(run.times[frames[0]])).reshape(-1, 3)
-    lines.append(np.arange(len(ends)).reshape(-1, 2) + vertices)
-    vertices += len(ends)
-    positions = []
-    kinds: list[list[Integers]] = [[np.zeros(0, dtype=np.int64)] for _ in fields]
-    for frame in frames:
-        for name, surface in zip(run.bodies, surfaces, strict=True):
-            _, step = run.bodies[name].at(frame)
-            positions.append(box.packed(surface.file.positions(step)[surface.points]))
-            if surface.file.is_film:
-                for found, (field, colours) in zip(kinds, fields, strict=True):
-                    has_field = field in run.fields[name]
-                    values = _piece_values(surface, field, step, has_field)
-                    # Numbers vary along a triangle, states and groups do not.
-                    if _is_smooth(colours):
-                        found.append(colours.kinds(values.ravel()))
-                    else:
-                        found.append(colours.kinds(values.mean(axis=1)))
-        time = float(run.times[frame])
-        positions += [box.packed(x) for x in run.solid_points(time)]
-        positions.append(box.packed(run.connector_lines(time).reshape(-1, 3)))
-    return {
-        "frames": len(frames),
-        "vertices": vertices,
-        "triangles": _packed(np.concatenate(triangles), np.uint32),
-        "lines": _packed(np.concatenate(lines), np.uint32),
-        "positions": _packed(np.concatenate(positions), np.uint16),
-        "kinds": [_packed(np.concatenate(found), np.uint8) for found in kinds],
-    }
+
+    def __init__(self, run: RunReader) -> None:
+        self.run = run
+        share = max(_MAX_VERTICES // max(len(run.bodies), 1), _MIN_VERTICES)
+        self._surfaces = {
+            name: [_thinned(file, share) for file in body.segments]
+            for name, body in run.bodies.items()
+        }
+        # The mesh stays the same while a run writes to the same files; a restart on other ranks has
+        # another one.
+        of_records = [self._files(record) for record in range(len(run.times))]
+        self._meshes = list(dict.fromkeys(of_records))
+        self._parts = [list(self._parts_of(files)) for files in self._meshes]
+        self._starts = [self._start(files) for files in self._meshes]
+        self._legends: dict[str, dict[str, Any]] = {}
+        self.fields: list[str] = []
+        if run.bodies:
+            first = default_field(run)
+            # Speeds would add to the size of reports.
+            others = [name for name in run.known_fields() if name not in (first, "velocity")]
+            self.fields = [first, *others]
+
+    def header(self, records: Sequence[int]) -> dict[str, Any]:
+        """Captions of some recorded states, names of the fields, and all meshes."""
+        return {
+            "labels": [self.run.caption(record) for record in records],
+            "fields": [NAMES.get(name, name) for name in self.fields],
+            # Slack film is marked in every field.
+            "stateField": self.fields.index("state") if "state" in self.fields else -1,
+            "slack": SLACK,
+            "follows": self._travels_far(),
+            "meshes": [
+                [_mesh(part, start) for part, start in zip(parts, starts, strict=True)]
+                for parts, starts in zip(self._parts, self._starts, strict=True)
+            ],
+        }
+
+    def legend(self, field: str) -> dict[str, Any]:
+        """The colours of a field, on one scale for the states that there were when it was asked for
+        first."""
+        if field not in self._legends:
+            self._legends[field] = _legend(field, colouring(self.run, field))
+        return self._legends[field]
+
+    def state(self, record: int, fields: Iterable[str]) -> dict[str, Any]:
+        """Displacements from the start, and values of fields, in a recorded state.
+
+        Returns:
+            the number of the mesh, displacements of each part, and values by the number of the
+            field, for each part that has it.
+        """
+        mesh = self._meshes.index(self._files(record))
+        parts = self._parts[mesh]
+        moved = [
+            _packed(part.positions(record) - start)
+            for part, start in zip(parts, self._starts[mesh], strict=True)
+        ]
+        values: dict[int, list[dict[str, Any] | None]] = {}
+        for field in fields:
+            of_parts: list[dict[str, Any] | None] = []
+            for part in parts:
+                found = part.values(field, record)
+                if found is None:
+                    of_parts.append(None)
+                    continue
+                numbers, at_points = found
+                of_parts.append(_packed(numbers[:, None]) | {"atPoints": at_points})
+            values[self.fields.index(field)] = of_parts
+        return {"mesh": mesh, "moved": moved, "values": values}
+
+    def whole(self) -> dict[str, Any]:
+        """All data at once, for a report.
+
+        Frames are left out where there would be more than 80, or more than about six megabytes.
+        """
+        count = len(self.run.times)
+        numbers = 0
+        for part in self._parts[0]:
+            points = len(part.positions(0))
+            numbers += 3 * points + len(self.fields) * max(points, len(part.pieces))
+        affordable = int(_MAX_BYTES / max(_NUMBER_BYTES * numbers, 1))
+        frames = min(max(affordable, 2), _MAX_FRAMES, max(count, 2))
+        spread = np.linspace(0, count - 1, frames)
+        records = np.unique(np.rint(spread).astype(int)).tolist()
+        return {
+            "header": self.header(records),
+            "legends": [self.legend(field) for field in self.fields],
+            "states": [self.state(record, self.fields) for record in records],
+        }
+
+    # ---- parts -----------------------------------------------------------------------------------
+
+    def _files(self, record: int) -> tuple[int, ...]:
+        """Number of the file of each body that contains a recorded state."""
+        bodies = self.run.bodies.values()
+        return tuple(body.segments.index(body.at(record)[0]) for body in bodies)
+
+    def _parts_of(self, files: tuple[int, ...]) -> Iterable[_Part]:
+        """Yield the parts in the states that these files of the bodies contain."""
+        for name, number in zip(self.run.bodies, files, strict=True):
+            surface = self._surfaces[name][number]
+            yield _Part(
+                name,
+                surface.pieces,
+                partial(self._body_positions, name, surface),
+                partial(self._body_values, name, surface),
+                self.run.bodies[name].segments[number].X[surface.points],
+            )
+        names = np.array(self.run.connector_names)
+        for name in dict.fromkeys(self.run.connector_names):
+            lines = np.flatnonzero(names == name)
+            # Each line has its two ends for itself.
+            yield _Part(
+                name,
+                np.arange(2 * len(lines)).reshape(-1, 2),
+                partial(self._connector_positions, lines),
+                partial(self._mean_tension, name, len(lines)),
+            )
+        for number, solid in enumerate(self.run.solids):
+            pieces = solid.triangles
+            if not len(pieces):
+                pieces = solid.lines
+            solid_positions = partial(self._solid_positions, number)
+            yield _Part(f"solid {number + 1}", pieces, solid_positions, _no_values)
+        for number, name in enumerate(self.run.point_names):
+            dot = partial(self._dot_position, number)
+            yield _Part(name, np.zeros((0, 2), dtype=np.int64), dot, _no_values)
+
+    def _start(self, files: tuple[int, ...]) -> list[Array]:
+        """Positions [m] of the points of all parts in the first recorded state.
+
+        A later mesh of a body has other points: each starts where the nearest one of the first
+        stress-free mesh does.
+        """
+        from scipy.spatial import KDTree
+
+        parts = self._parts[self._meshes.index(files)]
+        starts = []
+        for k, part in enumerate(parts):
+            if k < len(files) and files[k] > 0:
+                first = self.run.bodies[part.name].segments[0]
+                nearest = KDTree(first.X).query(part.X)[1]
+                starts.append(first.positions(0)[nearest])
+            else:
+                starts.append(part.positions(0))
+        return starts
+
+    def _body_positions(self, name: str, surface: _Surface, record: int) -> Array:
+        file, step = self.run.bodies[name].at(record)
+        points: Array = file.positions(step)[surface.points]
+        return points
+
+    def _body_values(
+        self, name: str, surface: _Surface, field: str, record: int
+    ) -> tuple[Array, bool] | None:
+        """Values of a field of a body; those that are not constant on the pieces are means at
+        points over the pieces that share them."""
+        if field not in self.run.fields[name]:
+            if field == "tension" and not self.run.bodies[name].is_film:
+                return self._mean_tension(name, len(surface.pieces), field, record)
+            return None
+        file, step = self.run.bodies[name].at(record)
+        at_corners = file.at_corners(field, step)[surface.origin]
+        is_line = surface.pieces.shape[1] == 2
+        if is_line or field in _KINDS or not np.ptp(at_corners, axis=1).any():
+            return at_corners.mean(axis=1), False
+        corners = surface.pieces.ravel()
+        count = np.bincount(corners, minlength=len(surface.points))
+        sums = np.bincount(corners, weights=at_corners.ravel(), minlength=len(surface.points))
+        return np.where(count > 0, sums / np.maximum(count, 1), np.nan), True
+
+    def _mean_tension(
+        self, name: str, pieces: int, field: str, record: int
+    ) -> tuple[Array, bool] | None:
+        if field != "tension":
+            return None
+        mean = self.run.mean_tension(name, float(self.run.times[record]))
+        return np.full(pieces, mean), False
+
+    def _connector_positions(self, lines: Integers, record: int) -> Array:
+        ends = self.run.connector_lines(float(self.run.times[record]))
+        points: Array = ends[lines].reshape(-1, 3)
+        return points
+
+    def _solid_positions(self, number: int, record: int) -> Array:
+        return self.run.solid_points(float(self.run.times[record]))[number]
+
+    def _dot_position(self, number: int, record: int) -> Array:
+        return self.run.dots(float(self.run.times[record]))[number : number + 1]
+
+    def _travels_far(self) -> bool:
+        """Whether the parts travel further in the run than about their size."""
+        boxes = []
+        for record in (0, len(self.run.times) - 1):
+            parts = self._parts[self._meshes.index(self._files(record))]
+            points = np.concatenate([part.positions(record) for part in parts])
+            boxes.append((points.min(axis=0), points.max(axis=0)))
+        size = max(float((high - low).max()) for low, high in boxes)
+        way = np.abs(np.sum(boxes[1], axis=0) - np.sum(boxes[0], axis=0)).max() / 2
+        return bool(way > (_FAR - 1) * size)
 
 
-def _is_smooth(colours: Colouring) -> bool:
-    """Whether a field has a colour at each corner of a triangle, instead of one for the
-    triangle."""
-    return isinstance(colours.key, Scale)
-
-
-def _piece_values(
-    surface: _Surface,
-    field: str,
-    step: int,
-    has_field: bool,
-) -> Array:
-    """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it."""
-    if not has_field:
-        return np.full((len(surface.origin), 3), np.nan)
-    return surface.file.at_corners(field, step)[surface.origin]
+def _no_values(field: str, record: int) -> None:
+    """Solids and points have no fields."""
 
 
 def _thinned(file: RecordedMesh, most: int) -> _Surface:
@@ -258,37 +320,72 @@ def _thinned(file: RecordedMesh, most: int) -> _Surface:
     origin = np.flatnonzero(whole)
     once = np.unique(np.sort(pieces[origin], axis=1), axis=0, return_index=True)[1]
     origin = origin[np.sort(once)]
-    return _Surface(file, points[first_of_each], pieces[origin], origin)
+    return _Surface(points[first_of_each], pieces[origin], origin)
+
+
+# ---- as JSON -------------------------------------------------------------------------------------
+
+
+def _mesh(part: _Part, start: Array) -> dict[str, Any]:
+    """A part with its pieces, and its points at the start and in the stress-free mesh [m]."""
+    # Numbers of 32 bits are differences from a point of the part, as it may be far from the origin.
+    origin = start.mean(axis=0)
+    found = {
+        "name": part.name,
+        "corners": part.pieces.shape[1],
+        "pieces": _binary(part.pieces, np.uint32),
+        "origin": origin.tolist(),
+        "start": _binary(start - origin, np.float32),
+    }
+    if part.X is not None:
+        found["X"] = _binary(part.X, np.float64)
+    return found
 
 
 def _legend(name: str, colours: Colouring) -> dict[str, Any]:
-    """A field in the list of those that can be shown, as data for `viewer.js`.
-
-    Args:
-        colours: its table (kinds, 3), and its key: a scale or names of kinds.
-    """
+    """The colours of a field, with its scale or the names of its kinds."""
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
-        "smooth": _is_smooth(colours),
+        "smooth": colours.scale is not None,
+        "onLines": name in LINE_FIELDS,
+        "hasMissing": colours.has_missing,
+        "hasSlack": colours.has_slack,
+        # The last row is that of what has no value.
         "table": np.rint(255 * colours.table).astype(int).tolist(),
+        "names": [],
     }
-    if isinstance(colours.key, Scale):
-        factor, label = colours.key.label
+    if colours.scale is not None:
+        factor, label = colours.scale.label
         return legend | {
-            "low": f"{colours.key.low / factor:.4g}",
-            "high": f"{colours.key.high / factor:.4g}",
+            "low": colours.scale.low,
+            "high": colours.scale.high,
+            "ends": colours.scale.ends,
+            "beyond": colours.scale.beyond,
+            "factor": factor,
             "unit": label[label.find("[") + 1 : -1],
         }
     from matplotlib.colors import to_rgb
 
-    legend["names"] = [
-        [kind, int(abs(colours.table - np.asarray(to_rgb(colour))).sum(axis=1).argmin())]
-        for kind, colour in colours.key.items()
-    ]
+    for kind, colour in colours.names.items():
+        distance = abs(colours.table[:-1] - np.asarray(to_rgb(colour))).sum(axis=1)
+        legend["names"].append([kind, int(distance.argmin())])
     return legend
 
 
-def _packed(values: npt.NDArray[Any], kind: type) -> str:
+def _packed(values: Array) -> dict[str, Any]:
+    """Rows of numbers (n, k) as fractions of 16 bits of the range of each column."""
+    low = np.zeros(values.shape[1])
+    span = np.zeros(values.shape[1])
+    is_known = np.isfinite(values)
+    if is_known.any():
+        low = np.min(values, axis=0, where=is_known, initial=np.inf)
+        span = np.max(values, axis=0, where=is_known, initial=-np.inf) - low
+    part = np.where(is_known, values - low, 0.0) / np.where(span > 0, span, 1.0)
+    numbers = np.where(is_known, np.rint(_LARGEST_NUMBER * part), _NO_NUMBER)
+    return {"low": low.tolist(), "span": span.tolist(), "data": _binary(numbers, np.uint16)}
+
+
+def _binary(values: npt.NDArray[Any], kind: type) -> str:
     """Numbers as base64 of little-endian binary numbers."""
     binary = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
     return b64encode(binary.tobytes()).decode()

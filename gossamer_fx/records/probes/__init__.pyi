@@ -1,8 +1,14 @@
+from .contact import ContactArea as ContactArea
 from .contact import ContactForce as ContactForce
 from .contact import ContactGap as ContactGap
+from .contact import ContactPressure as ContactPressure
 from .contact import Crossings as Crossings
 from .contact import Penetrations as Penetrations
 from .crease_angle import FoldAngle as FoldAngle
+from .films import AreaFraction as AreaFraction
+from .films import LargestStress as LargestStress
+from .films import StateArea as StateArea
+from .films import SurfaceError as SurfaceError
 from .flight import Attitude as Attitude
 from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState
@@ -11,7 +17,6 @@ from .lines import AxialStrain as AxialStrain
 from .lines import Length as Length
 from .lines import Tension as Tension
 from .points import AngularVelocity as AngularVelocity
-from .points import AreaFraction as AreaFraction
 from .points import Displacement as Displacement
 from .points import GasFlow as GasFlow
 from .points import GasState as GasState

@@ -9,20 +9,20 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
-from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
 from gossamer_fx.mechanics.contact.compiled import CompiledContact
 from gossamer_fx.mechanics.contact.contact import Contact
+from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
+from gossamer_fx.records.probes.points import AXES, check_axis
 from gossamer_fx.solve.view import StateView
-
-AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
@@ -81,10 +81,7 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        check(
-            axis in AXES,
-            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
-        )
+        check_axis(axis)
         known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         numbers = [k for k, one in enumerate(known) if one is body]
@@ -105,6 +102,83 @@ class ContactForce:
         # The forces of the residual are internal ones, opposite to those on the body.
         force = -float(contact_set.forces.point_forces[of_body, AXES[self.axis]].sum())
         return float(run.comm.allreduce(force))
+
+
+class _TouchedNodes:
+    """Contact pressures on the nodes of one body of a contact, and the areas of these nodes."""
+
+    def __init__(self, contact: Contact, body: MeshBody) -> None:
+        known = ", ".join(one.name for one in contact.bodies)
+        check(
+            any(one is body for one in contact.bodies),
+            f"'{getattr(body, 'name', body)}' is not a body of '{contact.name}', which has: "
+            f"{known}.",
+        )
+        self.contact = contact
+        self.body = body
+
+    def _pressures_and_areas(self, run: Any) -> tuple[Array, Array]:
+        """Pressure (k,) [Pa] on the body's nodes of this rank and their areas (k,) [m²].
+        Collective."""
+        contact_set = contact_set_of(self.contact, run)
+        nodes = nodes_of(self.body, contact_set)
+        return pressures(contact_set)[nodes], contact_set.mesh.area[nodes]
+
+
+@check_arguments
+class ContactPressure(_TouchedNodes):
+    """Largest contact pressure [Pa] on a node of a body, mean of the last step, as the field
+    `contact_pressure`; 0 without contact.
+
+    Args:
+        contact: in the scene.
+        body: a film, cable or beam of this contact.
+
+    Raises:
+        InputError: a body that is not in the contact.
+
+    Example:
+        >>> touching = gx.Contact(film, distance=1e-3)
+        >>> pressure = gx.probes.ContactPressure(touching, film)
+        >>> pressure(gx.Equilibrium(gx.Scene(film, touching)))
+        0.0
+    """
+
+    unit = "Pa"
+
+    def __call__(self, run: Any) -> float:
+        """The largest pressure [Pa] in the state of a run.  Collective."""
+        found, _ = self._pressures_and_areas(run)
+        return float(run.system.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX))
+
+
+@check_arguments
+class ContactArea(_TouchedNodes):
+    """Area [m²] of the nodes of a body on which contact presses, on the stress-free shape.
+
+    Contact begins to press at its activation distance.  The area is that of whole nodes, so that
+    it has an error of the width of a cell along the edge of the contact.
+
+    Args:
+        contact: in the scene.
+        body: a film, cable or beam of this contact.
+
+    Raises:
+        InputError: a body that is not in the contact.
+
+    Example:
+        >>> touching = gx.Contact(film, distance=1e-3)
+        >>> area = gx.probes.ContactArea(touching, film)
+        >>> area(gx.Equilibrium(gx.Scene(film, touching)))
+        0.0
+    """
+
+    unit = "m²"
+
+    def __call__(self, run: Any) -> float:
+        """The area [m²] in the state of a run.  Collective."""
+        found, areas = self._pressures_and_areas(run)
+        return float(run.system.comm.allreduce(float(areas[found > 0].sum())))
 
 
 @check_arguments

@@ -1,4 +1,4 @@
-"""Probes of points, frames, joints, chambers and films."""
+"""Probes of points, frames, joints, chambers and rings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.fields.body_shape import At
-from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.fields.reactions import Joint, joint_force
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
@@ -208,36 +205,6 @@ def gas_flows(system: System) -> dict[str, float]:
     for scalars in system.scalar_unknowns:
         found |= scalars.flows()
     return found
-
-
-@check_arguments
-class AreaFraction:
-    """Share of a film's reference area that is slack, wrinkled or taut.
-
-    A part that is taut over half of the last step counts by half.
-
-    Args:
-        body: the film.
-        state: "slack", "wrinkled" or "taut".
-        at: "mean" over the last step, or "end".
-
-    Raises:
-        InputError: the state is unknown.
-
-    Example:
-        >>> wrinkled = gx.probes.AreaFraction(film, "wrinkled")
-    """
-
-    def __init__(self, body: Membrane, state: str, *, at: At = "mean") -> None:
-        check(
-            state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
-        )
-        self.state = state
-        self._fractions = AreaFractions([body], at)
-
-    def __call__(self, run: StateView) -> float:
-        """The share in the state of a run, 0 to 1."""
-        return float(self._fractions(run.system)[STATES[self.state]])
 
 
 @check_arguments

@@ -41,10 +41,8 @@ class AngularMomentum:
 
     def __init__(self, axis: str, *, frame: Frame | None = None) -> None:
         check_axis(axis)
-        check(
-            frame is None or len(frame.directors) == 3,
-            "AngularMomentum: the frame has no third axis; give one with three directors.",
-        )
+        if frame is not None:
+            _check_three_axes("AngularMomentum", frame)
         self.axis = axis
         self.frame = frame
 
@@ -78,10 +76,7 @@ class Nutation:
     unit = "rad"
 
     def __init__(self, frame: Frame) -> None:
-        check(
-            len(frame.directors) == 3,
-            "Nutation: the frame has no third axis; give one with three directors.",
-        )
+        _check_three_axes("Nutation", frame)
         self.frame = frame
 
     def __call__(self, run: StateView) -> float:
@@ -91,6 +86,14 @@ class Nutation:
         # The angle from its sine and its cosine: the cosine alone has no digits of small ones.
         across = float(np.linalg.norm(np.cross(axis, momentum)))
         return math.atan2(across, float(axis @ momentum))
+
+
+def _check_three_axes(probe: str, frame: Frame) -> None:
+    """Raise `InputError` unless a frame of a probe has three directors."""
+    check(
+        len(frame.directors) == 3,
+        f"{probe}: the frame has no third axis; give one with three directors.",
+    )
 
 
 def angular_momentum_about_centre(run: StateView) -> Array:
@@ -261,10 +264,7 @@ class PolarPosition:
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",
         )
-        check(
-            len(frame.directors) == 3,
-            "PolarPosition: the frame has no third axis; give one with three directors.",
-        )
+        _check_three_axes("PolarPosition", frame)
         self.port = port
         self.frame = frame
         self.quantity = quantity
@@ -348,10 +348,7 @@ class Waves:
             quantity in QUANTITIES,
             f"Waves: there is no quantity {quantity!r}; choose from {', '.join(QUANTITIES)}.",
         )
-        check(
-            len(frame.directors) == 3,
-            "Waves: the frame has no third axis; give one with three directors.",
-        )
+        _check_three_axes("Waves", frame)
         self.ports = tuple(ports)
         self.frame = frame
         self.quantity = quantity
@@ -388,10 +385,7 @@ class Imbalance:
 
     def __init__(self, ports: Sequence[Port], frame: Frame) -> None:
         check(len(ports) >= 2, f"Imbalance: {len(ports)} points have none; give at least 2.")
-        check(
-            len(frame.directors) == 3,
-            "Imbalance: the frame has no third axis; give one with three directors.",
-        )
+        _check_three_axes("Imbalance", frame)
         self.ports = tuple(ports)
         self.frame = frame
 

@@ -53,7 +53,7 @@ from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
 # Number of the format; it changes with the contents of the files.
-FORMAT = 5
+FORMAT = 6
 
 # A file is summed in blocks of this many bytes, so that its size does not matter.
 CHECKSUM_BLOCK = 1 << 20
@@ -373,11 +373,11 @@ def read(
     restart: str | Path,
     scene: dict[str, Any],
     changes: Sequence[str],
-) -> tuple[Cursors, str]:
-    """Restore the state of a checkpoint.  Collective."""
+) -> Cursors:
+    """Restore the state of a checkpoint, and return the cursors of its outputs.  Collective."""
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
-    not_compared = compare(path, state["scene"], scene, changes)
+    compare(path, state["scene"], scene, changes)
     arrays = _load_on_all(run, path, state)
     _restore_vectors(run, arrays)
 
@@ -395,8 +395,7 @@ def read(
     # Arguments that are meant to be others change the energies.
     if not changes:
         compare_energies(path, run.totals, state["totals"])
-    cursors = [(kind, cursor) for kind, cursor in state["outputs"]]
-    return cursors, not_compared
+    return [(kind, cursor) for kind, cursor in state["outputs"]]
 
 
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:

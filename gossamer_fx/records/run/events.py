@@ -343,13 +343,10 @@ class EventMonitor:
             what = f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s"
             ask(run.comm, what, lambda: then(run))
 
-    def describe(self) -> list[dict[str, Any]]:
+    def describe(self) -> dict[str, dict[str, Any]]:
+        """Name and arguments of each event, by its key; of equal keys those of the last one."""
         items = self._run.scene.items
-        descriptions = []
-        for event in self._events:
-            arguments = of_item(event, items)
-            descriptions.append({"key": _key(event), "name": event.name, **arguments})
-        return descriptions
+        return {_key(e): {"name": e.name, **of_item(e, items)} for e in self._events}
 
     def get_history(self) -> dict[str, Any]:
         keys = [_key(event) for event in self._events]

@@ -9,8 +9,7 @@ conditions are not compared: the state of the checkpoint replaces them.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,7 @@ import numpy as np
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import is_on_mesh
-from gossamer_fx.records.outputs.arguments import (
-    MEASURED,
-    TOLERANCE,
-    UNKNOWN,
-    Known,
-    arguments_of,
-    unknown,
-)
+from gossamer_fx.records.outputs.arguments import MEASURED, TOLERANCE, Known, arguments_of
 from gossamer_fx.records.run.node_keys import mesh_name
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Stepper
@@ -54,10 +46,10 @@ Description = dict[str, Any]
 
 
 def scene_of(
-    run: StateView, stepper: Stepper, history: History, events: list[Description]
+    run: StateView, stepper: Stepper, history: History, events: Mapping[str, Description]
 ) -> Description:
     """Describe a scene for the comparison, as data for JSON that is the same on any number of
-    ranks.  Collective.
+    ranks; `events` by their keys.  Collective.
     """
     meshes: dict[str, Any] = {}
     for body in run.system.bodies:
@@ -80,8 +72,9 @@ def scene_of(
     }
 
 
-def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> str:
-    """Compare the description of this scene with that of a checkpoint."""
+def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> None:
+    """Raise `InputError` unless the description of this scene is that of a checkpoint, but for the
+    items and events that are named in `changes`."""
     refusal = f"The checkpoint '{path}' is of another scene: "
     # The order of the checks is that of their causes: another item also changes the unknowns.
     unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
@@ -106,43 +99,27 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
         f"{refusal}it was stepped by {there['stepping'][0]}, with another control; take the same "
         "stepper.",
     )
-    known = [*here["arguments"], *(event["name"] for event in here["events"])]
+    known = [*here["arguments"], *(event["name"] for event in here["events"].values())]
     # A misspelt name would let a difference pass as an error of the scene.
     for name in changes:
         check(
             name in known,
             f"changes holds '{name}', but the scene has no such part; it has: {', '.join(known)}.",
         )
-    for name, arguments in here["arguments"].items():
-        if name not in changes:
-            _refuse_difference(refusal, f"'{name}'", there["arguments"][name], arguments)
-    _compare_events(refusal, there["events"], here["events"], changes)
-    return _not_compared(here, changes)
-
-
-def _compare_events(
-    refusal: str, there: Iterable[Description], here: Iterable[Description], changes: Sequence[str]
-) -> None:
-    """Check that the events are the same, which may come in another order."""
-    remaining = list(there)
-    for event in here:
-        # Several events may have the same key: each is compared with another one.
-        equal = [other for other in remaining if other["key"] == event["key"]]
-        may_change = event["name"] in changes
+    for key, arguments in here["arguments"].items():
+        if key not in changes:
+            _refuse_difference(refusal, f"'{key}'", there["arguments"][key], arguments)
+    for key in sorted(there["events"].keys() | here["events"].keys()):
+        one = there["events"].get(key)
+        other = here["events"].get(key)
+        if (other or one)["name"] in changes:
+            continue
         check(
-            bool(equal) or may_change,
-            f"{refusal}the event {event['key']} is not in it; restart with the same, or name it in "
-            "changes.",
+            bool(one and other),
+            f"{refusal}the event {key} is only in one of them; restart with the same, or name it "
+            "in changes.",
         )
-        if equal:
-            remaining.remove(equal[0])
-            if not may_change:
-                _refuse_difference(refusal, f"the event '{event['name']}'", equal[0], event)
-    for event in remaining:
-        check(
-            event["name"] in changes,
-            f"{refusal}the event {event['key']} is missing here; restart with the same events.",
-        )
+        _refuse_difference(refusal, f"the event {key}", one, other)
 
 
 def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> None:
@@ -159,13 +136,11 @@ def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> N
 def differences(
     there: Known, here: Known, words: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Known, Known]]:
-    """Yield all differences of two descriptions, except values that are unknown in both.
+    """Yield all differences of two descriptions: the names that lead to them, and both values.
 
     Numbers count as equal if they differ by less than 1e-9 of their size.
     """
     if isinstance(there, dict) and isinstance(here, dict):
-        if UNKNOWN in there and UNKNOWN in here:
-            return
         # A position that was computed has a known error, which its description states.
         if MEASURED in there and MEASURED in here:
             if not np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE]):
@@ -197,13 +172,12 @@ def _is_number(value: Known) -> bool:
 
 def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
     """Whether numbers are equal up to round-off; two NaN are equal."""
+    expected = np.array(there, dtype=float)
+    largest = np.abs(expected[np.isfinite(expected)]).max(initial=0.0)
     # The tolerance is relative only, since an area may be as small as 1e-13 m².
-    largest = max((abs(x) for x in (*there, *here) if math.isfinite(x)), default=0.0)
-    for one, other in zip(there, here, strict=True):
-        near = math.isclose(one, other, rel_tol=SAME_ARGUMENT, abs_tol=SAME_COMPONENT * largest)
-        if not near and not (math.isnan(one) and math.isnan(other)):
-            return False
-    return True
+    return np.allclose(
+        here, expected, rtol=SAME_ARGUMENT, atol=SAME_COMPONENT * largest, equal_nan=True
+    )
 
 
 def _shown(value: Known) -> str:
@@ -215,21 +189,6 @@ def _shown(value: Known) -> str:
     if len(text) > MAX_SHOWN:
         return f"{text[:MAX_SHOWN]}..."
     return text
-
-
-def _not_compared(here: Description, changes: Sequence[str]) -> str:
-    """A list in one line of what could not be compared with a checkpoint, and what is meant to
-    change; empty if all was compared."""
-    found: list[str] = []
-    for name, arguments in here["arguments"].items():
-        if name not in changes:
-            found += [f"{argument} of '{name}'" for argument in unknown(arguments)]
-    for event in here["events"]:
-        found += [f"{argument} of '{event['name']}'" for argument in unknown(event)]
-    # A dictionary removes repetitions and keeps the order.
-    without_repetitions = dict.fromkeys(words.strip() for words in found)
-    changed = [f"'{name}', which is meant to change" for name in changes]
-    return ", ".join([*without_repetitions, *changed])
 
 
 def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:

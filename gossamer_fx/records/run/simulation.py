@@ -237,9 +237,7 @@ class Simulation:
         """Description of the scene at the start of the run, see `run.same_scene`.  Collective."""
         from gossamer_fx.records.run.same_scene import scene_of
 
-        events: list[dict[str, Any]] = []
-        if self._monitor:
-            events = self._monitor.describe()
+        events = self._monitor.describe() if self._monitor else {}
         return scene_of(self, self.stepper, self.history, events)
 
     def _restart(
@@ -250,11 +248,8 @@ class Simulation:
         """Restore the state of a checkpoint.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
-        cursors, not_compared = read(self, restart, self._description, changes)
-        words = f"restarted at t = {self.time:.9g} s, step {self.step}"
-        if not_compared:
-            words += f"; not compared with the checkpoint: {not_compared}"
-        self.log(words)
+        cursors = read(self, restart, self._description, changes)
+        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}")
         if self._monitor:
             self._monitor.repeat()
         return cursors
@@ -358,7 +353,8 @@ class Simulation:
 
     @check_arguments
     def run(self, until: float) -> None:
-        """Advance to a time; may be called again with a later one.
+        """Advance to a time; may be called again with a later one.  `run.run(until=run.time +
+        run.stepper.dt)` makes a single step.
 
         Steps are of equal length between the times that outputs and events ask for, so that these
         are met. SIGTERM, SIGINT and SIGUSR1 end the run after the present step, with a checkpoint

@@ -8,7 +8,6 @@ one form.
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -16,12 +15,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import edges_of
 from gossamer_fx.core.mesh.quality import (
     aspects,
     corner_points,
-    crossings,
     extent,
     folded,
     folded_in_plane,
@@ -30,7 +27,7 @@ from gossamer_fx.core.mesh.quality import (
     sizes,
     turned_inside,
 )
-from gossamer_fx.core.model.body import Array, Body, MeshBody, is_body, is_on_mesh
+from gossamer_fx.core.model.body import MeshBody, is_body, is_on_mesh
 from gossamer_fx.mechanics.bodies.meshed import Meshed
 
 LOG = logging.getLogger("gossamer_fx")
@@ -43,10 +40,6 @@ _SLIVER = 5e-4
 # A film thicker than this part of its extent probably has its thickness in millimetres.
 _THICK = 0.1
 
-# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a
-# membrane wrinkles.
-_THIN = 1e-4
-
 # Thickness of a plate over its size and over the largest aspect ratio of its cells, below which its
 # bending forces are less than the round-off of its membrane forces.  Measured with cantilevers of 8
 # cells in equilibrium, t over length: aspect 1 is right down to 1e-7 and wrong at 3e-8; aspect 30
@@ -55,7 +48,7 @@ _THIN = 1e-4
 _ROUND_OFF_THIN = 2e-7
 
 # Smallest and largest values of structures that are built or flown, and their unit.  Values outside
-# are probably in another unit.  The films, fibres and laminae of `presets` have E from 2e9 to 5e11
+# are probably in another unit.  The films and fibres of `presets` have E from 2e9 to 5e11
 # Pa, 900 to 2000 kg/m³ and 2e-6 to 1e-3 m; rubber, foams and metals extend the ranges.
 _USUAL = {
     "E": (1e4, 2e12, "Pa"),
@@ -165,7 +158,6 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "look at its mesh."
             )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
-        smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
         bends = getattr(body, "bends", False) and thickness > 0
         aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
         if bends and thickness < _ROUND_OFF_THIN * aspect * size:
@@ -175,14 +167,6 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 f"of {_ROUND_OFF_THIN * aspect:.1g} its bending forces are less than the round-off "
                 "of its membrane forces, and it may be too stiff by any factor; "
                 "give cells of aspect near one, or a Membrane."
-            )
-        elif bends and thickness < _THIN * smallest:
-            ratio = thickness / smallest
-            strain = (math.pi * ratio) ** 2 / 48
-            yield (
-                f"The plate '{body.name}' is {ratio:.1g} of its smallest cells thick: "
-                f"they carry a compressive strain of {strain:.0e} before they bend; "
-                "a Membrane does as well and costs less."
             )
         if thickness > _THICK * size:
             yield (
@@ -214,33 +198,3 @@ def _of_strain(body: MeshBody) -> Iterator[str]:
             f"'{body.name}': initial_strain = {largest:g} is unusual, up to {_STRAIN:g} is not; "
             "it is a ratio of lengths."
         )
-
-
-def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Yield warnings about films, those on a mesh of triangles, that intersect themselves at the
-    start. It takes more time than all other checks, so it is made on request only.  Collective."""
-    for body in bodies:
-        if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
-            continue
-        n = body.space.mesh.topology.index_map(2).size_local
-        dofs = cell_nodes(body.space)[:n, :3].astype(np.int64)
-        local_nodes = dofs.ravel().astype(np.int32)
-        nodes = body.space.dofmap.index_map.local_to_global(local_nodes).reshape(-1, 3)
-        corners = _positions(body)[dofs]
-        pierced = crossings(body.comm, corners, nodes.astype(np.int64))
-        if pierced:
-            yield (
-                f"'{body.name}' penetrates itself at the start in {pierced} triangles; "
-                "nothing keeps them apart."
-            )
-
-
-def _positions(body: MeshBody) -> Array:
-    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included."""
-    from dolfinx import fem
-
-    x = fem.Function(body.space)
-    owned, _ = body.initial_state()
-    x.x.array[: len(owned)] = owned
-    x.x.scatter_forward()
-    return x.x.array.reshape(-1, 3)

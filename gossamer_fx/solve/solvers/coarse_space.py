@@ -87,19 +87,22 @@ LESS_THAN_ONE_NODE = 0.5
 
 TINY = float(np.finfo(float).tiny)  # against division by zero
 
+NONE: Indices = np.zeros(0, dtype=np.int64)
+
 
 class CoarseSpace:
     """Solves (3) for a matrix of the system."""
 
-    def __init__(self, system: System) -> None:
-        """Build P of equation (2), and a solver for the coarse matrix.  Collective."""
-        self._P = prolongation(system)
+    def __init__(self, system: System, condensed: Indices = NONE) -> None:
+        """Build P of equation (2), without `condensed` unknowns (k,) of this rank, and a solver for
+        the coarse matrix.  Collective."""
+        self._P = prolongation(system, condensed=condensed)
         self._scalar_matrix: PETSc.Mat | None = None
         self._coarse_matrix: PETSc.Mat | None = None
         self._to_large_patches: PETSc.Mat | None = None
         coarse_unknowns = self._P.getSize()[1]
         if coarse_unknowns > MAX_UNKNOWNS_FACTORISED:
-            large = prolongation(system, NODES_PER_LARGE_PATCH)
+            large = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
             self._to_large_patches = self._P.transposeMatMult(large)
         self._solver = self._new_solver()
         self._r = self._P.createVecRight()
@@ -171,16 +174,19 @@ def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
     pc.setFromOptions()
 
 
-def prolongation(system: System, nodes_per_patch: int = NODES_PER_PATCH) -> PETSc.Mat:
+def prolongation(
+    system: System, nodes_per_patch: int = NODES_PER_PATCH, condensed: Indices = NONE
+) -> PETSc.Mat:
     """The prolongation P (unknowns, coarse unknowns), whose orthonormal columns are affine
     functions on patches of at most `nodes_per_patch` nodes.
 
-    Rows of fixed coordinates, and of bodies without nodes such as rigid bodies, are zero; rows are
-    distributed as the unknowns are.  Collective.
+    Rows of fixed and `condensed` coordinates, and of bodies without nodes such as rigid bodies, are
+    zero; rows are distributed as the unknowns are.  Collective.
     """
     numbering = system.numbering
     is_free = np.ones(numbering.size_local)
     is_free[system.supports.held] = 0
+    is_free[condensed] = 0
 
     # Empty arrays first, as a rank may have no nodes.
     all_rows: list[Indices] = [np.zeros(0, dtype=np.int64)]

@@ -20,7 +20,8 @@ This is exact if P = A; otherwise it preconditions GMRES on (1).
 Algorithm, in a Newton iteration.
 
 1. Set up P: a factorisation, the two-level preconditioner (`solvers.two_level`), or the one that
-   eliminates a few joints (`solvers.eliminated_joints`).
+   eliminates a few joints (`solvers.eliminated_joints`); ties are condensed before them
+   (`solvers.condensed_ties`).
 2. Compute Z by one application of P⁻¹ for each column of G.  If P is not a factorisation, Z of an
    earlier iteration of the step is used, as long as the Krylov iterations do not rise.
 3. Compute Σ from this Z.
@@ -42,7 +43,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
-from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.tangent import Tangent
 
@@ -222,7 +223,7 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if _keep_factors(self._sparse):
+        if keep_factors(self._sparse):
             return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
@@ -278,9 +279,9 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     override.
 
     A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
-    diagonal, for which an incomplete factorisation fails: with a few of them films are solved
-    iteratively and the rest is eliminated (`solvers.eliminated_joints`), with many the matrix is
-    factorised, too.
+    diagonal, for which an incomplete factorisation fails: those of ties are condensed, and if few
+    others are left films are solved iteratively (`condensed_ties.for_constraints`), with many the
+    matrix is factorised, too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -293,21 +294,16 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
     is_small = system.numbering.size <= largest_direct
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
-    eliminated: Indices | None = None
     if system.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
-        from gossamer_fx.solve.solvers.eliminated_joints import (
-            EliminatedJoints,
-            eliminated_unknowns,
-        )
+        from gossamer_fx.solve.solvers.condensed_ties import for_constraints
 
-        eliminated = eliminated_unknowns(system)
-    if eliminated is not None:
-        _choose_gmres(ksp)
-        pc.setType("python")
-        joints = EliminatedJoints(system, eliminated, max_iterations=MAX_KSP_ITERATIONS)
-        pc.setPythonContext(joints)
-        return
+        context = for_constraints(system)
+        if context is not None:
+            _choose_gmres(ksp)
+            pc.setType("python")
+            pc.setPythonContext(context)
+            return
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")
         # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
@@ -339,7 +335,7 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
     return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
 
 
-def _keep_factors(pc: PETSc.PC) -> bool:
+def keep_factors(pc: PETSc.PC) -> bool:
     """Let a preconditioner use the factors of an earlier matrix for the next one, if it can;
     whether it does, so that the next matrix need not be summed."""
     if pc.getType() != "python":

@@ -185,9 +185,10 @@ class Newton:
         if self._scalar_count or system.active_sets:
             J = self._set_up_bordered()
         else:
-            J = system.A
             self._preconditioner = self.ksp.getPC()
             linear.configure(self.ksp, self._preconditioner, system, self._direct)
+            # After `configure`, which may make the matrices of the system again.
+            J = system.A
         self._snes.setJacobian(_weak_method(self._jacobian), J)
         self._snes.setFromOptions()
         self._snes.setConvergenceTest(_weak_method(self._test))
@@ -210,16 +211,17 @@ class Newton:
         matrix is not stored; its preconditioner acts on the stored tangent of the coordinates and
         eliminates the scalar unknowns.  Collective."""
         system = self.system
+        sparse = PETSc.PC().create(system.comm)
+        sparse.setOptionsPrefix(PREFIX)
+        # First, as it may make the matrices of the system again.
+        linear.configure(self.ksp, sparse, system, self._direct)
+        sparse.setOperators(system.A)
+        sparse.setFromOptions()
+        self._preconditioner = sparse
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
         J = PETSc.Mat().createPython((sizes, sizes), self._bordered, system.comm)
         J.setUp()
-        sparse = PETSc.PC().create(system.comm)
-        sparse.setOptionsPrefix(PREFIX)
-        sparse.setOperators(system.A)
-        linear.configure(self.ksp, sparse, system, self._direct)
-        sparse.setFromOptions()
-        self._preconditioner = sparse
         outer = self.ksp.getPC()
         outer.setOptionsPrefix(PREFIX + "border_")
         outer.setType("python")

@@ -28,8 +28,8 @@ number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L
 is most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
 
-Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers have other
-preconditioners (`solvers.eliminated_joints`), or are factorised.
+Limits.  L needs a diagonal without zeros, so that Lagrange multipliers are eliminated first
+(`solvers.condensed_ties`, `solvers.eliminated_joints`), or the matrix is factorised.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
-from gossamer_fx.solve.solvers.coarse_space import CoarseSpace
+from gossamer_fx.solve.solvers.coarse_space import NONE, CoarseSpace, Indices
 from gossamer_fx.solve.system.system import System
 
 # Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the
@@ -56,15 +56,20 @@ MORE_FILL_ABOVE = 20
 
 class TwoLevel:
     """The preconditioner (1) to (3), as PETSc's Python preconditioner, for bodies on meshes without
-    Lagrange multipliers."""
+    Lagrange multipliers.
 
-    def __init__(self, system: System) -> None:
+    `applications` counts those of the present solve.
+    """
+
+    def __init__(self, system: System, condensed: Indices = NONE) -> None:
+        """Unknowns of this rank that are `condensed` (k,) have the rows and columns of the unit
+        matrix.  Collective."""
         self._system = system
-        self._coarse = CoarseSpace(system)
+        self._coarse = CoarseSpace(system, condensed)
         self._local = factorisation.new_incomplete(system.comm)
         self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
         self._levels = 0  # of fill; 0: not chosen yet
-        self._applications = 0  # since the last set-up
+        self.applications = 0  # since the last set-up
 
     def __str__(self) -> str:
         return f"a coarse space and {self._local.getType()} of {self._levels} levels"
@@ -77,7 +82,7 @@ class TwoLevel:
         self._A = pc.getOperators()[0]
         self._set_up_coarse_space()
         self._set_up_local_part()
-        self._applications = 0
+        self.applications = 0
         reasons = PETSc.PC.FailedReason
         has_failed = self._local.getFailedReason() != reasons.NOERROR
         # All ranks must report the same, as PETSc decides on each rank whether to go on.
@@ -89,10 +94,10 @@ class TwoLevel:
     def _set_up_coarse_space(self) -> None:
         """Compute the coarse matrix, unless that of an earlier A of this step still serves."""
         step = self._system.time, self._system.h
-        if step != self._step or self._applications > REUSE_COARSE_UP_TO:
-            # Of the matrix of fixed pattern, without couplings of contact: the product needs the
-            # same pattern every time.
-            self._coarse.set_up(self._system.A)
+        if step != self._step or self.applications > REUSE_COARSE_UP_TO:
+            # Without couplings of contact: the product needs the same pattern every time.
+            fixed = self._system.A if self._system.active_sets else self._A
+            self._coarse.set_up(fixed)
         self._step = step
 
     def _set_up_local_part(self) -> None:
@@ -102,14 +107,14 @@ class TwoLevel:
         if not self._levels:
             self._choose_fill(ILU_LEVELS)
             self._residual, self._correction = self._A.createVecs()
-        elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
+        elif self.applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
             self._choose_fill(ILU_LEVELS_DIFFICULT)
         self._local.setUp()
         self._local.setUpOnBlocks()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Compute z from r by (1) to (3); called by PETSc."""
-        self._applications += 1
+        self.applications += 1
         self._coarse.solve(r, z)
         self._A.mult(z, self._residual)
         self._residual.aypx(-1.0, r)

@@ -280,7 +280,12 @@ class System:
         end_vector.array[:] = end
         self.set_end(end_vector)
 
-    def _build_matrices(self) -> None:
+    def extend_pattern(self, add_entries: Callable[[PETSc.Mat], None]) -> None:
+        """Make all matrices again, with more entries in their pattern, which `add_entries` adds to
+        a matrix as zeros, e.g. for a solver that stores more in a copy.  Collective."""
+        self._build_matrices(add_entries)
+
+    def _build_matrices(self, add_entries: Callable[[PETSc.Mat], None] | None = None) -> None:
         """Make the mass matrix M [kg], the constant stiffness K [N/m] if there is one, and the
         tangent A, which is not assembled.  Collective.
 
@@ -294,6 +299,8 @@ class System:
         for compiled in self.compiled:
             compiled.add_stiffness(pattern)
         self._add_tangents(pattern)
+        if add_entries is not None:
+            add_entries(pattern)
         # All that rows of fixed coordinates keep is the diagonal.
         pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
         pattern.assemble()

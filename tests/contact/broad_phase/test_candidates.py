@@ -32,7 +32,7 @@ def mesh_of(surface) -> SimpleNamespace:
     """Return what a search asks a collision mesh for, without bodies."""
     count = 3 * TRIANGLES
     none = np.zeros(0)
-    no_walls = CandidatePairs(
+    no_boundaries = CandidatePairs(
         kind=none.astype(np.uint8),
         points=np.zeros((0, 4), np.int32),
         shape=none,
@@ -46,7 +46,7 @@ def mesh_of(surface) -> SimpleNamespace:
         area=np.ones(count),
         own_vertices=np.arange(count, dtype=np.int32),
         own_edges=np.arange(count, dtype=np.int32),
-        wall_pairs=lambda: no_walls,
+        boundary_pairs=lambda: no_boundaries,
         kinds_of=lambda kind, primitives: (kind, np.zeros(len(kind))),
         areas=lambda kind, points, primitives: np.ones(len(kind)),
         identifiers=lambda kind, primitives: identifier_of(kind.astype(int), *primitives.T),

@@ -24,7 +24,7 @@ from gossamer_fx.mechanics.contact.broad_phase.box_tree import Nearness, find_ov
 from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
-from gossamer_fx.mechanics.contact.stencils import SIDES, is_wall
+from gossamer_fx.mechanics.contact.stencils import SIDES, is_boundary
 
 # Singular values of the inertia tensor below this part of the largest one count as zero: points on
 # a line have no spin about it.
@@ -238,8 +238,8 @@ class CandidateSearch:
         own = vertices[mesh.own_vertices]
         drift = RigidDrift.of(x[own], v[own], time, mesh.comm)
         velocities = v - drift.velocities(x)
-        # Points of walls do not belong to a primitive: their pairs are candidates wherever they
-        # are.
+        # Points of boundaries do not belong to a primitive: their pairs are candidates wherever
+        # they are.
         margin = np.full(len(x), np.inf)
         way = duration * np.linalg.norm(velocities[vertices], axis=1)
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
@@ -287,7 +287,7 @@ def find_candidates(
        are asked in one pass: in packed layers most boxes overlap without coming near.
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
        pairs are the same after a restart.
-    4. Each point of a body and each wall are a pair.
+    4. Each point of a body and each boundary are a pair.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     near = Nearness(
@@ -313,7 +313,7 @@ def find_candidates(
         area=mesh.areas(pairs.kind, pairs.points, pairs.primitives),
         radius=mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point],
     )
-    return candidates.followed_by(mesh.wall_pairs()), counts
+    return candidates.followed_by(mesh.boundary_pairs()), counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
@@ -323,10 +323,10 @@ def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Arra
     rows = np.isfinite(gap)
     points = pairs.points[rows]
     gap = gap[rows]
-    walls = is_wall(pairs.kind[rows])
+    boundaries = is_boundary(pairs.kind[rows])
     for k in range(4):
-        np.minimum.at(nearest, points[~walls, k], gap[~walls])
-    # Only the first point of a wall pair is a point that touches.
-    np.minimum.at(nearest, points[walls, 0], gap[walls])
+        np.minimum.at(nearest, points[~boundaries, k], gap[~boundaries])
+    # Only the first point of a boundary pair is a point that touches.
+    np.minimum.at(nearest, points[boundaries, 0], gap[boundaries])
     mesh.take_minimum(nearest)
     return nearest

@@ -51,7 +51,7 @@ class Friction:
     def _block_row_of_points(self) -> Int64Array:
         """Return the block row, a vector of three unknowns, that moves each point; -1 where none
         does. A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each
-        of its vectors is one block row. Returns (m,) numbers of block rows; those of walls and
+        of its vectors is one block row. Returns (m,) numbers of block rows; those of boundaries and
         solids of obstacles are -1, too."""
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)

@@ -188,11 +188,11 @@ class WithObstacles:
     def _towards_body(self, weights: Array, x: Array, parameters: Array) -> Array:
         """Return a vector (n, 3) from each pair's obstacle towards its body. The weights (n, 4) are
         those of the vector between closest points x (n, 4, 3) [m], for pairs that are not of
-        walls."""
+        boundaries."""
         found: Array = np.einsum("nk,nkc->nc", weights, x)
         shapes = self.pairs.shapes
         for stencil, rows in stencils_of(self.pairs.kind):
-            if stencil.sides == Sides.POINT_WALL:
+            if stencil.sides == Sides.POINT_BOUNDARY:
                 _, gradient = stencil.derivatives(x[rows], parameters[rows], shapes[rows])
                 found[rows] = gradient[:, 0]
         return found

@@ -22,7 +22,7 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
     SurfaceShare,
     SurfaceTables,
 )
-from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
+from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.mechanics.contact.stencils import SIDES
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
@@ -36,10 +36,10 @@ FRAME_SIZE = 4
 
 
 @dataclass(frozen=True)
-class NumberedWall:
-    """A wall with the numbers of the three points that describe it, and of its obstacle."""
+class NumberedBoundary:
+    """A boundary with the numbers of the three points that describe it, and of its obstacle."""
 
-    wall: ObstacleWall
+    boundary: ObstacleBoundary
     points: tuple[int, int, int]
     obstacle: int
 
@@ -52,8 +52,8 @@ class CollisionMesh:
     one rank all. `show` changes which ones are known, and with them the numbers of points.
 
     Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order
-    of the bodies; of an obstacle first the points of its walls, then those of its solids, then its
-    frame.
+    of the bodies; of an obstacle first the points of its boundaries, then those of its solids, then
+    its frame.
 
     Args:
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
@@ -72,7 +72,7 @@ class CollisionMesh:
         edge_area: area [m²] (e,) for which each edge stands.
         edge_share: of each edge (e,) in the area of all with which it is tied to coincide.
         radius: of points [m] (m,).
-        walls: planes, and insides of obstacles.
+        boundaries: planes, and insides of obstacles.
         frames: the first point (k,) of each obstacle's frame; -1: it has none.
         own_vertices, own_edges: numbers of the vertices and edges for which this rank searches.
         sent_edges, sent_triangles: numbers of those of bodies that this rank owns.
@@ -178,24 +178,26 @@ class CollisionMesh:
         self.own_edges = np.concatenate([self.sent_edges, len(edges) + own_solid_edges]).astype(
             np.int32
         )
-        self._wall_vertices = own_body_vertices.astype(np.int32)
+        self._boundary_vertices = own_body_vertices.astype(np.int32)
 
     def _add_obstacles(self, start: int) -> CollisionPrimitives:
-        """Number the points of obstacles; set walls, frames, radii and owners of these points. A
-        wall has three points, a solid one for each corner, a frame four: an origin and three
+        """Number the points of obstacles; set boundaries, frames, radii and owners of these points.
+        A boundary has three points, a solid one for each corner, a frame four: an origin and three
         axes."""
-        self.walls: list[NumberedWall] = []
+        self.boundaries: list[NumberedBoundary] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
         vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
         edges: list[Int32Array] = [np.zeros((0, 2), dtype=np.int32)]
         triangles: list[Int32Array] = [np.zeros((0, 3), dtype=np.int32)]
         edge_kinds: list[int] = []
         edge_shapes: list[float] = []
-        for k, (walls, solids) in enumerate(self._parts):
+        for k, (boundaries, solids) in enumerate(self._parts):
             number = len(self.bodies) + k
             first = start
-            for wall in walls:
-                self.walls.append(NumberedWall(wall, (start, start + 1, start + 2), number))
+            for boundary in boundaries:
+                self.boundaries.append(
+                    NumberedBoundary(boundary, (start, start + 1, start + 2), number)
+                )
                 start += 3
             for solid in solids:
                 end = start + len(solid.corners)
@@ -251,7 +253,7 @@ class CollisionMesh:
         """Return numbers (n,) of pairs that are the same on every rank and in every search. History
         variables, such as the stiffness of a pair, are found by them.  The pairs have some `Sides`
         (n,), and primitives (n, 2) among what this rank knows: vertex and triangle, two edges, or
-        wall and point."""
+        boundary and point."""
         known = self.known
         share = self.share
         found = np.empty(len(sides), dtype=np.int64)
@@ -284,24 +286,27 @@ class CollisionMesh:
         solid_count = len(self.surface.edges) - len(self.known.edges)
         return self.share.edge_count + solid_count
 
-    # ---- pairs with walls, which need no search ----
+    # ---- pairs with boundaries, which need no search ----
 
-    def wall_pairs(self) -> CandidatePairs:
-        """Return the pairs of this rank's points of bodies and all walls, which need no search."""
-        vertices = self.surface.vertices[self._wall_vertices]
+    def boundary_pairs(self) -> CandidatePairs:
+        """Return the pairs of this rank's points of bodies and all boundaries, which need no
+        search."""
+        vertices = self.surface.vertices[self._boundary_vertices]
         count = len(vertices)
-        wall = np.repeat(np.arange(len(self.walls)), count)
-        of_walls = np.array([numbered.points for numbered in self.walls], dtype=np.int32)
-        shapes = np.array([numbered.wall.shape for numbered in self.walls])
-        numbers = [numbered.wall.stencil.number for numbered in self.walls]
-        kind = np.array(numbers, dtype=np.uint8)[wall]
-        vertex = np.tile(vertices, len(self.walls))
+        boundary = np.repeat(np.arange(len(self.boundaries)), count)
+        of_boundaries = np.array([numbered.points for numbered in self.boundaries], dtype=np.int32)
+        shapes = np.array([numbered.boundary.shape for numbered in self.boundaries])
+        numbers = [numbered.boundary.stencil.number for numbered in self.boundaries]
+        kind = np.array(numbers, dtype=np.uint8)[boundary]
+        vertex = np.tile(vertices, len(self.boundaries))
         return CandidatePairs(
             kind=kind,
-            points=np.column_stack([vertex, of_walls.reshape(-1, 3)[wall]]).astype(np.int32),
-            shape=shapes[wall],
+            points=np.column_stack([vertex, of_boundaries.reshape(-1, 3)[boundary]]).astype(
+                np.int32
+            ),
+            shape=shapes[boundary],
             identifier=self.identifiers(
-                SIDES[kind], np.column_stack([wall, vertex]).astype(np.int64)
+                SIDES[kind], np.column_stack([boundary, vertex]).astype(np.int64)
             ),
             area=self.area[vertex],
             radius=self.radius[vertex],
@@ -375,16 +380,16 @@ class CollisionMesh:
 
 def _obstacle_points(
     obstacle: Obstacle,
-    walls: Sequence[ObstacleWall],
+    boundaries: Sequence[ObstacleBoundary],
     solids: Sequence[ObstacleSolid],
     has_frame: bool,
 ) -> ObstaclePoints:
-    """Return the points and directions of an obstacle: first of walls, then of solids, then of its
-    frame."""
+    """Return the points and directions of an obstacle: first of boundaries, then of solids, then of
+    its frame."""
     vectors: list[Attached] = []
     is_point: list[bool] = []
-    for wall in walls:
-        vectors += wall.points
+    for boundary in boundaries:
+        vectors += boundary.points
         is_point += [True, False, False]
     for solid in solids:
         vectors += solid.corners

@@ -16,6 +16,6 @@ void approach_bounds(const pair_list *pairs, const double *x0, const double *x1,
     for (ptrdiff_t i = 0; i < pairs->count; ++i) {
         const stencil *of = STENCILS + pairs->kind[i];
         const int32_t *points = pairs->points + 4 * i;
-        bound[i] = is_wall(of) ? INFINITY : approach_bound(of->first_count, x0, x1, points);
+        bound[i] = is_boundary(of) ? INFINITY : approach_bound(of->first_count, x0, x1, points);
     }
 }

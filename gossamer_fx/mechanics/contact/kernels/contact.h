@@ -13,8 +13,8 @@
 #include <stdint.h>
 
 /* A pair has four points: of a triangle pair the point and three corners, of an edge pair the ends
-   of both edges. Of walls they are the point, an origin and two directions.  Its kind is a row of the
-   table of stencils (stencil.h); kind_name is the name of one of the kind_count() kinds. */
+   of both edges. Of boundaries they are the point, an origin and two directions.  Its kind is a row
+   of the table of stencils (stencil.h); kind_name is the name of one of the kind_count() kinds. */
 int kind_count(void);
 const char *kind_name(int kind);
 
@@ -70,7 +70,7 @@ typedef struct {
 
 /* Squared distances (n) of pairs at points x (m, 3); of planes the signed distance, of spheres and
    cylinders minus the squared distance from the middle.  parameters (n, 2): (u, v) of the closest
-   points, zero for walls. */
+   points, zero for boundaries. */
 void closest_points(const pair_list *pairs, const double *x, double *squared_distance,
                     double *parameters);
 
@@ -80,7 +80,7 @@ void pair_starts(const active_pairs *pairs, const double *x, const double *squar
                  const double *parameters, double *start);
 
 /* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1; infinite for
-   walls. */
+   boundaries. */
 void approach_bounds(const pair_list *pairs, const double *x0, const double *x1, double *bound);
 
 /* Forces and tangents of a step; returns the number of pairs that have any. */

@@ -74,9 +74,9 @@ typedef struct {
     double normal[3], weight[4], distance;
 } contact_direction;
 
-/* The direction in which the point moves fastest away from a wall; in a room that is towards the
+/* The direction in which the point moves fastest away from a boundary; in a room that is towards the
    middle, from which distances count. */
-static contact_direction direction_of_wall(const pair_frame *frame, const pair_vectors *end)
+static contact_direction direction_of_boundary(const pair_frame *frame, const pair_vectors *end)
 {
     contact_direction found;
     double by_measures[6];
@@ -119,7 +119,8 @@ void push_back(const pair_frame *frame, const pair_vectors *end, const signed_di
                const pair_output *output)
 {
     const contact_direction along =
-        is_wall(frame->of) ? direction_of_wall(frame, end) : direction_of_surfaces(frame, end, distances->has_passed);
+        is_boundary(frame->of) ? direction_of_boundary(frame, end)
+                               : direction_of_surfaces(frame, end, distances->has_passed);
     const double start = distances->at_start, activation = distances->activation, final = along.distance;
     /* the mean force of the parabola over the part of the way from start to end on which there is
        contact */

@@ -48,7 +48,7 @@ typedef struct {
 static int is_out_of_range(const active_pairs *pairs, const contact_step *step, ptrdiff_t i)
 {
     const stencil *of = STENCILS + pairs->list.kind[i];
-    if (is_wall(of) || step->is_state) return 0;
+    if (is_boundary(of) || step->is_state) return 0;
     const double range = of->length_of(pairs->width[i] + pairs->offset[i]);
     const double start_distance = pairs->start[4 * i + 2];
     return start_distance - range > approach_bound(of->first_count, step->x0, step->x1,
@@ -69,10 +69,11 @@ static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_
     pair->frame = frame_of(of, shape_of(&pairs->list, i), pairs->rounding, pair->width);
     pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0,
                              points);
-    if (!is_wall(of)) move_base(&pair->frame, start[0], start[1], &pair->start);
+    if (!is_boundary(of)) move_base(&pair->frame, start[0], start[1], &pair->start);
     pair->end = vectors_at(pair->frame.coefficients, step->x1, points);
     double start_gradient[6];
-    pair->s0 = is_wall(of) ? pair_distance(&pair->frame, &pair->start, start_gradient) : start[3];
+    pair->s0 =
+        is_boundary(of) ? pair_distance(&pair->frame, &pair->start, start_gradient) : start[3];
     pair->s1 = pair_distance(&pair->frame, &pair->end, pair->end_gradient);
     pair->x0 = (pair->s0 - pair->offset) / pair->width;
     pair->x1 = (pair->s1 - pair->offset) / pair->width;
@@ -302,12 +303,12 @@ static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_st
     pair_step pair;
     set_up(pairs, step, i, &pair);
     const int has_passed =
-        !is_wall(pair.frame.of) && !pair.is_state && has_passed_through(&pair.frame, &pair.start,
+        !is_boundary(pair.frame.of) && !pair.is_state && has_passed_through(&pair.frame, &pair.start,
                                                                           &pair.end);
     const int too_steep = step->push_back > 0 && !has_passed && is_too_steep(&pair);
-    /* no energy is defined there; a point behind a penalised wall still has one */
+    /* no energy is defined there; a point behind a penalised boundary still has one */
     const int is_below_zero = pair.x1 <= 0 && !too_steep && (pairs->law == BARRIER ||
-                                                             !is_wall(pair.frame.of));
+                                                             !is_boundary(pair.frame.of));
     if ((has_passed || is_below_zero) && step->push_back > 0) {
         push_pair_back(&pair, has_passed, step->push_back, output);
         return PASSED;
@@ -380,7 +381,7 @@ static double rounded_distance(const active_pairs *pairs, const double *x, const
     const stencil *of = STENCILS + pairs->list.kind[i];
     pair_frame frame = frame_of(of, shape_of(&pairs->list, i), pairs->rounding, pairs->width[i]);
     pair_vectors vectors = vectors_at(frame.coefficients, x, pairs->list.points + 4 * i);
-    if (!is_wall(of)) move_base(&frame, parameters[2 * i], parameters[2 * i + 1], &vectors);
+    if (!is_boundary(of)) move_base(&frame, parameters[2 * i], parameters[2 * i + 1], &vectors);
     double gradient[6];
     return pair_distance(&frame, &vectors, gradient);
 }

@@ -28,10 +28,10 @@ struct stencil {
     int is_linear;  /* whether energies are those of a ratio of distances, not of their squares */
     double (*length_of)(double s); /* the distance [m] that belongs to s; negative in rooms */
 
-    /* A wall: a point cannot get behind it, so that it has no (u, v) and needs no continuous
+    /* A boundary: a point cannot get behind it, so that it has no (u, v) and needs no continuous
        collision detection.  s at some measures, and the entries of ds/de that are not zero; if
        `hessian` is not NULL, weight times d2s/de2 is added to it. */
-    double (*wall)(double shape, const double measures[6], double gradient[6],
+    double (*boundary)(double shape, const double measures[6], double gradient[6],
                    double (*hessian)[6], double weight);
 
     /* Two surfaces: s of the vectors and the parameters (u, v) of the closest points, not rounded;
@@ -49,14 +49,15 @@ static inline double shape_of(const pair_list *pairs, ptrdiff_t i)
     return pairs->shape ? pairs->shape[i] : 0;
 }
 
-static inline int is_wall(const stencil *of) { return of->wall != NULL; }
+static inline int is_boundary(const stencil *of) { return of->boundary != NULL; }
 
 /* ds/de at some measures; if `hessian` is not NULL, weight times d2s/de2 is added to it. */
 static inline void distance_derivatives(const pair_frame *frame, const double measures[6],
                                         double gradient[6], double (*hessian)[6], double weight)
 {
     memset(gradient, 0, 6 * sizeof *gradient);
-    if (is_wall(frame->of)) frame->of->wall(frame->shape, measures, gradient, hessian, weight);
+    if (is_boundary(frame->of))
+        frame->of->boundary(frame->shape, measures, gradient, hessian, weight);
     else frame->of->derivatives(frame, measures, gradient, hessian, weight);
 }
 
@@ -64,22 +65,22 @@ static inline void distance_derivatives(const pair_frame *frame, const double me
 static inline double pair_distance(const pair_frame *frame, const pair_vectors *vectors,
                                    double gradient[6])
 {
-    if (!is_wall(frame->of)) return frame->of->distance(frame, vectors, gradient);
+    if (!is_boundary(frame->of)) return frame->of->distance(frame, vectors, gradient);
     double measures[6];
     memset(gradient, 0, 6 * sizeof *gradient);
     measures_of(vectors, measures);
-    return frame->of->wall(frame->shape, measures, gradient, NULL, 0);
+    return frame->of->boundary(frame->shape, measures, gradient, NULL, 0);
 }
 
-/* s at some vectors, not rounded, and the parameters of the closest points; zero for walls. */
+/* s at some vectors, not rounded, and the parameters of the closest points; zero for boundaries. */
 static inline double closest_distance(const stencil *of, double shape, const pair_vectors *vectors,
                                       double parameters[2])
 {
-    if (!is_wall(of)) return of->closest(vectors, shape, parameters);
+    if (!is_boundary(of)) return of->closest(vectors, shape, parameters);
     double measures[6], gradient[6];
     parameters[0] = parameters[1] = 0;
     measures_of(vectors, measures);
-    return of->wall(shape, measures, gradient, NULL, 0);
+    return of->boundary(shape, measures, gradient, NULL, 0);
 }
 
 static inline pair_frame frame_of(const stencil *of, double shape, double rounding, double width)

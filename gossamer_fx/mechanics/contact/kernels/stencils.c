@@ -3,8 +3,8 @@
    Of surfaces s is the squared distance of the closest points: the minimum over (u, v) of
    phi(u, v).e with phi = (1, 2u, 2v, u^2, 2uv, v^2).  A minimum of linear functions is concave, and
    ds/de = phi at the minimum.  Edges may be parallel, and their closest points then jump: epsilon
-   ((u - 1/2)^2 + (v - 1/2)^2) is added to the form, which rounds s and leaves it concave.  Of walls s
-   is the signed distance itself or minus a squared distance, concave as well. */
+   ((u - 1/2)^2 + (v - 1/2)^2) is added to the form, which rounds s and leaves it concave.  Of boundaries
+   s is the signed distance itself or minus a squared distance, concave as well. */
 #include "closest_point.h"
 #include "stencil.h"
 
@@ -137,7 +137,7 @@ static void derivatives_of_edges(const pair_frame *frame, const double measures[
     derivatives_of_surfaces(1, frame, measures, gradient, hessian, weight);
 }
 
-/* ---- walls: s of the measures, and its derivatives; see `wall` of a stencil ---- */
+/* ---- boundaries: s of the measures, and its derivatives; see `boundary` of a stencil ---- */
 
 static double length_of_distance(double s) { return s; }
 
@@ -367,19 +367,19 @@ const stencil STENCILS[] = {
     {.name = "POINT_PLANE",
      .coefficients = {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 0}},
      .first_count = 1,
-     .wall = plane,
+     .boundary = plane,
      .is_linear = 1,
      .length_of = length_of_distance},
     {.name = "POINT_IN_SPHERE",
      .coefficients = {{1, -1, 0, 0}, {0, 0, 0, 0}, {0, 0, 0, 0}},
      .first_count = 1,
-     .wall = inside_sphere,
+     .boundary = inside_sphere,
      .is_linear = 1,
      .length_of = length_in_room},
     {.name = "POINT_IN_CYLINDER",
      .coefficients = {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}},
      .first_count = 1,
-     .wall = inside_cylinder,
+     .boundary = inside_cylinder,
      .is_linear = 1,
      .length_of = length_in_room},
     {.name = "EDGE_CONE",
@@ -394,7 +394,7 @@ const stencil STENCILS[] = {
     {.name = "POINT_IN_CONE",
      .coefficients = {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}},
      .first_count = 1,
-     .wall = inside_cone,
+     .boundary = inside_cone,
      .is_linear = 1,
      .length_of = length_of_distance},
 };

@@ -8,7 +8,7 @@ import numpy as np
 from gossamer_fx.mechanics.contact.arrays import Array, MaskArray
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, pair_list
-from gossamer_fx.mechanics.contact.stencils import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_boundary
 
 # Positions on the way at which a distance is computed at most.  A sail that turns moves far while
 # its layers stay near each other: with 100, every third step of such a sail was refused for
@@ -36,7 +36,7 @@ def find_violations(
     asked for. Returns indices (k,) of the pairs, ascending; empty if none loses its gap."""
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
-    rows = np.flatnonzero(can_come_near & ~is_wall(candidates.kind) & among)
+    rows = np.flatnonzero(can_come_near & ~is_boundary(candidates.kind) & among)
     collisions = find_collisions(
         candidates.geometry(rows),
         x0,

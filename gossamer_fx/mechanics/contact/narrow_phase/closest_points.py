@@ -1,7 +1,7 @@
 """Closest points and distances of pairs, computed once for each set of points.
 
 The squared distance s of a triangle pair or an edge pair is that of its closest points, which have
-the parameters (u, v) on the two sides.  Of walls s is something else, which is linear in the
+the parameters (u, v) on the two sides.  Of boundaries s is something else, which is linear in the
 distance or bounded: of planes the signed distance itself [m]; inside spheres and cylinders minus
 the squared distance from the middle.  The `gap` of a pair is its distance [m] less the radii of
 both sides.
@@ -22,9 +22,9 @@ from gossamer_fx.mechanics.contact.stencils import gaps_of
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
     """Return the squared distances of contact pairs, and the parameters of their closest points.
     The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
-    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros. Returns
-    s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres and
-    cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-]."""
+    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Boundaries have no parameters: zeros.
+    Returns s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside
+    spheres and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-]."""
     c = library()
     count = len(pairs)
     squared_distance = np.empty(count)
@@ -40,7 +40,7 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
     """Return by how much contact pairs can come closer on straight lines, at most. Returns bounds
-    (n,) [m]; infinite for walls."""
+    (n,) [m]; infinite for boundaries."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     points = len(x0)

@@ -19,7 +19,7 @@ from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.contact.arrays import Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
-from gossamer_fx.mechanics.contact.stencils import is_wall
+from gossamer_fx.mechanics.contact.stencils import is_boundary
 from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 # Angle [rad] between two bodies in one step up to which straight lines are accepted: they are
@@ -63,9 +63,9 @@ class LargeTurns:
         self._activation_distance = activation_distance
         self._rigid_bodies: list[RigidBody | None] = [None] * len(mesh.bodies)
         self._rigid_bodies += [obstacle.body for obstacle in mesh.obstacles]
-        self._has_walls = [False] * len(mesh.names)
-        for numbered in mesh.walls:
-            self._has_walls[numbered.obstacle] = True
+        self._has_boundaries = [False] * len(mesh.names)
+        for numbered in mesh.boundaries:
+            self._has_boundaries[numbered.obstacle] = True
         of_solids = mesh.surface.vertices[mesh.points.body_count :]
         self._has_corners = [
             k < len(mesh.bodies) or bool((mesh.body[of_solids] == k).any())
@@ -125,10 +125,10 @@ class LargeTurns:
         self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
     ) -> bool:
         """Return whether a body or obstacle that turns may meet another on its way; collective. It
-        may if a wall of the other one is within its radius from the centre of the turn, or if the
-        box round the other one is."""
+        may if a boundary of the other one is within its radius from the centre of the turn, or if
+        the box round the other one is."""
         touching = min(one, other)  # a body on a mesh
-        gap = self._gap_to_walls(touching, max(one, other), distances)
+        gap = self._gap_to_boundaries(touching, max(one, other), distances)
         if gap < self._radius(touching, turn, distances.x, x1):
             return True
         mine = self._points[one]
@@ -158,13 +158,13 @@ class LargeTurns:
         own = float(max(start.max(initial=0.0), end.max(initial=0.0)))
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
-    def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start."""
-        if not self._has_walls[obstacle]:
+    def _gap_to_boundaries(self, body: int, obstacle: int, distances: PairDistances) -> float:
+        """Return the least gap [m] of a body to the boundaries of an obstacle at the start."""
+        if not self._has_boundaries[obstacle]:
             return np.inf
         pairs = distances.candidates
         sides = self._mesh.body[pairs.points[:, :2]]
-        is_between = is_wall(pairs.kind) & (sides == (body, obstacle)).all(axis=1)
+        is_between = is_boundary(pairs.kind) & (sides == (body, obstacle)).all(axis=1)
         nearest = float(distances.gap[is_between].min(initial=np.inf))
         return self._system.comm.allreduce(nearest, op=MPI.MIN)
 

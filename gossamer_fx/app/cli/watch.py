@@ -1,0 +1,80 @@
+"""The command gossamer watch: a run in the browser, of a scene that it starts or of a folder."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Event
+from types import FrameType
+
+from gossamer_fx.app.cli.launch import OWN_COMMAND, child_environment, end_with_parent
+from gossamer_fx.core.checks.errors import InputError
+
+_WRONG_INPUT = 2  # exit code
+
+
+def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> int:
+    """Show a run in the browser until Ctrl-C: `gossamer watch`.
+
+    A scene file is run by another process, which does not wait for the browser; Ctrl-C ends both,
+    the run with its step and a checkpoint.
+
+    Args:
+        what: a scene file, or the folder of a run.
+        output: folder of the run of a scene; None: as of `gossamer run`.
+        others: further words for `gossamer run`.
+
+    Returns:
+        Exit code of the run, or 0 if it had ended by itself before Ctrl-C.
+    """
+    is_scene = what.suffix == ".py"
+    if not is_scene and (others or output):
+        sys.stderr.write(
+            f"gossamer: '{what}' is not a scene file; options and arguments of run need one.\n"
+        )
+        return _WRONG_INPUT
+    folder = what
+    if is_scene:
+        folder = output or Path("out") / what.stem
+    from gossamer_fx.records.plot.watch import Watch
+
+    try:
+        server = Watch(folder, port=port, must_exist=not is_scene)
+    except InputError as error:
+        sys.stderr.write(f"gossamer: {error}\n")
+        return _WRONG_INPUT
+    print(f"gossamer: look at {server.address} until Ctrl-C", flush=True)
+    stopped = Event()
+    run: subprocess.Popen[bytes] | None = None
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        """End the view, and hand the signal on to the run, which ends with its step."""
+        stopped.set()
+        if run is not None and run.poll() is None:
+            run.send_signal(number)
+
+    # The run has a process group of its own: a terminal would send it a second Ctrl-C.
+    if is_scene:
+        command = [*OWN_COMMAND, "run", str(what), *others, "--output", str(folder)]
+        run = subprocess.Popen(
+            [sys.executable, *command],
+            env=child_environment(),
+            start_new_session=True,
+            preexec_fn=end_with_parent,
+        )
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    code = 0
+    if run is not None:
+        code = run.wait()
+        if code == _WRONG_INPUT:
+            return code
+        if not stopped.is_set():
+            print("gossamer: the run has ended; Ctrl-C ends the view", flush=True)
+    ended = stopped.is_set()
+    stopped.wait()
+    server.stop()
+    return code if ended else 0

@@ -1,5 +1,0 @@
-"""Assemblies: several items in one call."""
-
-from gossamer_fx.core.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

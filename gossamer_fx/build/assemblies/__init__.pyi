@@ -1,1 +1,0 @@
-from .inflatable_tube import InflatableTube as InflatableTube

@@ -1,0 +1,75 @@
+"""Blowers and pumps: flow against a pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.linear_table import LinearTable
+from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.mechanics.gas.surface import Geometry
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Blower:
+    """A blower that moves gas from a to b by a curve of the volume flow against the rise of the
+    pressure.  The gas arrives with the temperature of a: the work of the blower, volume flow times
+    rise of the pressure, is left out of the energy of the gas.
+
+    Args:
+        a, b: chambers, tanks or surroundings; the flow is from a to b.
+        curve: volume flow [m³/s] at the density of a, ≥ 0, over the pressure of b less that of a
+            [Pa]: a `LinearTable`.
+        name: in messages.
+
+    Raises:
+        InputError: a volume flow of the curve is negative, or both ends are the same.
+
+    Example:
+        >>> outside = gx.gas.Ambient(1e5, 300.0)
+        >>> curve = gx.gas.LinearTable((0.0, 0.02), (800.0, 0.012), (1500.0, 0.0))
+        >>> fan = gx.gas.Blower(outside, tank, curve=curve)
+    """
+
+    a: Volume | Holder
+    b: Volume | Holder
+    _: KW_ONLY
+    curve: LinearTable
+    name: str = "blower"
+    is_driven = True
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        check(
+            self.a is not self.b, f"Blower '{self.name}' leads from '{self.a.name}' back into it."
+        )
+        least = min(flow for _, flow in self.curve.points)
+        check(
+            least >= 0,
+            f"Blower '{self.name}': a volume flow of its curve is {least!r} m³/s; "
+            "give none that is negative.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.a
+        yield self.b
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """One blower, in place of an area."""
+        return lambda h, t: 1.0
+
+    def flow(
+        self,
+        gases: tuple[Gas, Gas],
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
+    ) -> complex:
+        """Mass flow [kg/s] from a to b; `area` is the number of blowers."""
+        density = p[0] / (gases[0].R * T[0])
+        return area * density * self.curve(p[1] - p[0])

@@ -1,0 +1,326 @@
+"""A run in the browser while it computes: a small server of its view and its curves.
+
+The folder of the run is the only link between the two: a browser that is closed, or a server that
+is ended, does not disturb the run.  The server answers at 127.0.0.1 alone, and only to those who
+know the token in its address.  It sends no files: every answer is computed from the folder.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import secrets
+import socket
+import sys
+import time
+from collections.abc import Mapping
+from html import escape
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BytesIO
+from pathlib import Path
+from threading import Lock, Thread
+from typing import Any
+from urllib.parse import urlsplit
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.records.plot.curve_panels import run_curves
+from gossamer_fx.records.plot.page import write_page
+from gossamer_fx.records.plot.report import VIEW, page_head, status_words, view_scripts
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.viewer import RunView
+
+_HOST = "127.0.0.1"
+_CURVES_WIDTH = 4.0  # of the picture of the curves, at the right of the view [inches]
+# Time from one picture of the curves to the next over the time that it takes to draw one: the cores
+# belong to the run.
+_CURVES_PAUSE = 8.0
+_CURVES = '<div id="curves-frame"><img id="curves" alt=""></div>'
+_MAX_PORT = 65535
+
+
+@check_arguments
+class Watch:
+    """Shows a run in the browser, also while it computes: the view to turn, and curves.
+
+    A server at 127.0.0.1 reads the folder of the run when a browser asks, and answers only at
+    `address`, which contains a token.  As the last line of a notebook cell the view is shown below
+    the cell, and follows the run.  The server ends with `stop`, or with the program.
+
+    Args:
+        folder: of the run.
+        port: at which the server answers; 0: any that is free.
+        must_exist: whether the folder has to hold a run already; otherwise the page waits for it.
+        height: of the frame in a notebook [pixels].
+
+    Attributes:
+        address: of the page, for a browser on the same machine.
+
+    Raises:
+        InputError: there is no run, or its files cannot be read; the port is in use.
+
+    Example:
+        >>> watch = gx.plot.Watch(folder / "fall")
+        >>> watch.address[:17]
+        'http://127.0.0.1:'
+        >>> watch.stop()
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        *,
+        port: int = 0,
+        must_exist: bool = True,
+        height: int = 720,
+    ) -> None:
+        check(0 <= port <= _MAX_PORT, f"Watch: port is {port}; give one from 0 to {_MAX_PORT}.")
+        check(height > 0, f"Watch: height is {height!r}; give a number of pixels.")
+        self._height = height
+        answers = _Answers(Path(folder))
+        if must_exist:
+            answers.read()
+        token = secrets.token_urlsafe(24)
+        try:
+            self._server = _Server(port, token, answers)
+        except OSError as error:
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                raise
+            raise InputError(
+                f"Port {port} of {_HOST} is in use or reserved; give another one, or none."
+            ) from error
+        self.address = f"http://{_HOST}:{self._server.server_port}/{token}/"
+        Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def stop(self) -> None:
+        """End the server, and free its port."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of a notebook."""
+        return (
+            f'<iframe style="width: 100%; height: {self._height}px; border: 1px solid #dde1e5" '
+            f'src="{escape(self.address)}"></iframe>'
+        )
+
+
+class _Answers:
+    """What the server answers about the run in a folder; for one request at a time.
+
+    The view is made again where it would be another one: when the run has twice as many states,
+    when its files were replaced, and at its end.  In between, only new states are read.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._stamp: tuple[int, ...] = ()
+        self._run: RunReader | None = None
+        self._view: RunView | None = None
+        self._version = 0
+        # What the view depends on: the status of the run, and its meshes.
+        self._key: tuple[Any, ...] = ()
+        self._count = 0  # of states when the view was made
+        self._curves = b""
+        self._curves_count = 0
+        self._next_curves = 0.0
+
+    def read(self) -> RunReader:
+        """Read the folder again if it has changed.
+
+        Raises:
+            InputError: there is no run, a link leads out of its folder, or a file is damaged.
+        """
+        check(
+            self._folder.is_dir(),
+            f"There is no folder '{self._folder}'; give the folder of a run.",
+        )
+        stamp = _stamp(self._folder)
+        if self._run is None or stamp != self._stamp:
+            self._run = RunReader(self._folder)
+            self._stamp = stamp
+            self._update_view(self._run)
+        return self._run
+
+    def _update_view(self, run: RunReader) -> None:
+        """Hand a run that has grown to the view, or make the view again."""
+        meshes = [mesh for body in run.bodies.values() for mesh in body.mesh_files]
+        key = (run.about["status"], *((mesh, mesh.stat().st_mtime_ns) for mesh in meshes))
+        count = len(run.times)
+        if key == self._key and self._count <= count < 2 * self._count and self._view is not None:
+            self._view.run = run
+            return
+        self._key = key
+        self._count = count
+        self._view = None
+        if count:
+            self._view = RunView(run)
+            self._version += 1
+
+    def page(self) -> str:
+        """The HTML page, which asks for everything else."""
+        title = self._folder.name
+        head = page_head(title, "img-src 'self'; connect-src 'self'")
+        status = '<p class="status" id="status">waiting for the run</p>'
+        scripts = view_scripts({})
+        return f'{head}{status}<div id="watch">{VIEW}{_CURVES}</div>{scripts}</body></html>'
+
+    def progress(self) -> dict[str, Any]:
+        """How far the run is, and which version of the view and of the curves there is."""
+        if not (self._folder / "run.json").is_file():
+            waits = {"kind": "status", "status": "waiting for the run"}
+            return waits | {"title": self._folder.name, "version": 0, "curves": 0, "labels": []}
+        run = self.read()
+        self._draw_curves(run)
+        kind, words = status_words(run.about)
+        reached = run.along(run.table("ledger.csv"))
+        # run.json is written again at the end only.
+        if run.about["status"] == "running" and len(reached):
+            until = run.about["axis"]["until"]
+            words = f"running, {run.axis.words(reached[-1])} of {until:.6g} {run.axis.unit}"
+        return {
+            "title": run.title,
+            "kind": kind,
+            "status": words,
+            "version": 0 if self._view is None else self._version,
+            "labels": [run.caption(record) for record in range(len(run.times))],
+            "curves": self._curves_count,
+        }
+
+    def _draw_curves(self, run: RunReader) -> None:
+        """Draw the curves again, unless that was done a short time ago."""
+        rows = len(run.along(run.table("ledger.csv")))
+        is_due = time.monotonic() >= self._next_curves or run.about["status"] != "running"
+        if rows < 2 or rows == self._curves_count or not is_due:
+            return
+        began = time.monotonic()
+        picture = BytesIO()
+        write_page(picture, "", None, run_curves(run), width=_CURVES_WIDTH)
+        self._curves = picture.getvalue()
+        self._curves_count = rows
+        now = time.monotonic()
+        self._next_curves = now + _CURVES_PAUSE * (now - began)
+
+    def answer(self, words: list[str]) -> tuple[str, bytes] | None:
+        """Type and contents of what is asked for; None if there is no such thing."""
+        if words == [""]:
+            return "text/html; charset=utf-8", self.page().encode(errors="replace")
+        if words == ["curves", str(self._curves_count)]:
+            return "image/png", self._curves
+        data: Mapping[str, Any] | None = None
+        try:
+            if words == ["progress"]:
+                data = self.progress()
+            elif self._view is not None:
+                data = self._part_of_view(self._view, words[0], words[1:])
+        except (InputError, OSError) as error:
+            # A file may be replaced while it is read.
+            data = {"message": str(error)}
+        if data is None:
+            return None
+        return "application/json", json.dumps(data, separators=(",", ":")).encode()
+
+    def _part_of_view(self, view: RunView, name: str, words: list[str]) -> Mapping[str, Any] | None:
+        """Header, legend or state of the present version of the view; None for other words."""
+        if not all(word.isdecimal() and len(word) < 10 for word in words):
+            return None
+        version, *numbers = (int(word) for word in words or ["0"])
+        if version != self._version:
+            return None
+        if name == "header" and not numbers:
+            return view.header(range(len(view.run.times)))
+        if name == "legend" and len(numbers) == 1 and numbers[0] < len(view.fields):
+            return view.legend(view.fields[numbers[0]])
+        if name == "state" and len(numbers) == 2 and numbers[0] < len(view.run.times):
+            record, field = numbers
+            # A scene without bodies on meshes has no fields.
+            if field < max(len(view.fields), 1):
+                # The state of films is needed to mark those that are slack.
+                asked = dict.fromkeys([*view.fields[field : field + 1], "state"])
+                return view.state(record, [name for name in asked if name in view.fields])
+        return None
+
+
+def _stamp(folder: Path) -> tuple[int, ...]:
+    """Times of the last changes in a folder of a run [ns], by which a change is noticed.
+
+    Raises:
+        InputError: a link leads out of the folder.
+    """
+    root = folder.resolve()
+    times = []
+    for here, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            path = Path(here) / name
+            check(
+                not path.is_symlink() or path.resolve().is_relative_to(root),
+                f"'{path}' is a link that leads out of the folder of the run; put the file itself "
+                "there.",
+            )
+        for name in files:
+            # Each record is a new file, after which its list changes.
+            if name.endswith((".json", ".csv", ".pvd")):
+                status = (Path(here) / name).stat()
+                times += [status.st_mtime_ns, status.st_size]
+    return tuple(times)
+
+
+class _Server(ThreadingHTTPServer):
+    """The server of one run, at this machine's own address."""
+
+    daemon_threads = True
+
+    def __init__(self, port: int, token: str, answers: _Answers) -> None:
+        super().__init__((_HOST, port), _Handler)
+        self.token = token
+        self.answers = answers
+        self.lock = Lock()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that has gone is not an error; others are shown as usual."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one request: GET /TOKEN/WORDS."""
+
+    server: _Server
+
+    def setup(self) -> None:
+        """Collect the answer, so that it is sent at once."""
+        super().setup()
+        self.wfile = BytesIO()
+
+    def finish(self) -> None:
+        """Send the answer without the signal that a connection cut by the browser would raise:
+        PETSc ends the program at it."""
+        no_signal = getattr(socket, "MSG_NOSIGNAL", 0)
+        self.connection.sendall(self.wfile.getvalue(), no_signal)
+        super().finish()
+
+    def do_GET(self) -> None:
+        token, *words = urlsplit(self.path).path.removeprefix("/").split("/")
+        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            self._send(403, "text/plain", b"The token in the address is missing or wrong.\n")
+            return
+        with self.server.lock:
+            found = self.server.answers.answer(words or ["?"])
+        if found is None:
+            self._send(404, "text/plain", b"There is no such thing.\n")
+            return
+        self._send(200, *found)
+
+    def _send(self, code: int, kind: str, contents: bytes) -> None:
+        self.send_response(code)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(contents)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.end_headers()
+        self.wfile.write(contents)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Requests are not printed between the lines of a run."""

@@ -1,0 +1,379 @@
+"""Preconditioner for films and cables that are tied: tied coordinates are condensed exactly.
+
+Problem.  Each tied node brings three Lagrange multipliers λ, whose zeros on the diagonal no
+incomplete factorisation bears.  Newton's system is
+
+    [ A  Cᵀ ] [z]   [r]
+    [ C  0  ] [λ] = [s]                                                                       (1)
+
+with the constant rows C of constraints that are linear in the coordinates: ties, seams, ball
+joints, regions that follow a rigid body.
+
+Idea.  Solve each row of C for one coordinate of a film or cable, the slave.  All coordinates then
+follow from the others, the masters y, and the right-hand side,
+
+    z = T y + G s,    C T = 0,    C G = 1                                                     (2)
+
+and the masters have a system without these multipliers,
+
+    Tᵀ A T y = Tᵀ (r - A G s),    λ = Gᵀ (r - A z)                                            (3)
+
+Algorithm.
+
+1. Once: Gaussian elimination of the rows of C, so that a slave may be the master in another row
+   (chains of ties).  Slaves are films and cables; of their coordinates in a row the one with the
+   largest coefficient.
+2. For each matrix: K = Tᵀ A T, with the unit matrix in the rows and columns of slaves and condensed
+   multipliers, so that the numbering stays.  T differs from the unit matrix in few rows; A is
+   copied and corrected in these rows and in those of their neighbours.
+3. In each application: (3), with a preconditioner of K instead of its inverse.  (2) and the
+   multipliers are exact, so that the Krylov iteration is that of the masters.
+
+The matrix A is stored with the fill of K, so that the copy is one of memory.
+
+Limits.  No contact, whose couplings change the pattern.  Latches and constraints that are quadratic
+keep their multipliers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+import gossamer_fx.solve.solvers.factorisation as factorisation
+import gossamer_fx.solve.solvers.linear as linear
+from gossamer_fx.core.algebra.point_measures import Gather
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers.coarse_space import Indices
+from gossamer_fx.solve.solvers.coupled_bodies import MAX_COUPLED, CoupledBodies
+from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
+from gossamer_fx.solve.solvers.two_level import TwoLevel
+from gossamer_fx.solve.system.system import System
+
+# Coefficient of an equation below which it does not depend on a coordinate: round-off of the
+# elimination of coefficients of about one.
+NO_COEFFICIENT = 1e-12
+
+# Marks of unknowns: held, free, and free ones of films and cables.
+HELD = 0
+FILM = 2
+
+
+@dataclass
+class Rule:
+    """One slave coordinate [m] by others: the coefficients [-] of its masters, and those of the
+    right-hand sides s, by global index of the master or of the multiplier."""
+
+    masters: dict[int, float]
+    sides: dict[int, float] = field(default_factory=dict)
+
+    def substitute(self, slave: int, rule: Rule) -> None:
+        """Replace a master that is a slave by its own rule."""
+        factor = self.masters.pop(slave)
+        for master, coefficient in rule.masters.items():
+            self.masters[master] = self.masters.get(master, 0.0) + factor * coefficient
+        for multiplier, coefficient in rule.sides.items():
+            self.sides[multiplier] = self.sides.get(multiplier, 0.0) + factor * coefficient
+
+
+class Ties:
+    """The rules (2) of all slaves, the same on all ranks.
+
+    Attributes:
+        rules: by global index of the slave.
+        gone: sorted global indices of slaves and condensed multipliers.
+        owned: those of this rank, as indices of its part of a vector.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Eliminate the linear equations of the constraints of a system.  Collective."""
+        numbering = system.numbering
+        assert system.constraints is not None
+        own_equations = system.constraints.linear_equations()
+        equations = [each for part in numbering.comm.allgather(own_equations) for each in part]
+        involved = np.unique([i for multiplier, row in equations for i in (multiplier, *row)])
+        marks = _marks(system, involved)
+        self.rules: dict[int, Rule] = {}
+        condensed = []
+        # Slaves by master, to find the rules into which a new one is substituted.
+        users: dict[int, set[int]] = {}
+        for multiplier, row in equations:
+            if marks[multiplier] == HELD:
+                continue
+            found = self._solve(multiplier, row, marks)
+            if found is None:
+                continue
+            slave, rule = found
+            for user in users.pop(slave, set()):
+                self.rules[user].substitute(slave, rule)
+                for master in rule.masters:
+                    users.setdefault(master, set()).add(user)
+            for master in rule.masters:
+                users.setdefault(master, set()).add(slave)
+            self.rules[slave] = rule
+            condensed.append(multiplier)
+        self.gone: Indices = np.array(sorted([*self.rules, *condensed]), dtype=np.int64)
+        local = self.gone - numbering.start
+        self.owned: Indices = local[(local >= 0) & (local < numbering.size_local)]
+
+    def _solve(
+        self, multiplier: int, row: dict[int, float], marks: dict[int, float]
+    ) -> tuple[int, Rule] | None:
+        """Solve an equation, after substitution of the slaves so far, for a slave.  None if it has
+        no free coordinate of a film or cable."""
+        # The equation as a rule: 0 = Σ masters - s.
+        equation = Rule({i: w for i, w in row.items() if marks[i] != HELD}, {multiplier: -1.0})
+        for unknown in list(equation.masters):
+            if unknown in self.rules:
+                equation.substitute(unknown, self.rules[unknown])
+        masters = {i: w for i, w in equation.masters.items() if abs(w) > NO_COEFFICIENT}
+        candidates = [i for i in masters if marks[i] == FILM]
+        if not candidates:
+            return None
+        slave = max(candidates, key=lambda i: abs(masters[i]))
+        pivot = masters.pop(slave)
+        return slave, Rule(
+            {i: -w / pivot for i, w in masters.items()},
+            {i: -w / pivot for i, w in equation.sides.items()},
+        )
+
+
+def _marks(system: System, unknowns: Indices) -> dict[int, float]:
+    """The marks of unknowns of all ranks, by global index.  Collective."""
+    marks = system.free_marks()
+    for body in system.coordinates:
+        if body.block.size == 3:
+            marks.array[system.block(body).owned] *= FILM
+    found = Gather(system.numbering, [unknowns.astype(PETSc.IntType)])(marks)[0]
+    marks.destroy()
+    return {int(unknown): float(mark) for unknown, mark in zip(unknowns, found, strict=True)}
+
+
+class CondensedTies:
+    """The preconditioner (3), as PETSc's Python preconditioner.
+
+    In the code `near` are the unknowns on which the rows of K that differ from those of A depend;
+    sparse matrices have columns for these only.
+    """
+
+    def __init__(self, system: System, ties: Ties, inner: PETSc.PC) -> None:
+        """Extend the pattern of the system's matrices by the fill of K.  `inner` preconditions K.
+        Collective."""
+        self._system = system
+        self._ties = ties
+        self._inner = inner
+        self._find_rows(system.A)
+        system.extend_pattern(self._add_fill)
+        # Rows have more columns now.
+        self._find_rows(system.A)
+        self._K = system.A.duplicate()
+        inner.setOperators(self._K)
+        self._right = system.numbering.vector()
+        self._gather = Gather(system.numbering, [self._near])
+
+    def __str__(self) -> str:
+        return f"{linear.name(self._inner)}, {len(self._ties.rules)} tied coordinates condensed"
+
+    @property
+    def problem(self) -> str:
+        """Why the last set-up failed; empty if it did not."""
+        return factorisation.reason(self._inner)
+
+    def keep_factors(self) -> bool:
+        """Let the inner preconditioner keep its factors for the next matrix; whether it does."""
+        return linear.keep_factors(self._inner)
+
+    def recover(self) -> None:
+        """Become usable again after a matrix that could not be factorised."""
+        linear.recover(self._inner)
+
+    # ---- structure, once -------------------------------------------------------------------------
+
+    def _find_rows(self, A: PETSc.Mat) -> None:
+        """Find this rank's rows of A that change, and the matrices T - 1 and G on the unknowns near
+        them.  Collective."""
+        numbering = self._system.numbering
+        gone = self._ties.gone
+        own_gone = (numbering.start + self._ties.owned).astype(np.int64)
+        none = np.zeros(0, dtype=np.int64)
+        # The pattern is symmetric: these are the rows with entries in columns that vanish.
+        columns = [A.getRow(int(row))[0] for row in own_gone]
+        touched = numbering.comm.allgather(np.unique(np.concatenate([none, *columns])))
+        all_rows = np.union1d(np.concatenate(touched), gone)
+        end = numbering.start + numbering.size_local
+        self._rows = all_rows[(all_rows >= numbering.start) & (all_rows < end)]
+        self._columns = [A.getRow(int(row))[0] for row in self._rows]
+        near = {int(column) for columns in self._columns for column in columns}
+        rules = {slave: self._ties.rules[slave] for slave in near if slave in self._ties.rules}
+        for rule in rules.values():
+            near.update(rule.masters, rule.sides)
+        self._near = np.array(sorted(near), dtype=PETSc.IntType)
+        position = {int(unknown): k for k, unknown in enumerate(self._near)}
+        # Rows, columns and values of T - 1 and G; slaves and multipliers vanish from T.
+        vanishing = np.flatnonzero(np.isin(self._near, gone))
+        T = [(int(k), int(k), -1.0) for k in vanishing]
+        G = []
+        for slave, rule in rules.items():
+            k = position[slave]
+            T += [(k, position[i], w) for i, w in rule.masters.items()]
+            G += [(k, position[i], w) for i, w in rule.sides.items()]
+        self._T_minus_1 = _sparse(T, len(near))
+        self._G = _sparse(G, len(near))
+        # Of this rank's rows that change those that vanish, and the positions of these.
+        is_gone = np.isin(self._rows, gone)
+        self._gone_rows = np.flatnonzero(is_gone)
+        self._other_rows = np.flatnonzero(~is_gone)
+        self._gone_near = np.searchsorted(self._near, own_gone)
+        # Rows of T of the slaves on this rank, by their masters.
+        masters = self._T_minus_1[self._gone_near].multiply(~np.isin(self._near, gone))
+        self._by_master = masters.T.tocsr()
+        self._by_master.eliminate_zeros()
+
+    def _changed_rows(self, values: Array) -> csr_matrix:
+        """The rows of A that change, with columns near them, of the values of their entries."""
+        starts = np.cumsum([0, *[len(columns) for columns in self._columns]])
+        none = np.zeros(0, dtype=PETSc.IntType)
+        columns = np.searchsorted(self._near, np.concatenate([none, *self._columns]))
+        return csr_matrix((values, columns, starts), shape=(len(self._rows), len(self._near)))
+
+    def _add_fill(self, pattern: PETSc.Mat) -> None:
+        """Add the entries of K that A does not have, with the value zero."""
+        count = sum(len(columns) for columns in self._columns)
+        # Positive numbers, so that no entry cancels.
+        rows = self._changed_rows(np.ones(count))
+        rows_T = rows @ abs(self._T_minus_1)
+        self._add(pattern, 0.0 * rows_T[self._other_rows], self._rows[self._other_rows])
+        of_masters = abs(self._by_master) @ (rows + rows_T)[self._gone_rows]
+        self._add(pattern, 0.0 * of_masters, self._near)
+
+    # ---- for each matrix -------------------------------------------------------------------------
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Compute K of the present matrix A, and set up its preconditioner; called by PETSc.
+        Collective."""
+        A = pc.getOperators()[0]
+        values = [A.getRow(int(row))[1] for row in self._rows]
+        self._A = self._changed_rows(np.concatenate([np.zeros(0), *values]))
+        self._A_gone = self._A[self._gone_rows]
+        # With E = T - 1:  K = A + A E + Eᵀ (A + A E), and the unit matrix where T has no columns.
+        AE = self._A @ self._T_minus_1
+        of_masters = self._by_master @ (self._A_gone + AE[self._gone_rows])
+        gone = self._rows[self._gone_rows]
+        K = self._K
+        A.copy(K, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._add(K, AE[self._other_rows], self._rows[self._other_rows])
+        self._add(K, of_masters, self._near)
+        self._add(K, -self._A_gone, gone)
+        ones = csr_matrix((np.ones(len(gone)), (np.arange(len(gone)), self._gone_near)), AE.shape)
+        self._add(K, ones[: len(gone)], gone)
+        K.assemble()
+        self._inner.setUp()
+        pc.setFailedReason(self._inner.getFailedReason())
+
+    def _add(self, matrix: PETSc.Mat, values: csr_matrix, rows: Indices) -> None:
+        """Add a sparse matrix (rows, near) to the rows of a matrix with these global indices; the
+        collective assembly is left to the caller."""
+        is_stored = np.diff(values.indptr) > 0
+        starts = values.indptr[np.append(is_stored, True)]
+        if len(values.data):
+            matrix.setValuesIJV(
+                starts.astype(PETSc.IntType),
+                self._near[values.indices],
+                values.data,
+                addv=PETSc.InsertMode.ADD_VALUES,
+                rowmap=rows[is_stored].astype(PETSc.IntType),
+            )
+
+    def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Compute the correction z of a residual r, with multipliers [N] and coordinates [m], by
+        (3); called by PETSc."""
+        start = self._system.numbering.start
+        owned = self._ties.owned
+        # G s, and the residual of the other coordinates.
+        shift = self._G @ self._gather(r)[0]
+        right = self._right
+        r.copy(right)
+        right.array[self._rows - start] -= self._A @ shift
+        # Its product with Tᵀ.
+        T_minus_1 = self._T_minus_1[self._gone_near]
+        self._gather.add(T_minus_1.T @ right.array_r[owned], right)
+        self._inner.apply(right, z)
+        z.array[owned] += T_minus_1 @ self._gather(z)[0] + shift[self._gone_near]
+        rest = r.array_r[owned] - self._A_gone @ self._gather(z)[0]
+        self._gather.add(self._G[self._gone_near].T @ rest, z)
+
+
+def for_constraints(system: System) -> Any:
+    """The preconditioner of a system with constraints, as the context of PETSc's Python
+    preconditioner; None if the matrix is to be factorised.  Collective.
+
+    Films are solved iteratively.  Their ties are condensed.  Few other unknowns are eliminated as
+    they are; beams and rigid bodies with many are factorised, if films touch them at few points.
+    """
+    few = eliminated_unknowns(system)
+    if system.active_sets:
+        ties = None
+    else:
+        ties = Ties(system)
+        rest = _rest(system, ties.owned)
+        count = system.comm.allreduce(len(rest))
+    if few is not None and (ties is None or count):
+        return EliminatedJoints(system, few, max_iterations=linear.MAX_KSP_ITERATIONS)
+    if ties is None:
+        return None
+    context: CoupledBodies | TwoLevel
+    if count:
+        coupled = _coupled(system, ties, rest)
+        # Where films are small, the rest would be factorised in addition to Krylov iterations.
+        if len(coupled) > MAX_COUPLED or 2 * count > system.numbering.size:
+            return None
+        context = CoupledBodies(system, ties.owned, rest, coupled)
+    else:
+        context = TwoLevel(system, ties.owned)
+    inner = PETSc.PC().create(system.comm)
+    inner.setType("python")
+    inner.setPythonContext(context)
+    return CondensedTies(system, ties, inner)
+
+
+def _rest(system: System, condensed: Indices) -> Indices:
+    """Unknowns of this rank that are neither films or cables nor `condensed` or held, in whole
+    blocks."""
+    is_rest = np.ones(system.numbering.size_local, dtype=bool)
+    for body in system.coordinates:
+        if body.block.size == 3:
+            is_rest[system.block(body).owned] = False
+    is_rest[condensed] = False
+    is_rest[system.supports.held] = False
+    size = system.numbering.block_size
+    is_rest = np.repeat(is_rest.reshape(-1, size).any(axis=1), size)
+    return np.flatnonzero(is_rest)
+
+
+def _coupled(system: System, ties: Ties, rest: Indices) -> Indices:
+    """Sorted global indices of those unknowns of `_rest`, of all ranks, that are coupled with films
+    once ties are condensed.  Collective."""
+    numbering = system.numbering
+    comm = numbering.comm
+    own_rest = numbering.start + rest
+    all_rest = np.concatenate(comm.allgather(own_rest))
+    passive = np.union1d(all_rest, ties.gone)
+    own = []
+    for row in own_rest:
+        columns = system.A.getRow(int(row))[0]
+        if not np.isin(columns, passive).all():
+            own.append(row)
+    masters = {master for rule in ties.rules.values() for master in rule.masters}
+    touched = np.concatenate([*comm.allgather(np.array(own, dtype=np.int64)), list(masters)])
+    return np.intersect1d(touched, all_rest).astype(np.int64)
+
+
+def _sparse(entries: list[tuple[int, int, float]], size: int) -> csr_matrix:
+    """A square sparse matrix of entries (row, column, value)."""
+    rows, columns, values = np.array(entries).reshape(-1, 3).T
+    indices = rows.astype(np.int64), columns.astype(np.int64)
+    return csr_matrix((values, indices), shape=(size, size))

@@ -1,0 +1,197 @@
+"""Ties condensed in the linear solver: exact, and the steps are those of a factorisation."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import gossamer_fx as gx
+import gossamer_fx.solve.solvers.factorisation as factorisation
+import gossamer_fx.solve.solvers.linear as linear
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.solve.solvers import condensed_ties, two_level
+from gossamer_fx.solve.solvers.condensed_ties import CondensedTies
+from gossamer_fx.solve.solvers.coupled_bodies import CoupledBodies
+from gossamer_fx.solve.solvers.two_level import TwoLevel
+
+LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
+
+
+def thrown(x0):
+    """A velocity [m/s] that is one function of the position of films that begin at x = x0."""
+    return lambda X: np.vstack([0 * X[0], 0 * X[0], np.sin(3 * (X[0] + x0)) * X[1]])
+
+
+def moved(x0):
+    return lambda X: np.vstack([np.full(X.shape[1], x0), 0 * X[0], 0 * X[0]])
+
+
+def films(comm, *names):
+    """Films side by side, each of another mesh, and the finer line tied to the coarser one."""
+    found = []
+    for k, name in enumerate(names):
+        film = gx.Membrane(
+            sheet(comm, 4, 4 + 2 * k),
+            LAW,
+            name=name,
+            displacement=moved(k),
+            velocity=thrown(k),
+        )
+        found.append(film)
+    ties = [
+        gx.Tie(finer, coarser, group_a="left", group_b="right")
+        for coarser, finer in itertools.pairwise(found)
+    ]
+    return found, ties
+
+
+def chain(comm):
+    """Two films and a cable on the line between them: its nodes follow nodes that follow others.
+    The line ends at a fixed point, and one of its nodes is held in one direction."""
+    (left, right), ties = films(comm, "left", "right")
+    cable = gx.Cable(
+        line(comm, [(0, 0, 0), (0, 1, 0)], 9),
+        gx.CableLaw(10.0, 0.01),
+        name="cable",
+        displacement=moved(1.0),
+        velocity=thrown(1.0),
+    )
+    nail = gx.constraints.BallJoint(cable.port("start"), gx.Ground((1.0, 0.0, 0.0)), name="nail")
+    return [
+        left,
+        right,
+        cable,
+        *ties,
+        gx.Tie(cable, right, group_b="left"),
+        gx.Fixed(left, "bottom left", components=(0, 2)),
+        nail,
+    ]
+
+
+def hub(comm):
+    """Two films, one of them with a rigid edge, and a boom that swings at their corner."""
+    (left, right), ties = films(comm, "left", "right")
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    edge = gx.RigidRegion(left, "left", rigid_body=body)
+    boom = gx.Beam(
+        line(comm, [(2, 1, 0), (3, 1, 0)], 4),
+        gx.sections.tube(0.02, 5e-4, E=1e9, nu=0.3, density=1000.0),
+        normal=(0, 0, 1),
+        velocity=lambda X: 0 * X + np.array([[0.0], [0.0], [np.sin(6.0)]]),
+        name="boom",
+    )
+    pin = gx.constraints.BallJoint(boom.port("start"), right.port("top right"), name="pin")
+    damping = gx.Damping(left, stiffness_factor=1e-4)
+    return [left, right, body, boom, *ties, edge, pin, damping]
+
+
+def plane(comm):
+    """A film whose edge slides in a plane that is not one of the axes."""
+    film = gx.Membrane(sheet(comm, 6, 6), LAW, name="film")
+    normal = (0.6, 0.8, 0.0)
+    return [
+        film,
+        gx.Fixed(film, "left", normal=normal),
+        gx.RigidMotion(velocity=(0.8, -0.6, 0.3)),
+        gx.Gravity(film, (0.0, 1.0, -1.0)),
+    ]
+
+
+INNER = {chain: TwoLevel, hub: CoupledBodies, plane: TwoLevel}
+
+
+def simulation(make, comm, monkeypatch=None):
+    """The run of a scene; with `monkeypatch` by Krylov iterations, whatever its size."""
+    if monkeypatch is not None:
+        monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
+    run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3))
+    if monkeypatch is not None:
+        monkeypatch.undo()
+    return run
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("make", INNER)
+def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeypatch):
+    """With enough levels of fill and an overlap of the whole film the inner preconditioner is
+    exact, and the condensed solution is that of the whole system, multipliers included."""
+    run = simulation(make, comm, monkeypatch)
+    context = run.solver.newton._preconditioner.getPythonContext()
+    assert isinstance(context, CondensedTies)
+    assert isinstance(context._inner.getPythonContext(), INNER[make])
+    monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
+    monkeypatch.setattr(factorisation, "OVERLAP", 100)
+    system = run.system
+    system.begin_step(1e-3)
+    system.set_inertia(2e6)
+    zero = system.numbering.vector()
+    system.predict(zero)
+    system.set_increment(zero, None)
+    exact = condensed_ties.for_constraints(system)
+    A = system.tangent()
+    pc = PETSc.PC().create(comm)
+    pc.setOperators(A)
+    exact.setUp(pc)
+    r, z = A.createVecs()
+    r.setRandom()
+    # Rows of held coordinates have no residual.
+    r.array[system.supports.held] = 0.0
+    exact.apply(pc, r, z)
+    left = A * z - r
+    assert left.norm() < 1e-9 * r.norm()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("make", INNER)
+def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
+    """Energies, multipliers and Newton iterations are those of the complete factorisation on one
+    rank, and the constraints hold to round-off."""
+    run = simulation(make, comm, monkeypatch)
+    other = simulation(make, MPI.COMM_SELF)
+    assert run.solver.newton.ksp.getType() == "gmres"
+    assert other.solver.newton.ksp.getType() == "preonly"
+    multipliers = []
+    for each in (run, other):
+        each.run(until=5e-3)
+        system = each.system
+        owned = system.q0.array_r[system.constraints.owned]
+        multipliers.append(system.comm.allreduce(float(owned @ owned)) ** 0.5)
+        assert abs(each.energy_error) < 1e-10 * each.totals.size
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+    assert multipliers[0] == pytest.approx(multipliers[1], rel=1e-6)
+    assert multipliers[1] > 0
+    assert run.system.constraints.violation(run.system.q0) < 1e-13
+    newton = run.solver.newton
+    assert newton.all_iterations <= other.solver.newton.all_iterations + 2
+    assert newton.linear_iterations < 12 * newton.all_iterations
+
+
+def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
+    """The adjoint factorises the tangent with its multipliers, whose pattern now has the fill."""
+    found = []
+    for patch in (monkeypatch, None):
+        run = simulation(chain, MPI.COMM_SELF, patch)
+        tape = gx.analysis.RunTape(run)
+        run.run(until=3e-3)
+        (slope,) = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["left.initial_velocity"])
+        found.append(slope.values)
+    assert np.linalg.norm(found[1]) > 0
+    np.testing.assert_allclose(found[0], found[1], atol=1e-7 * np.abs(found[1]).max())
+
+
+def test_ties_that_follow_from_others_end_the_step_in_words(monkeypatch):
+    """Scenes with many constraints are not searched for dependent ones; the step then fails."""
+    monkeypatch.setattr("gossamer_fx.mechanics.terms.point_constraints.MAX_CHECKED_CONSTRAINTS", 0)
+
+    def twice(comm):
+        (left, right), ties = films(comm, "left", "right")
+        return [left, right, *ties, gx.Tie(right, left, group_a="left", group_b="right", name="2")]
+
+    run = simulation(twice, MPI.COMM_SELF, monkeypatch)
+    with pytest.raises(gx.StepFailure, match="linear solver"):
+        run.run(until=1e-3)

@@ -1,0 +1,398 @@
+"""Valves, vents, porous films and pipes: their laws, and their state after a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.integrate import solve_ivp
+
+import gossamer_fx as gx
+from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
+from gossamer_fx.core.mesh.quality import area_vectors
+from gossamer_fx.mechanics.gas.orifice import isentropic_flow
+from gossamer_fx.mechanics.gas.pipe import friction_parameter
+from gossamer_fx.meshes.sphere import sphere
+from tests.small_scenes import AIR
+
+OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
+
+
+def tank(pressure, name="tank", volume=0.01):
+    return gx.Tank(volume, gas=AIR, pressure=pressure, temperature=300.0, name=name)
+
+
+def run_of(*items, dt: float, **options) -> gx.Simulation:
+    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
+
+
+# ---- valves --------------------------------------------------------------------------------------
+
+
+def relief(vessel, **changes):
+    given = {"area": 1e-5, "opens": 2e4, "closes": 1e4, "one_way": True, "name": "relief"}
+    return gx.gas.Valve(vessel, OUTSIDE, **{**given, **changes})
+
+
+def test_a_relief_valve_keeps_the_pressure_between_closing_and_opening():
+    """A vessel that is filled: the valve opens above 1.2e5 Pa and closes below 1.1e5 Pa, again and
+    again; between them it stays as it is."""
+    vessel = tank(1e5)
+    valve = relief(vessel)
+    supply = gx.gas.Ambient(6e5, 300.0, name="supply")
+    run = run_of(gx.Orifice(supply, vessel, area=1e-6, name="inlet"), valve, dt=5e-3)
+    state = run.chamber("tank")
+    cycles = 0
+    was_open = False
+    start = 1e5
+    for k in range(1, 2001):
+        run.run(until=k * 5e-3)
+        is_open = valve.was_open(run)
+        if is_open and not was_open:
+            cycles += 1
+            assert start >= 1.2e5
+        if was_open and not is_open:
+            assert start < 1.1e5
+        was_open = is_open
+        start = state.pressure
+        # One step passes a limit by its change of pressure.
+        assert state.pressure < 1.22e5
+        assert cycles == 0 or state.pressure > 1.05e5
+    assert cycles > 3
+    assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
+
+
+def test_a_burst_vent_stays_open():
+    vessel = tank(1.6e5)
+    vent = gx.gas.Valve(vessel, OUTSIDE, area=1e-4, opens=5e4, name="vent")
+    run = run_of(vent, dt=1e-2)
+    run.run(until=3.0)
+    assert vent.was_open(run)
+    assert run.chamber("tank").pressure == pytest.approx(1e5, rel=1e-4)
+
+
+def test_a_check_valve_lets_no_gas_back():
+    """The lower pressure outside rises it never; from the vessel of higher pressure gas leaves."""
+    low = tank(5e4, "low")
+    high = tank(2e5, "high")
+    valves = [
+        gx.gas.Valve(
+            vessel,
+            OUTSIDE,
+            area=1e-5,
+            opens=0.0,
+            closes=0.0,
+            one_way=True,
+            name=f"of {vessel.name}",
+        )
+        for vessel in (low, high)
+    ]
+    run = run_of(*valves, dt=0.05)
+    run.run(until=8.0)
+    assert run.chamber("low").pressure == pytest.approx(5e4, rel=1e-14)
+    assert run.chamber("high").pressure == pytest.approx(1e5, rel=1e-3)
+
+
+def test_an_event_opens_a_valve_and_a_restart_keeps_it_open(tmp_path: Path):
+    def scene():
+        vessel = tank(2e5)
+        valve = gx.gas.Valve(vessel, OUTSIDE, area=1e-6)
+        return valve, {"events": [gx.At(0.3, valve.open), gx.At(0.8, valve.close)]}
+
+    valve, options = scene()
+    saved = gx.Checkpoints(tmp_path / "checkpoints")
+    run = run_of(valve, dt=0.1, checkpoints=saved, **options)
+    state = run.chamber("tank")
+    run.run(until=0.3)
+    assert state.pressure == pytest.approx(2e5, rel=1e-14)
+    run.run(until=0.5)
+    assert state.pressure < 2e5 and valve.was_open(run)
+    other, options = scene()
+    again = run_of(other, dt=0.1, restart=tmp_path / "checkpoints", **options)
+    assert other.was_open(again)
+    for one in (run, again):
+        one.run(until=1.0)
+    assert again.chamber("tank").pressure == state.pressure
+    # Of five steps the valve was open: choked at the start, 2e5 Pa over 1e5 Pa.
+    choked = 1e-6 * isentropic_flow(AIR, 2e5, 300.0, 1e5, 1e-5)
+    start = 2e5 * 0.01 / (AIR.R * 300.0)
+    assert start - state.mass == pytest.approx(0.5 * choked, rel=0.05)
+    assert not valve.was_open(run)
+
+
+def test_gradients_by_the_area_of_a_valve_are_those_of_differences():
+    """The valve opens after some steps of filling; the step in which it does is the same."""
+
+    def of(area):
+        vessel = tank(1.19e5)
+        supply = gx.gas.Ambient(6e5, 300.0, name="supply")
+        run = run_of(
+            gx.Orifice(supply, vessel, area=1e-6, name="inlet"), relief(vessel, area=area), dt=5e-3
+        )
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.25)
+        pressure = gx.analysis.ChamberPressure(vessel)
+        return tape, pressure, run.chamber("tank").pressure
+
+    tape, pressure, _ = of(1e-6)
+    found = gx.analysis.gradient(tape, of=pressure, by=["relief.area"])["relief.area"].values[0]
+    δ = 1e-9
+    values = [of(1e-6 + k * δ)[2] for k in (-1, 1)]
+    assert found == pytest.approx((values[1] - values[0]) / (2 * δ), rel=1e-6)
+    assert found < 0
+
+
+def test_a_valve_that_closes_above_its_opening_is_refused():
+    with pytest.raises(gx.InputError, match="closes at 30000"):
+        relief(tank(1e5), closes=3e4)
+
+
+# ---- discharge coefficients against the ratio of pressures ---------------------------------------
+
+# Sharp-edged orifices, Perry, Trans. ASME 71 (1949) 757: from incompressible to choked flow.
+SHARP = gx.gas.LinearTable((0.0, 0.84), (0.5, 0.75), (1.0, 0.6))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "coefficient"), [(0.0, 0.84), (0.25, 0.795), (0.75, 0.675), (0.999999, 0.6)]
+)
+def test_the_coefficient_is_that_of_the_pressure_ratio(ratio, coefficient):
+    a = tank(1e5)
+    orifice = gx.Orifice(a, OUTSIDE, area=1.0, discharge_coefficient=SHARP)
+    ideal = gx.Orifice(a, OUTSIDE, area=1.0)
+    pressures = (1e5, ratio * 1e5)
+    flows = [one.flow((AIR, AIR), 1.0, pressures, (300.0, 300.0)) for one in (orifice, ideal)]
+    back = orifice.flow((AIR, AIR), 1.0, pressures[::-1], (300.0, 300.0))
+    assert flows[0] / flows[1] == pytest.approx(coefficient, rel=1e-5)
+    assert back == pytest.approx(-flows[0], rel=1e-14)
+
+
+def test_a_run_with_a_table_conserves_and_has_gradients():
+    def of(area):
+        a = tank(3e5, "a")
+        b = tank(1e5, "b")
+        between = gx.Orifice(a, b, area=area, discharge_coefficient=SHARP, name="between")
+        run = run_of(between, dt=0.02)
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.5)
+        assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
+        return tape, b, run.chamber("b").pressure
+
+    tape, b, _ = of(2e-6)
+    by = gx.analysis.gradient(tape, of=gx.analysis.ChamberPressure(b), by=["between.area"])
+    δ = 2e-10
+    values = [of(2e-6 + k * δ)[2] for k in (-1, 1)]
+    difference = (values[1] - values[0]) / (2 * δ)
+    assert by["between.area"].values[0] == pytest.approx(difference, rel=1e-6)
+    with pytest.raises(gx.InputError, match="discharge_coefficient"):
+        gx.analysis.gradient(
+            tape, of=gx.analysis.ChamberPressure(b), by=["between.discharge_coefficient"]
+        )
+
+
+def test_tables_out_of_order_or_range_are_refused():
+    for points in ((), ((0.5, 0.6), (0.2, 0.8))):
+        with pytest.raises(gx.InputError, match="by rising x"):
+            gx.gas.LinearTable(*points)
+    with pytest.raises(gx.InputError, match="out of range"):
+        gx.Orifice(
+            tank(1e5), OUTSIDE, area=1e-6, discharge_coefficient=gx.gas.LinearTable((0.5, 1.6))
+        )
+
+
+def test_openings_do_not_depend_on_the_order_of_their_ends():
+    """A table at either end: only the sign of the flow turns."""
+    found = []
+    for order in (1, -1):
+        ends = (tank(3e5, "a"), tank(1e5, "b"))[::order]
+        orifice = gx.Orifice(*ends, area=2e-6, discharge_coefficient=SHARP)
+        run = run_of(orifice, dt=0.05)
+        run.run(until=0.5)
+        found.append([run.chamber(name).pressure for name in "ab"])
+    assert np.array(found[0]) == pytest.approx(np.array(found[1]), rel=1e-13)
+
+
+# ---- porous films --------------------------------------------------------------------------------
+
+RADIUS = 0.2
+SOFT = {"nu": 0.3, "density": 1000.0, "thickness": 1e-4}
+
+
+def porous_sphere(comm, viscous=2e3, inertial=0.0, E=1e9, p=1.2e5, dt=2e-3, start=None):
+    film = gx.Membrane(sphere(comm, RADIUS, 6), gx.Linear(E=E, **SOFT), velocity=start)
+    outside = gx.gas.Ambient(1e5, 300.0, name="outside")
+    bag = gx.Chamber(film, gas=AIR, pressure=p, temperature=300.0, outside=outside, name="bag")
+    leak = gx.gas.PorousFilm(
+        bag,
+        outside,
+        area=gx.gas.FilmArea(film),
+        viscous=viscous,
+        inertial=inertial,
+        name="leak",
+    )
+    return gx.Simulation(
+        gx.Scene(film, bag, leak),
+        gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12)),
+    )
+
+
+def flat_area(run) -> float:
+    """Area [m²] of the triangles of the only film of a scene on one rank, on the mesh."""
+    geometry = run.system.bodies[0].mesh.domain.geometry
+    corners = geometry.x[geometry.dofmap]
+    return float(np.linalg.norm(area_vectors(corners), axis=1).sum())
+
+
+@pytest.mark.parametrize(("viscous", "inertial"), [(2e3, 0.0), (1e3, 2e3)])
+def test_leak_down_of_a_porous_sphere(viscous, inertial):
+    """A stiff sphere of 1.2e5 Pa in air of 1e5 Pa against the ordinary differential equation of its
+    gas at constant volume and area; the film stretches by some 1e-5."""
+    run = porous_sphere(MPI.COMM_SELF, viscous, inertial, E=1e12)
+    state = run.chamber("bag")
+    volume = state.volume
+    flat = flat_area(run)
+
+    def rates(t, y):
+        mass, energy = y
+        p = (AIR.gamma - 1) * energy / volume
+        T = energy / (mass * AIR.cv)
+        # The positive root of Δp = viscous v + inertial v²
+        v = np.roots([inertial, viscous, 1e5 - p]).max()
+        flow = mass / volume * flat * v
+        return [-flow, -flow * AIR.cp * T]
+
+    until = 0.2
+    start = [state.mass, state.internal_energy]
+    exact = solve_ivp(rates, (0, until), start, rtol=1e-11, atol=1e-12).y[:, -1]
+    run.run(until=until)
+    assert [state.mass, state.internal_energy] == pytest.approx(exact, rel=1e-4)
+    assert state.pressure < 1.1e5
+    assert abs(run.energy_error) <= 1e-10 and abs(run.mass_error) <= 1e-13
+
+
+@pytest.mark.mpi
+def test_a_porous_film_leaks_the_same_on_several_ranks(comm):
+    found = []
+    for ranks in (MPI.COMM_SELF, comm):
+        run = porous_sphere(ranks, E=1e7)
+        run.run(until=0.02)
+        state = run.chamber("bag")
+        found.append([state.pressure, state.mass])
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+
+
+def test_the_leak_counts_the_deformed_area():
+    """A soft sphere stretches: its flow over the density and v is the area of the film, at the
+    middle of the step."""
+    run = porous_sphere(MPI.COMM_SELF, E=2e7, dt=1e-3, viscous=2e5)
+    run.run(until=0.02)
+    leak = next(item for item in run.scene.items if item.name == "leak")
+    area = run.system.scalar_unknowns[0].geometry.area(leak.area)
+    x = run.system.q0.array_r.reshape(-1, 3)
+    radius = np.linalg.norm(x, axis=1).mean()
+    assert radius > 1.01 * RADIUS
+    assert area.aperture(0.0) == pytest.approx(flat_area(run) * (radius / RADIUS) ** 2, rel=1e-3)
+
+
+def test_gradients_through_a_porous_film_are_those_of_differences():
+    """By the thickness of the film: it acts through the motion, and the area through which the gas
+    leaks."""
+
+    def of(thickness):
+        def inwards(X):
+            return -X / RADIUS
+
+        law = gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=thickness)
+        film = gx.Membrane(sphere(MPI.COMM_SELF, RADIUS, 4), law, velocity=inwards, name="film")
+        outside = gx.gas.Ambient(1e5, 300.0, name="outside")
+        bag = gx.Chamber(film, gas=AIR, pressure=1.1e5, temperature=300.0, outside=outside)
+        leak = gx.gas.PorousFilm(bag, outside, area=gx.gas.FilmArea(film), viscous=500.0)
+        run = gx.Simulation(
+            gx.Scene(film, bag, leak),
+            gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-13)),
+        )
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.01)
+        return tape, gx.analysis.ChamberPressure(bag), run.chamber("chamber").pressure
+
+    tape, pressure, _ = of(1e-4)
+    found = gx.analysis.gradient(tape, of=pressure, by=["film.thickness"])
+    slope = found["film.thickness"].values[0]
+    δ = 1e-7
+    values = [of(1e-4 + k * δ)[2] for k in (-2, -1, 1, 2)]
+    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * δ)
+    assert slope == pytest.approx(difference, rel=1e-6)
+
+
+# ---- pipes ---------------------------------------------------------------------------------------
+
+# Fanno flow, γ = 1.4: Mach number, 4 f L*/D, p/p* (Anderson, Modern Compressible Flow, table A.4)
+FANNO = {0.1: (66.92, 10.94), 0.2: (14.53, 5.455), 0.5: (1.069, 2.138), 0.8: (0.07229, 1.289)}
+
+
+@pytest.mark.parametrize("M", FANNO)
+def test_friction_parameters_are_those_of_the_tables(M):
+    assert friction_parameter(1.4, M) == pytest.approx(FANNO[M][0], rel=4e-4)
+
+
+def mass_number(M):
+    return M * (1 + 0.2 * M**2) ** -3
+
+
+def hose(resistance, a=None, b=OUTSIDE):
+    return gx.gas.Pipe(
+        a or tank(2e5), b, diameter=1e-3, length=1.0, friction=resistance * 1e-3, name="hose"
+    )
+
+
+@pytest.mark.parametrize(
+    ("M1", "M2"), [(0.2, 1.0), (0.5, 1.0), (0.2, 0.5), (0.1, 0.2), (0.3, 0.31), (0.01, 0.5)]
+)
+def test_a_pipe_has_the_mach_numbers_of_fanno_flow(M1, M2):
+    """From the inlet at M1 to the end at M2; the pressures are those of the relations for the
+    stagnation pressure and p/p*, which do not enter the code."""
+    resistance = friction_parameter(1.4, M1) - friction_parameter(1.4, M2)
+
+    def over_critical(M):
+        return np.sqrt(1.2 / (1 + 0.2 * M**2)) / M
+
+    inlet = 2e5 * (1 + 0.2 * M1**2) ** -3.5
+    end = inlet * over_critical(M2) / over_critical(M1)
+    exact = 2e5 * np.sqrt(1.4 / (AIR.R * 300.0)) * mass_number(M1)
+    pipe = hose(resistance)
+    for share in (1.0, 0.5) if M2 == 1 else (1.0,):
+        pressures = (2e5, end * share)
+        found = pipe.flow((AIR, AIR), 1.0, pressures, (300.0, 300.0))
+        assert found == pytest.approx(exact, rel=1e-7 if share == 1 else 1e-9)
+        back = pipe.flow((AIR, AIR), 1.0, pressures[::-1], (300.0, 300.0))
+        assert back == pytest.approx(-found, rel=1e-14)
+
+
+@pytest.mark.parametrize("x", [0.9, 0.3, 0.05, 1 - 3e-6])
+def test_complex_steps_and_dual_numbers_give_the_slopes_of_a_pipe(x):
+    pipe = hose(20.0)
+
+    def flow(p):
+        return pipe.flow((AIR, AIR), 1.0, (2e5, p), (300.0, 300.0))
+
+    p = 2e5 * x
+    # The cubic near rest bends within 2 Pa.
+    δ = 0.05 if x < 0.99 else 1e-3
+    difference = (flow(p + δ) - flow(p - δ)) / (2 * δ)
+    slope = flow(p + 1e-30j).imag / 1e-30
+    (dual,) = variables(np.array([p]))
+    scale = flow(1e4) / 2e5
+    assert slope == pytest.approx(difference, rel=1e-6, abs=1e-8 * scale)
+    assert jacobian([flow(dual)], 1)[0, 0] == pytest.approx(slope, rel=1e-10, abs=1e-12 * scale)
+
+
+def test_filling_through_a_pipe_conserves_and_ends_at_rest():
+    a = tank(5e5, "a")
+    b = tank(1e4, "b")
+    run = run_of(hose(30.0, a, b), dt=4.0)
+    run.run(until=400.0)
+    pressures = [run.chamber(name).pressure for name in "ab"]
+    assert pressures == pytest.approx([2.55e5, 2.55e5], rel=1e-3)
+    assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13

@@ -1,0 +1,400 @@
+"""A run in the browser while it computes: what the server tells to whom, and what a browser shows.
+
+The second half needs playwright and Chromium: on PATH, or one that listens at the DevTools address
+in GOSSAMER_CHROMIUM.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from base64 import b64decode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.app.cli.launch import child_environment
+from gossamer_fx.meshes.sheet import sheet
+from tests.small_scenes import WRINKLING
+
+ALONE = MPI.COMM_SELF
+DT = 1e-3
+
+
+class Fall:
+    """A film that falls with a point on a spring, recorded at each step."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.film = gx.Membrane(sheet(ALONE, 4, 4), WRINKLING, name="film")
+        ball = gx.PointMass(1.0, position=(0.5, 0.5, 0.3), comm=ALONE, name="ball")
+        middle = self.film.port_at((0.5, 0.5, 0.0))
+        leash = gx.connectors.Spring(ball.port(), middle, stiffness=9.0, length=0.1, name="leash")
+        weight = gx.Gravity(self.film, (0.0, 0.0, -9.81))
+        self.run = gx.Simulation(
+            gx.Scene(self.film, ball, leash, weight),
+            gx.Midpoint(dt=DT),
+            outputs=[gx.Recording(folder, every=1, title="A <fall>")],
+        )
+
+    def go(self, steps: int) -> None:
+        self.run.run(until=steps * DT)
+
+
+def ask(address: str) -> Any:
+    """The answer of the server as data."""
+    with urlopen(address) as answer:
+        return json.loads(answer.read())
+
+
+def code_of(watch: gx.plot.Watch, path: str) -> int:
+    """The number of the answer to a path that is sent as it is."""
+    port = int(watch.address.split(":")[2].split("/")[0])
+    with socket.create_connection(("127.0.0.1", port)) as line:
+        line.sendall(f"GET {path} HTTP/1.0\r\n\r\n".encode())
+        return int(line.makefile("rb").readline().split()[1])
+
+
+def rows(packed: dict[str, Any]) -> np.ndarray:
+    """Numbers as the script of the view unpacks them."""
+    raw = np.frombuffer(b64decode(packed["data"]), dtype="<u2").reshape(-1, len(packed["low"]))
+    values = np.array(packed["low"]) + raw / 65534 * np.array(packed["span"])
+    return np.where(raw == 65535, np.nan, values)
+
+
+@pytest.fixture
+def fall(tmp_path: Path) -> Fall:
+    return Fall(tmp_path / "run")
+
+
+@pytest.fixture
+def watch(fall: Fall) -> Iterator[gx.plot.Watch]:
+    fall.go(2)
+    found = gx.plot.Watch(fall.folder)
+    yield found
+    found.stop()
+
+
+# ---- the server ----------------------------------------------------------------------------------
+
+
+def test_the_view_follows_the_run(fall: Fall, watch: gx.plot.Watch) -> None:
+    """Positions and values of all states, as the folder has them, while it grows."""
+    news = ask(watch.address + "progress")
+    assert news["title"] == "A <fall>" and len(news["labels"]) == 3
+    fall.go(7)
+    news = ask(watch.address + "progress")
+    assert len(news["labels"]) == 8 and "of 0.007 s" in news["status"]
+    header = ask(f"{watch.address}header/{news['version']}")
+    assert [part["name"] for part in header["meshes"][0]] == ["film", "leash", "ball"]
+    reader = gx.plot.RunReader(fall.folder)
+    number = header["fields"].index("Displacement")
+    about = header["meshes"][0][0]
+    start = np.frombuffer(b64decode(about["start"]), dtype="<f4").reshape(-1, 3)
+    X = np.frombuffer(b64decode(about["X"]), dtype="<f8").reshape(-1, 3)
+    for record in range(8):
+        state = ask(f"{watch.address}state/{news['version']}/{record}/{number}")
+        x = start + np.array(about["origin"]) + rows(state["moved"][0])
+        mesh, step = reader.bodies["film"].at(record)
+        nearest = [np.linalg.norm(mesh.X - point, axis=1).argmin() for point in X]
+        assert x == pytest.approx(mesh.positions(step)[nearest], abs=1e-6)
+        lengths = np.linalg.norm(mesh.components("displacement", step)[nearest], axis=1)
+        values = rows(state["values"][str(number)][0])[:, 0]
+        assert values == pytest.approx(lengths, abs=lengths.max() / 65534 + 1e-15)
+        # The ball has no fields, and is where points.csv says.
+        assert state["values"][str(number)][2] is None
+        ball = np.array(header["meshes"][0][2]["origin"]) + rows(state["moved"][2])
+        assert ball == pytest.approx(reader.dots(record * DT), abs=1e-7)
+    legend = ask(f"{watch.address}legend/{news['version']}/{number}")
+    assert legend["high"] == pytest.approx(lengths.max(), rel=1e-3)
+    with urlopen(f"{watch.address}curves/{news['curves']}") as picture:
+        assert picture.read()[1:4] == b"PNG"
+
+
+def test_only_the_token_opens_and_no_file_is_sent(
+    fall: Fall, watch: gx.plot.Watch, tmp_path: Path
+) -> None:
+    token = watch.address.rstrip("/").rpartition("/")[2]
+    assert code_of(watch, f"/{token}/") == 200
+    for path in ("/", "/x/", "//", f"/{token}x/", f"/x/{token}/", "/progress", f"/?{token}", "/é/"):
+        assert code_of(watch, path) == 403, path
+    for path in (
+        *("run.json", "ledger.csv", "fields/film.pvd", "../", "../../../../etc/passwd"),
+        *(
+            "/etc/passwd",
+            "%2e%2e/%2e%2e/etc/passwd",
+            "..%2frun.json",
+            "state/1/../0",
+            "state/1/-1/0",
+        ),
+        *("state/1/99/0", "state/1/0/99", "state/99/0/0", "legend/1/99", "header", "curves/../x"),
+    ):
+        found = code_of(watch, f"/{token}/{path}")
+        assert found == 404, path
+
+
+def test_a_link_out_of_the_folder_is_refused(fall: Fall, watch: gx.plot.Watch) -> None:
+    outside = fall.folder.parent / "secret.csv"
+    shutil.copy(fall.folder / "points.csv", outside)
+    (fall.folder / "points.csv").unlink()
+    (fall.folder / "points.csv").symlink_to(outside)
+    assert "is a link that leads out" in ask(watch.address + "progress")["message"]
+    with pytest.raises(gx.InputError, match="put the file itself there"):
+        gx.plot.Watch(fall.folder)
+    inside = fall.folder / "copy.csv"
+    shutil.copy(outside, inside)
+    (fall.folder / "points.csv").unlink()
+    (fall.folder / "points.csv").symlink_to(inside)
+    assert ask(watch.address + "progress")["title"] == "A <fall>"
+
+
+def test_what_is_wrong_is_told_in_a_sentence(
+    fall: Fall, watch: gx.plot.Watch, tmp_path: Path
+) -> None:
+    port = int(watch.address.split(":")[2].split("/")[0])
+    (tmp_path / "empty").mkdir()
+    for folder, used, words in (
+        (fall.folder, port, "is in use"),
+        (tmp_path / "none", 0, "There is no folder"),
+        (tmp_path / "empty", 0, "There is no run in"),
+        (fall.folder, -1, "port is -1"),
+    ):
+        with pytest.raises(gx.InputError, match=words) as error:
+            gx.plot.Watch(folder, port=used)
+        assert "\n" not in str(error.value) and str(error.value).endswith(".")
+    # One that waits for a run says so, and then shows it.
+    waiting = gx.plot.Watch(tmp_path / "later", must_exist=False)
+    assert ask(waiting.address + "progress")["status"] == "waiting for the run"
+    shutil.copytree(fall.folder, tmp_path / "later")
+    assert len(ask(waiting.address + "progress")["labels"]) == 3
+    # A record that is damaged is named; the others can still be asked for.
+    damaged = next((tmp_path / "later" / "fields").rglob("00001.vtu"))
+    damaged.write_bytes(b"<VTKFile>")
+    version = ask(waiting.address + "progress")["version"]
+    said = ask(f"{waiting.address}state/{version}/1/0")["message"]
+    assert "00001.vtu" in said and said.endswith(".") and "\n" not in said
+    assert ask(f"{waiting.address}state/{version}/0/0")["mesh"] == 0
+    waiting.stop()
+
+
+def test_a_browser_that_goes_disturbs_nothing(
+    fall: Fall, watch: gx.plot.Watch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    port = int(watch.address.split(":")[2].split("/")[0])
+    path = watch.address.removeprefix(f"http://127.0.0.1:{port}")
+    asked = [f"GET {path}{name} HTTP/1.0\r\n\r\n".encode() for name in ("", "", "", "progress")]
+    for words in (b"", b"GET", *asked):
+        line = socket.create_connection(("127.0.0.1", port))
+        line.sendall(words)
+        # The connection is cut instead of closed; PETSc would end the program at SIGPIPE.
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        line.close()
+    fall.go(3)
+    assert len(ask(watch.address + "progress")["labels"]) == 4
+    assert capfd.readouterr().err == ""
+
+
+def test_a_notebook_shows_the_page_in_a_frame(watch: gx.plot.Watch) -> None:
+    assert f'src="{watch.address}"' in watch._repr_html_()
+
+
+SCENE = """
+import gossamer_fx as gx
+from mpi4py import MPI
+
+def build(comm, until=1000.0):
+    ball = gx.PointMass(1.0, position=(0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0), comm=comm)
+    spring = gx.connectors.Spring(ball.port(), gx.Ground((0, 0, 1)), stiffness=1.0, length=0.5)
+    return gx.Case(gx.Scene(ball, spring), gx.Midpoint(dt=0.001), until=until)
+"""
+
+
+def test_the_command_runs_a_scene_and_ends_with_it(tmp_path: Path) -> None:
+    """It prints an address that works; Ctrl-C ends the run with a checkpoint, and the server."""
+    (tmp_path / "swing.py").write_text(SCENE)
+    words = ["watch", "swing.py", "until=900.0", "--quiet", "--output", "here"]
+    command = [sys.executable, "-P", "-m", "gossamer_fx", *words]
+    program = subprocess.Popen(
+        command, cwd=tmp_path, env=child_environment(), stdout=subprocess.PIPE, text=True
+    )
+    assert program.stdout is not None
+    address = re.search(r"http\S+", program.stdout.readline())
+    assert address is not None
+    news: dict[str, Any] = {"labels": []}
+    while len(news["labels"]) < 3 and program.poll() is None:
+        news = ask(address[0] + "progress")
+        time.sleep(0.1)
+    assert "of 900 s" in news["status"]
+    program.send_signal(signal.SIGINT)
+    assert program.wait(60) == 130
+    assert list((tmp_path / "here" / "checkpoints").iterdir())
+    with pytest.raises(OSError):
+        ask(address[0] + "progress")
+
+
+def test_the_command_refuses_what_it_cannot_show(tmp_path: Path) -> None:
+    for words, said in (
+        (["none"], "There is no folder 'none'"),
+        (["none.py"], "There is no scene file 'none.py'"),
+        ([".", "until=1"], "is not a scene file"),
+    ):
+        command = [sys.executable, "-P", "-m", "gossamer_fx", "watch", *words]
+        found = subprocess.run(
+            command, cwd=tmp_path, env=child_environment(), capture_output=True, text=True
+        )
+        assert found.returncode == 2 and said in found.stderr, words
+        assert found.stderr.count("\n") == 1
+
+
+# ---- the browser ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    running = os.environ.get("GOSSAMER_CHROMIUM", "")
+    program = shutil.which("chromium")
+    if not (running or program):
+        pytest.skip("there is no Chromium")
+    with api.sync_playwright() as tools:
+        if running:
+            found = tools.chromium.connect_over_cdp(running)
+        else:
+            drawing = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+            found = tools.chromium.launch(executable_path=program, args=drawing)
+        yield found
+        found.close()
+
+
+def opened(browser: Any, address: str, width: int = 1280) -> Any:
+    """A page of the browser, when the view is drawn; an error of its script is one of the test."""
+    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+
+    def fail(error: Any) -> None:
+        pytest.fail(f"{error}")
+
+    page.on("pageerror", fail)
+    page.goto(address)
+    page.wait_for_selector("#view[data-drawn]", timeout=60_000)
+    return page
+
+
+def set_slider(page: Any, name: str, value: int) -> None:
+    page.eval_on_selector(
+        name, f"one => {{ one.value = {value}; one.dispatchEvent(new Event('input')); }}"
+    )
+
+
+def test_a_browser_follows_a_live_run(fall: Fall, watch: gx.plot.Watch, browser: Any) -> None:
+    page = opened(browser, watch.address)
+    page.wait_for_selector("#view[data-record='2']")
+    assert page.inner_text("#time-label") == "t = 2 ms" and page.title() == "A <fall>"
+    before = page.locator("#view").screenshot()
+    fall.go(40)
+    page.wait_for_selector("#view[data-record='40']", timeout=30_000)
+    assert page.inner_text("#time-label") == "t = 40 ms"
+    assert page.locator("#view").screenshot() != before
+    # A state that the user has chosen stays, and playback can be paused.
+    set_slider(page, "#time", 1)
+    page.wait_for_selector("#view[data-record='1']")
+    fall.go(42)
+    page.wait_for_selector("#time[max='42']", timeout=30_000)
+    assert page.get_attribute("#view", "data-record") == "1"
+    page.click("#play")
+    page.wait_for_selector("#view[data-record='5']", timeout=30_000)
+    page.click("#play")
+    assert page.inner_text("#play") == "Play"
+    paused = page.inner_text("#time-label")
+    page.wait_for_timeout(400)
+    assert page.inner_text("#time-label") == paused != "t = 42 ms"
+    page.close()
+
+
+def test_a_point_is_picked_with_its_value_and_its_probe(
+    fall: Fall, watch: gx.plot.Watch, browser: Any
+) -> None:
+    """The probe that is copied measures what the view has shown."""
+    fall.go(40)
+    page = opened(browser, watch.address)
+    page.wait_for_selector("#view[data-record='40']", timeout=30_000)
+    page.select_option("#field", label="Displacement")
+    page.wait_for_selector("#view[data-field='Displacement']")
+    frame = page.locator("#view").bounding_box()
+    page.mouse.click(frame["x"] + 0.4 * frame["width"], frame["y"] + 0.75 * frame["height"])
+    shown = page.inner_text("#picked")
+    found = re.search(r"^film: at \((.*)\) m\nDisplacement: (\S+) mm$", shown, re.MULTILINE)
+    assert found is not None, shown
+    z = float(found[1].split(", ")[2])
+    probes = eval(f"{{{page.input_value('#probe')}}}", {"gx": gx, "film": fall.film})
+    [probe] = probes.values()
+    assert z == pytest.approx(probe(fall.run), rel=1e-4)
+    port = probe.port
+    whole = [gx.probes.Displacement(port, axis)(fall.run) for axis in "xyz"]
+    assert float(found[2]) == pytest.approx(1e3 * np.linalg.norm(whole), rel=1e-4)
+    # Twice the deformation is twice the fall.
+    page.fill("#factor", "2")
+    page.wait_for_timeout(500)
+    twice = re.search(r"at \((.*)\) m", page.inner_text("#picked"))
+    assert twice is not None and float(twice[1].split(", ")[2]) == pytest.approx(2 * z, rel=1e-4)
+    page.close()
+
+
+def test_parts_are_hidden_and_cut(fall: Fall, watch: gx.plot.Watch, browser: Any) -> None:
+    page = opened(browser, watch.address)
+    box = page.get_by_role("checkbox", name="film")
+
+    def is_drawn() -> bool:
+        """Whether pixels that are neither white nor a line are on the screen."""
+        from io import BytesIO
+
+        from PIL import Image
+
+        image = Image.open(BytesIO(page.locator("#view").screenshot())).convert("L")
+        middle = np.asarray(image)[5:-5, 5:-5]
+        return bool((middle < 245).mean() > 0.05)
+
+    assert is_drawn()
+    box.uncheck()
+    assert not is_drawn()
+    box.check()
+    assert is_drawn()
+    page.select_option("#cut", label="keep x >")
+    set_slider(page, "#depth", 1000)
+    assert page.inner_text("#depth-label").endswith(" m") and not is_drawn()
+    set_slider(page, "#depth", 0)
+    assert is_drawn()
+    page.close()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_nothing_overflows(
+    fall: Fall, watch: gx.plot.Watch, browser: Any, tmp_path: Path, width: int
+) -> None:
+    """The page that follows a run and the report, which opens offline, on a desk and on a phone."""
+    gx.write_report(gx.plot.RunReader(fall.folder), tmp_path / "report.html")
+    with open(tmp_path / "report.html", encoding="utf-8") as file:
+        report = file.read()
+    for address in (watch.address, None):
+        if address is None:
+            page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+            page.context.set_offline(True)
+            page.set_content(report)
+            page.wait_for_selector("#view[data-drawn]", timeout=60_000)
+        else:
+            page = opened(browser, address, width)
+        page.mouse.click(width // 2, 300)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.close()
