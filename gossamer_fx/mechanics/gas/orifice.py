@@ -12,7 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.contract import Aperture, Conductance, Gas, Holder, Volume
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
@@ -228,3 +228,7 @@ class WallHeat:
 
     def requires(self) -> Iterable[Any]:
         yield self.chamber
+
+    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
+        """The given number [W/K] in every step."""
+        return lambda h: lambda T: self.conductance
