@@ -8,21 +8,27 @@ nobody waits for ever.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import itertools
 import os
+import pickle
 import signal
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
 from mpi4py import MPI
+
+from gossamer_fx.core.mesh import mesh
+from gossamer_fx.core.mesh.gmsh_reader import RawMesh
 
 PATIENCE = 60.0  # s that a failed rank waits for the others
 TALK = (
@@ -76,6 +82,44 @@ def _collected_together() -> Iterator[None]:
     yield
     if next(_TESTS) % 20 == 0:
         gc.collect()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _generated_once() -> Iterator[None]:
+    """Let gmsh make each mesh of the package's own generators once in a process: a fork of the
+    tests and a start of gmsh take a fifth of the time of many small scenes.
+
+    A generator's mesh follows from the code and the numbers of its function.  Functions of tests,
+    which may do anything, are called each time.
+    """
+    made: dict[Any, bytes] = {}
+    in_child = mesh.in_child
+
+    def once(raw: Callable[[], RawMesh], what: str, time_limit: float) -> RawMesh:
+        given = _closure(raw)
+        build = given["build"]
+        key = None
+        if ".meshes." in build.__module__ and build.__module__.startswith("gossamer_fx."):
+            with contextlib.suppress(pickle.PicklingError, AttributeError, TypeError):
+                key = build.__code__, pickle.dumps([_closure(build), given["orient"]])
+        if key is None:
+            return in_child(raw, what, time_limit)
+        if key not in made:
+            made[key] = pickle.dumps(in_child(raw, what, time_limit))
+        # Never the same arrays twice.
+        found: RawMesh = pickle.loads(made[key])
+        return found
+
+    mesh.in_child = once
+    yield
+    mesh.in_child = in_child
+
+
+def _closure(function: Callable[..., Any]) -> dict[str, Any]:
+    """The values of variables that a function takes from the functions around it, by name."""
+    cells = function.__closure__ or ()
+    names = function.__code__.co_freevars
+    return {name: cell.cell_contents for name, cell in zip(names, cells, strict=True)}
 
 
 @pytest.hookimpl(tryfirst=True)

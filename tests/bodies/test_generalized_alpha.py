@@ -8,7 +8,6 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.antennas import antenna_free
 from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import film as contact_film
 from tests.rates import observed_order
@@ -116,18 +115,6 @@ def test_drifts_where_the_midpoint_rule_does_not() -> None:
     assert fluttering(gx.Midpoint(dt=2e-3)) < 1e-12
     # This method has no discrete energy, so its error is that of the step, far above round-off.
     assert fluttering(gx.GeneralizedAlpha(dt=2e-3, spectral_radius=0.8)) > 1e-6
-
-
-def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
-    drift = "angular_momentum_drift"
-    conserving, other = (
-        antenna_free.main(cells=2, elements=4, steps=100, stepper=stepper)
-        for stepper in (gx.Midpoint(dt=5e-3), gx.GeneralizedAlpha(dt=5e-3))
-    )
-    assert conserving["energy_drift"] < 1e-10 and conserving[drift] < 1e-10
-    # 1e-8 separates a drift from round-off by two orders of magnitude.
-    assert other["energy_drift"] > 1e-8 and other[drift] > 1e-8
-    assert other["constraint_error"] < 1e-10
 
 
 def test_contact_is_refused():

@@ -54,7 +54,6 @@ HEXAGON = gx.fold.Ikaros(
     ramp=0.1,
 )
 STAR = gx.fold.Star(n=8, side=0.04, columns=2, reach=12, gap=1e-4)
-SPIRAL = gx.fold.Spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, gap=2e-4)
 # angle between the panels of Miura's fold at its straight and at its oblique lines
 _STRAIGHT = 2 * math.asin(
     math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2)
@@ -129,17 +128,6 @@ SAMPLES = {
             "mountain 1": -math.pi,
             "valley 2": math.pi / 8,
             "mountain 2": -math.pi / 8,
-        },
-        1e-3,
-    ),
-    "spiral": Sample(
-        SPIRAL,
-        lambda c: sheet(c, 50, 8, 0.5, 0.12),
-        {
-            "valley 1": math.pi,
-            "mountain 1": -math.pi,
-            "valley 2": math.pi / 15,
-            "mountain 2": -math.pi / 15,
         },
         1e-3,
     ),
@@ -317,14 +305,6 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
         (
             lambda c: placed(c, ZIGZAG, gx.Membrane(begun_at(c, -0.15, 0.0), LAW)),
             "but the mesh reaches from -0.15 to 0.15 m",
-        ),
-        (
-            lambda c: placed(
-                c,
-                gx.fold.Spiral(0.3, 9, around=6, rows=2, pitch=0.05),
-                gx.Membrane(begun_at(c, 0.0, 0.05), LAW),
-            ),
-            "from y = 0 to 0.1 m, but the mesh reaches from 0.05 to 0.15 m",
         ),
         (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
         (lambda c: replace(CROSS, out=2), "give wound=True"),

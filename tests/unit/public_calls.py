@@ -401,7 +401,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("fold.Ikaros", n=4, inner=5, outer=9, pitch=0.3, gap=1e-3, hub_gap=1e-4)
     add("fold.Miura", a=0.1, b=0.1, gamma=1.0, theta=0.5, opening=1e-4, lift=1e-5)
     add("fold.Roll", length=1.0, bends=99, radius=0.03, flat=0.1, width=0.1, opening=1e-4)
-    add("fold.Spiral", length=1.0, columns=50, around=20, rows=4, pitch=0.02, gap=1e-4)
     add("fold.Star", n=8, side=0.04, columns=2, reach=20, gap=1e-4)
     add(
         "fold.Zigzag",

@@ -200,7 +200,6 @@ NOT_NEGATIVE = {
     "fold.Ikaros": "gap hub_gap out",
     "fold.Miura": "opening lift",
     "fold.Roll": "pitch opening",
-    "fold.Spiral": "gap",
     "fold.Star": "gap",
     "fold.Zigzag": "opening lift",
     "gas.Ambient": "pressure",

@@ -9,7 +9,7 @@ import csv
 import math
 import os
 import re
-import subprocess
+import runpy
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -27,24 +27,24 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def bench(name: str, folder: Path) -> tuple[str, list[dict[str, str]]]:
-    """What a benchmark prints, and the rows of its table."""
-    command = [
-        sys.executable,
-        str(BENCHMARKS),
-        name,
-        "--quick",
-        "--runs",
-        "1",
-        "--out",
-        str(folder),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_TIMEOUT)
-    assert done.returncode == 0, done.stdout + done.stderr
-    with (folder / name / "runs.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert not any(row.get("failed") for row in rows), done.stdout
-    return done.stdout, rows
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Solves a benchmark in its quick form: what it prints, and the rows of its table."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    main = runpy.run_path(str(BENCHMARKS / "__main__.py"))["main"]
+
+    def solved(name: str) -> tuple[str, list[dict[str, str]]]:
+        words = [name, "--quick", "--runs", "1", "--out", str(tmp_path)]
+        monkeypatch.setattr(sys, "argv", ["bench", *words])
+        code = main()
+        said = capsys.readouterr().out
+        assert code == 0, said
+        with (tmp_path / name / "runs.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert not any(row.get("failed") for row in rows), said
+        return said, rows
+
+    return solved
 
 
 def differences(rows: list[dict[str, str]], figure: str) -> list[float]:
@@ -54,8 +54,8 @@ def differences(rows: list[dict[str, str]], figure: str) -> list[float]:
 
 
 @pytest.mark.parametrize("name", ["scaling", "tube", "antenna"])
-def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
-    said, rows = bench(name, tmp_path)
+def test_cost_over_size_gives_exponents_and_a_chart(name, bench, tmp_path):
+    said, rows = bench(name)
     assert len(rows) == 2 and all(float(row["ΔE/E"]) < 1e-8 for row in rows)
     exponent = re.search(r"exponent of a Newton iteration: (\S+)", said)
     small, large = (
@@ -68,23 +68,23 @@ def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
 
 
 @pytest.mark.parametrize("name, peer", [("ranks", "one-rank"), ("direct", "direct")])
-def test_other_ways_give_the_same_energy(name, peer, tmp_path):
-    said, rows = bench(name, tmp_path)
+def test_other_ways_give_the_same_energy(name, peer, bench):
+    said, rows = bench(name)
     assert {row["program"] for row in rows} == {"gossamer", peer}
     for figure in ("energy", "stored"):
         assert max(differences(rows, figure)) < 1e-8
     assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 0
 
 
-def test_twice_the_sheet_on_twice_the_ranks(tmp_path):
-    _, (one, two) = bench("weak", tmp_path)
+def test_twice_the_sheet_on_twice_the_ranks(bench):
+    _, (one, two) = bench("weak")
     measured = (one["program"], two["program"])
     assert measured == ("one-rank", "gossamer")
     assert float(two["dofs"]) == pytest.approx(2 * float(one["dofs"]), rel=0.01)
 
 
-def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(tmp_path):
-    _, (row,) = bench("limit", tmp_path)
+def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(bench):
+    _, (row,) = bench("limit")
     figures = {key: float(row[key]) for key in row if key not in ("case", "program", "failed")}
     tangent, set_up, cycle = (
         figures[f"one {part} [ms]"] for part in ("tangent", "set-up", "cycle")
@@ -96,23 +96,23 @@ def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(tmp_path):
     assert figures["tangent/traffic"] == pytest.approx(tangent / writing, rel=1e-6)
 
 
-def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(tmp_path):
-    _, (row,) = bench("gradient", tmp_path)
+def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(bench):
+    _, (row,) = bench("gradient")
     assert float(row["energy's gradient off by"]) < 1e-6
     assert float(row["backward [s]"]) > 0
     assert int(float(row["parameters"])) > 100
 
 
-def test_law_times_of_orthotropic_films_are_compared_with_isotropic_ones(tmp_path):
-    _, (row,) = bench("orthotropic", tmp_path)
+def test_law_times_of_orthotropic_films_are_compared_with_isotropic_ones(bench):
+    _, (row,) = bench("orthotropic")
     ratio = float(row["law [ms]"]) / float(row["isotropic law [ms]"])
     assert float(row["ratio"]) == pytest.approx(ratio)
     # A large bound, as so small a sheet on a loaded machine tells little.
     assert 0.3 < ratio < 6
 
 
-def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
-    _, (row,) = bench("profile", tmp_path)
+def test_the_parts_of_a_newton_iteration_are_its_time(bench):
+    _, (row,) = bench("profile")
     parts = [
         float(number)
         for key, number in row.items()
@@ -133,8 +133,8 @@ def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
         ("shell_pendulum", "ngsolve"),
     ],
 )
-def test_peers_solve_the_same_problem(name, peer, tmp_path):
-    said, rows = bench(name, tmp_path)
+def test_peers_solve_the_same_problem(name, peer, bench):
+    said, rows = bench(name)
     assert {row["program"] for row in rows} == {"gossamer", peer}
     assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 0
 

@@ -16,8 +16,6 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers import condensed_ties, two_level
 from gossamer_fx.solve.solvers.condensed_ties import CondensedTies
-from gossamer_fx.solve.solvers.coupled_bodies import CoupledBodies
-from gossamer_fx.solve.solvers.two_level import TwoLevel
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -73,23 +71,6 @@ def chain(comm):
     ]
 
 
-def hub(comm):
-    """Two films, one of them with a rigid edge, and a boom that swings at their corner."""
-    (left, right), ties = films(comm, "left", "right")
-    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
-    edge = gx.RigidRegion(left, "left", rigid_body=body)
-    boom = gx.Beam(
-        line(comm, [(2, 1, 0), (3, 1, 0)], 4),
-        gx.sections.tube(0.02, 5e-4, E=1e9, nu=0.3, density=1000.0),
-        normal=(0, 0, 1),
-        velocity=lambda X: 0 * X + np.array([[0.0], [0.0], [np.sin(6.0)]]),
-        name="boom",
-    )
-    pin = gx.constraints.BallJoint(boom.port("start"), right.port("top right"), name="pin")
-    damping = gx.Damping(left, stiffness_factor=1e-4)
-    return [left, right, body, boom, *ties, edge, pin, damping]
-
-
 def plane(comm):
     """A film whose edge slides in a plane that is not one of the axes."""
     film = gx.Membrane(sheet(comm, 6, 6), LAW, name="film")
@@ -102,7 +83,7 @@ def plane(comm):
     ]
 
 
-INNER = {chain: TwoLevel, hub: CoupledBodies, plane: TwoLevel}
+SCENES = (chain, plane)
 
 
 def simulation(make, comm, monkeypatch=None):
@@ -116,14 +97,13 @@ def simulation(make, comm, monkeypatch=None):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("make", INNER)
+@pytest.mark.parametrize("make", SCENES)
 def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeypatch):
     """With enough levels of fill and an overlap of the whole film the inner preconditioner is
     exact, and the condensed solution is that of the whole system, multipliers included."""
     run = simulation(make, comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     assert isinstance(context, CondensedTies)
-    assert isinstance(context._inner.getPythonContext(), INNER[make])
     monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
@@ -132,7 +112,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     zero = system.numbering.vector()
     system.predict(zero)
     system.set_increment(zero, None)
-    exact = condensed_ties.for_constraints(system)
+    exact = condensed_ties.for_constraints(system, 60)
     A = system.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)
@@ -147,7 +127,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("make", INNER)
+@pytest.mark.parametrize("make", SCENES)
 def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     """Energies, multipliers and Newton iterations are those of the complete factorisation on one
     rank, and the constraints hold to round-off."""

@@ -20,6 +20,7 @@ COMMANDS = (
     "demo",
     "validate",
     "run",
+    "watch",
     "sweep",
     "plot",
     "report",

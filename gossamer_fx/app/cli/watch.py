@@ -56,7 +56,7 @@ def watch(what: Path, output: Path | None, port: int, others: Sequence[str]) -> 
         if run is not None and run.poll() is None:
             run.send_signal(number)
 
-    # The run has a process group of its own: a terminal would send it a second Ctrl-C.
+    # In the process group of this program the run would get a second Ctrl-C from the terminal.
     if is_scene:
         command = [*OWN_COMMAND, "run", str(what), *others, "--output", str(folder)]
         run = subprocess.Popen(

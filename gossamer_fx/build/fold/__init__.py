@@ -5,7 +5,6 @@ Roll     strip or flat tube rolled up, its end inside
 Miura    Miura's rows of parallelograms
 Ikaros   n trapezoids, each an accordion, in arms that stand out from a hub or are wound round it
 Star     ring whose pleats wind round a polygonal hub
-Spiral   accordion strip wound round a hub
 """
 
 from gossamer_fx.core.checks.lazy_names import lazy_names

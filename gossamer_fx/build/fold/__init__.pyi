@@ -3,4 +3,3 @@ from .parallelograms import Miura as Miura
 from .pinwheel import Star as Star
 from .polyline import Roll as Roll
 from .polyline import Zigzag as Zigzag
-from .wound_strip import Spiral as Spiral

@@ -156,23 +156,23 @@ class FoldMap(ABC):
         numbers."""
         return np.zeros(len(X), dtype=np.int32)
 
-    def film_sizes(self) -> tuple[float, ...]:
-        """Sizes [m] along x, then y, of the film for which the map is; of none if every film
-        fits."""
-        return ()
+    def film_length(self) -> float | None:
+        """Length [m] along x of the film for which the map is; None if every film fits."""
+        return None
 
     def check_fits(self, low: Array, high: Array) -> None:
         """Raise `InputError` unless the map is for a flat film with these smallest and largest
-        coordinates (3,) [m] on all ranks: of its `film_sizes`, and beginning at the origin."""
-        for axis, size in enumerate(self.film_sizes()):
-            name = "xy"[axis]
-            misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
-            self._check(
-                misfit <= FIT * size,
-                f"it is for a film from {name} = 0 to {size:.6g} m, "
-                f"but the mesh reaches from {low[axis]:.6g} to {high[axis]:.6g} m; "
-                f"give the map the size of the film, and mesh the film from {name} = 0 on.",
-            )
+        coordinates (3,) [m] on all ranks: of its `film_length`, and beginning at x = 0."""
+        length = self.film_length()
+        if length is None:
+            return
+        misfit = max(abs(float(low[0])), abs(float(high[0]) - length))
+        self._check(
+            misfit <= FIT * length,
+            f"it is for a film from x = 0 to {length:.6g} m, "
+            f"but the mesh reaches from {low[0]:.6g} to {high[0]:.6g} m; "
+            "give the map the size of the film, and mesh the film from x = 0 on.",
+        )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
         """The fold lines as edges of a mesh, with their angles; `InputError` if a triangle lies on

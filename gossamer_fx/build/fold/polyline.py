@@ -94,9 +94,9 @@ class Strip(FoldMap):
         z = p[:, 1] + side * self.shift(X)
         return np.stack([p[:, 0], X[:, 1], z], axis=1)
 
-    def film_sizes(self) -> tuple[float, ...]:
+    def film_length(self) -> float:
         """Length [m] of the film that the map needs."""
-        return (self.length,)
+        return self.length
 
     def thickness(self, X: Array) -> Array:
         """Half of the distance (n,) [m] of the sheets."""

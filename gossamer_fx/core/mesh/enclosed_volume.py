@@ -207,7 +207,7 @@ def oriented(raw: RawMesh) -> RawMesh:
     points = raw.points - raw.points.mean(axis=0)
     of_cells = _sums(points[corners], surface_of_cell, turned, surfaces)
     volume = of_cells.volume
-    rim_area = np.zeros(surfaces)
+    rim_area: Array = np.zeros(surfaces)
     if len(neighbours.at_rim):
         surface_of_rim = surface_of_cell[neighbours.at_rim]
         # Two surfaces that share a point have separate rims there.

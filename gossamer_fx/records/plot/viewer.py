@@ -82,7 +82,7 @@ class RunView:
     Surfaces of more than 20 000 vertices are thinned out.
 
     Attributes:
-        run: its reader; another one of the same run, which has grown, may take its place.
+        run: its reader; may be replaced by another one of the same run, which has grown.
     """
 
     def __init__(self, run: RunReader) -> None:

@@ -291,13 +291,14 @@ class _Handler(BaseHTTPRequestHandler):
     def setup(self) -> None:
         """Collect the answer, so that it is sent at once."""
         super().setup()
-        self.wfile = BytesIO()
+        self._answer = BytesIO()
+        self.wfile = self._answer
 
     def finish(self) -> None:
         """Send the answer without the signal that a connection cut by the browser would raise:
         PETSc ends the program at it."""
         no_signal = getattr(socket, "MSG_NOSIGNAL", 0)
-        self.connection.sendall(self.wfile.getvalue(), no_signal)
+        self.connection.sendall(self._answer.getvalue(), no_signal)
         super().finish()
 
     def do_GET(self) -> None:

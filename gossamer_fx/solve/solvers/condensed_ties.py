@@ -6,8 +6,8 @@ incomplete factorisation bears.  Newton's system is
     [ A  Cᵀ ] [z]   [r]
     [ C  0  ] [λ] = [s]                                                                       (1)
 
-with the constant rows C of constraints that are linear in the coordinates: ties, seams, ball
-joints, regions that follow a rigid body.
+with the constant rows C of constraints that are linear in the coordinates: ties, seams, points held
+on the ground, edges that slide in a plane.
 
 Idea.  Solve each row of C for one coordinate of a film or cable, the slave.  All coordinates then
 follow from the others, the masters y, and the right-hand side,
@@ -26,30 +26,31 @@ Algorithm.
 2. For each matrix: K = Tᵀ A T, with the unit matrix in the rows and columns of slaves and condensed
    multipliers, so that the numbering stays.  T differs from the unit matrix in few rows; A is
    copied and corrected in these rows and in those of their neighbours.
-3. In each application: (3), with a preconditioner of K instead of its inverse.  (2) and the
-   multipliers are exact, so that the Krylov iteration is that of the masters.
+3. In each application: (3), with the two-level preconditioner (`solvers.two_level`) of K instead of
+   its inverse.  (2) and the multipliers are exact, so that the Krylov iteration is that of the
+   masters.
 
 The matrix A is stored with the fill of K, so that the copy is one of memory.
 
-Limits.  No contact, whose couplings change the pattern.  Latches and constraints that are quadratic
-keep their multipliers.
+Limits.  Scenes of films and cables only.  No contact, whose couplings change the pattern.
+
+Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
+a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
+of the whole, that of 47 thousand longer.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-import gossamer_fx.solve.solvers.factorisation as factorisation
-import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers.coarse_space import Indices
-from gossamer_fx.solve.solvers.coupled_bodies import MAX_COUPLED, CoupledBodies
 from gossamer_fx.solve.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 from gossamer_fx.solve.system.system import System
@@ -160,36 +161,29 @@ class CondensedTies:
     sparse matrices have columns for these only.
     """
 
-    def __init__(self, system: System, ties: Ties, inner: PETSc.PC) -> None:
-        """Extend the pattern of the system's matrices by the fill of K.  `inner` preconditions K.
-        Collective."""
+    def __init__(self, system: System, ties: Ties) -> None:
+        """Extend the pattern of the system's matrices by the fill of K.  Collective."""
         self._system = system
         self._ties = ties
-        self._inner = inner
+        self._inner = PETSc.PC().create(system.comm)
+        self._inner.setType("python")
+        self._two_level = TwoLevel(system, ties.owned)
+        self._inner.setPythonContext(self._two_level)
         self._find_rows(system.A)
         system.extend_pattern(self._add_fill)
         # Rows have more columns now.
         self._find_rows(system.A)
         self._K = system.A.duplicate()
-        inner.setOperators(self._K)
+        self._inner.setOperators(self._K)
         self._right = system.numbering.vector()
         self._gather = Gather(system.numbering, [self._near])
 
     def __str__(self) -> str:
-        return f"{linear.name(self._inner)}, {len(self._ties.rules)} tied coordinates condensed"
-
-    @property
-    def problem(self) -> str:
-        """Why the last set-up failed; empty if it did not."""
-        return factorisation.reason(self._inner)
-
-    def keep_factors(self) -> bool:
-        """Let the inner preconditioner keep its factors for the next matrix; whether it does."""
-        return linear.keep_factors(self._inner)
+        return f"{self._two_level}, {len(self._ties.rules)} tied coordinates condensed"
 
     def recover(self) -> None:
         """Become usable again after a matrix that could not be factorised."""
-        linear.recover(self._inner)
+        self._two_level.recover()
 
     # ---- structure, once -------------------------------------------------------------------------
 
@@ -307,69 +301,30 @@ class CondensedTies:
         self._gather.add(self._G[self._gone_near].T @ rest, z)
 
 
-def for_constraints(system: System) -> Any:
+def for_constraints(system: System, max_iterations: int) -> CondensedTies | EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
-    preconditioner; None if the matrix is to be factorised.  Collective.
-
-    Films are solved iteratively.  Their ties are condensed.  Few other unknowns are eliminated as
-    they are; beams and rigid bodies with many are factorised, if films touch them at few points.
-    """
-    few = eliminated_unknowns(system)
-    if system.active_sets:
-        ties = None
-    else:
+    preconditioner: films and cables whose ties are condensed, or films with few other unknowns.
+    None if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective."""
+    if not system.active_sets:
         ties = Ties(system)
-        rest = _rest(system, ties.owned)
-        count = system.comm.allreduce(len(rest))
-    if few is not None and (ties is None or count):
-        return EliminatedJoints(system, few, max_iterations=linear.MAX_KSP_ITERATIONS)
-    if ties is None:
+        if _leaves_films_only(system, ties):
+            return CondensedTies(system, ties)
+    few = eliminated_unknowns(system)
+    if few is None:
         return None
-    context: CoupledBodies | TwoLevel
-    if count:
-        coupled = _coupled(system, ties, rest)
-        # Where films are small, the rest would be factorised in addition to Krylov iterations.
-        if len(coupled) > MAX_COUPLED or 2 * count > system.numbering.size:
-            return None
-        context = CoupledBodies(system, ties.owned, rest, coupled)
-    else:
-        context = TwoLevel(system, ties.owned)
-    inner = PETSc.PC().create(system.comm)
-    inner.setType("python")
-    inner.setPythonContext(context)
-    return CondensedTies(system, ties, inner)
+    return EliminatedJoints(system, few, max_iterations)
 
 
-def _rest(system: System, condensed: Indices) -> Indices:
-    """Unknowns of this rank that are neither films or cables nor `condensed` or held, in whole
-    blocks."""
-    is_rest = np.ones(system.numbering.size_local, dtype=bool)
+def _leaves_films_only(system: System, ties: Ties) -> bool:
+    """Whether all free unknowns are those of films and cables, once ties are condensed.
+    Collective."""
+    is_left = np.ones(system.numbering.size_local, dtype=bool)
     for body in system.coordinates:
         if body.block.size == 3:
-            is_rest[system.block(body).owned] = False
-    is_rest[condensed] = False
-    is_rest[system.supports.held] = False
-    size = system.numbering.block_size
-    is_rest = np.repeat(is_rest.reshape(-1, size).any(axis=1), size)
-    return np.flatnonzero(is_rest)
-
-
-def _coupled(system: System, ties: Ties, rest: Indices) -> Indices:
-    """Sorted global indices of those unknowns of `_rest`, of all ranks, that are coupled with films
-    once ties are condensed.  Collective."""
-    numbering = system.numbering
-    comm = numbering.comm
-    own_rest = numbering.start + rest
-    all_rest = np.concatenate(comm.allgather(own_rest))
-    passive = np.union1d(all_rest, ties.gone)
-    own = []
-    for row in own_rest:
-        columns = system.A.getRow(int(row))[0]
-        if not np.isin(columns, passive).all():
-            own.append(row)
-    masters = {master for rule in ties.rules.values() for master in rule.masters}
-    touched = np.concatenate([*comm.allgather(np.array(own, dtype=np.int64)), list(masters)])
-    return np.intersect1d(touched, all_rest).astype(np.int64)
+            is_left[system.block(body).owned] = False
+    is_left[ties.owned] = False
+    is_left[system.supports.held] = False
+    return not system.comm.allreduce(bool(is_left.any()), op=MPI.LOR)
 
 
 def _sparse(entries: list[tuple[int, int, float]], size: int) -> csr_matrix:

@@ -223,7 +223,7 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if keep_factors(self._sparse):
+        if _keep_factors(self._sparse):
             return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
@@ -279,9 +279,9 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     override.
 
     A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
-    diagonal, for which an incomplete factorisation fails: those of ties are condensed, and if few
-    others are left films are solved iteratively (`condensed_ties.for_constraints`), with many the
-    matrix is factorised, too.
+    diagonal, for which an incomplete factorisation fails: those of ties are condensed, and few
+    of others are eliminated (`condensed_ties.for_constraints`), with many the matrix is factorised,
+    too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -298,7 +298,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solve.solvers.condensed_ties import for_constraints
 
-        context = for_constraints(system)
+        context = for_constraints(system, MAX_KSP_ITERATIONS)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
@@ -335,7 +335,7 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
     return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
 
 
-def keep_factors(pc: PETSc.PC) -> bool:
+def _keep_factors(pc: PETSc.PC) -> bool:
     """Let a preconditioner use the factors of an earlier matrix for the next one, if it can;
     whether it does, so that the next matrix need not be summed."""
     if pc.getType() != "python":

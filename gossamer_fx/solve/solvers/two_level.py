@@ -56,10 +56,7 @@ MORE_FILL_ABOVE = 20
 
 class TwoLevel:
     """The preconditioner (1) to (3), as PETSc's Python preconditioner, for bodies on meshes without
-    Lagrange multipliers.
-
-    `applications` counts those of the present solve.
-    """
+    Lagrange multipliers."""
 
     def __init__(self, system: System, condensed: Indices = NONE) -> None:
         """Unknowns of this rank that are `condensed` (k,) have the rows and columns of the unit
@@ -69,7 +66,7 @@ class TwoLevel:
         self._local = factorisation.new_incomplete(system.comm)
         self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
         self._levels = 0  # of fill; 0: not chosen yet
-        self.applications = 0  # since the last set-up
+        self._applications = 0  # since the last set-up
 
     def __str__(self) -> str:
         return f"a coarse space and {self._local.getType()} of {self._levels} levels"
@@ -82,7 +79,7 @@ class TwoLevel:
         self._A = pc.getOperators()[0]
         self._set_up_coarse_space()
         self._set_up_local_part()
-        self.applications = 0
+        self._applications = 0
         reasons = PETSc.PC.FailedReason
         has_failed = self._local.getFailedReason() != reasons.NOERROR
         # All ranks must report the same, as PETSc decides on each rank whether to go on.
@@ -94,7 +91,7 @@ class TwoLevel:
     def _set_up_coarse_space(self) -> None:
         """Compute the coarse matrix, unless that of an earlier A of this step still serves."""
         step = self._system.time, self._system.h
-        if step != self._step or self.applications > REUSE_COARSE_UP_TO:
+        if step != self._step or self._applications > REUSE_COARSE_UP_TO:
             # Without couplings of contact: the product needs the same pattern every time.
             fixed = self._system.A if self._system.active_sets else self._A
             self._coarse.set_up(fixed)
@@ -107,14 +104,14 @@ class TwoLevel:
         if not self._levels:
             self._choose_fill(ILU_LEVELS)
             self._residual, self._correction = self._A.createVecs()
-        elif self.applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
+        elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
             self._choose_fill(ILU_LEVELS_DIFFICULT)
         self._local.setUp()
         self._local.setUpOnBlocks()
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Compute z from r by (1) to (3); called by PETSc."""
-        self.applications += 1
+        self._applications += 1
         self._coarse.solve(r, z)
         self._A.mult(z, self._residual)
         self._residual.aypx(-1.0, r)
