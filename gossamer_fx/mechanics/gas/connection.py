@@ -31,7 +31,8 @@ class Connection:
     def requires(self) -> Iterable[Any]:
         yield self.a
         yield self.b
-        area = getattr(self, "area", None)
+        # A ring or the area of a film joins the scene with its film.
+        area: Any = getattr(self, "area", None)
         if hasattr(area, "requires"):
             yield from area.requires()
 
