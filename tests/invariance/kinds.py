@@ -41,6 +41,13 @@ class Made:
     gas: Sequence[str] = ()
 
 
+def named_ports(**made: Any) -> dict[str, Attached]:
+    """The ports of several films, with the names of the films before theirs."""
+    return {
+        f"{film} {name}": port for film, parts in made.items() for name, port in parts.ports.items()
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Kind:
     """A kind of scene as data.
@@ -197,8 +204,7 @@ def tied_films(at: Description) -> Made:
     (right,) = coarse.having("right")
     (left,) = fine.having("left")
     tie = gx.Tie(left, right, group_a="left", group_b="right")
-    ports = {f"coarse {name}": port for name, port in coarse.ports.items()}
-    ports |= {f"fine {name}": port for name, port in fine.ports.items()}
+    ports = named_ports(coarse=coarse, fine=fine)
     return Made([*coarse.parts, *fine.parts, tie], ports)
 
 
@@ -216,8 +222,7 @@ def sewn_seam(at: Description) -> Made:
     (a,) = left.having("right")
     (b,) = right.having("left")
     seam = gx.Seam(a, "right", b, "left", closing=(0.0, at(5e-3, "s")))
-    ports = {f"left {name}": port for name, port in left.ports.items()}
-    ports |= {f"right {name}": port for name, port in right.ports.items()}
+    ports = named_ports(left=left, right=right)
     return Made([*left.parts, *right.parts, seam], ports)
 
 
@@ -291,8 +296,7 @@ def films_in_contact(at: Description, friction: float = 0.0) -> Made:
         friction=friction,
         slip_velocity=at(1e-3, "m/s"),
     )
-    ports = {f"lower {name}": port for name, port in lower.ports.items()}
-    ports |= {f"upper {name}": port for name, port in upper.ports.items()}
+    ports = named_ports(lower=lower, upper=upper)
     return Made([*lower.parts, *upper.parts, contact], ports)
 
 
