@@ -86,11 +86,11 @@ def plane(comm):
 SCENES = (chain, plane)
 
 
-def simulation(make, comm, monkeypatch=None):
+def simulation(make, comm, monkeypatch=None, **options):
     """The run of a scene; with `monkeypatch` by Krylov iterations, whatever its size."""
     if monkeypatch is not None:
         monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
-    run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3), **options)
     if monkeypatch is not None:
         monkeypatch.undo()
     return run
@@ -164,6 +164,20 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
     np.testing.assert_allclose(found[0], found[1], atol=1e-7 * np.abs(found[1]).max())
 
 
+def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
+    """A checkpoint has multipliers and coordinates; the condensation has no memory of its own."""
+    options = {"checkpoints": gx.Checkpoints(tmp_path / "saves", every=2)}
+    whole = simulation(chain, MPI.COMM_SELF, monkeypatch)
+    half = simulation(chain, MPI.COMM_SELF, monkeypatch, **options)
+    half.run(until=2e-3)
+    rest = simulation(chain, MPI.COMM_SELF, monkeypatch, restart=tmp_path / "saves")
+    assert rest.step == 2
+    for run in (whole, rest):
+        run.run(until=4e-3)
+    np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, atol=1e-10)
+
+
+@pytest.mark.filterwarnings("ignore:Diagonal number")
 def test_ties_that_follow_from_others_end_the_step_in_words(monkeypatch):
     """Scenes with many constraints are not searched for dependent ones; the step then fails."""
     monkeypatch.setattr("gossamer_fx.mechanics.terms.point_constraints.MAX_CHECKED_CONSTRAINTS", 0)

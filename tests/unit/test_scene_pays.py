@@ -62,6 +62,7 @@ ABSENT_PARTS = {
     "cli",
     "algebra.dihedral_angle",
     "solvers.coarse_space",
+    "solvers.condensed_ties",
     "solvers.two_level",
     "materials.elastica",
     "probes.flight",

@@ -83,6 +83,7 @@ class UniformFluid:
     level: float = 0.0
 
     def profile(self, g: float, mesh: Mesh) -> Profile:
+        """The straight line of p."""
         ρ = constant(mesh, self.density)
         p0 = constant(mesh, self.pressure)
         level = constant(mesh, self.level)
@@ -149,6 +150,7 @@ class StandardAtmosphere:
         return self(altitude) / (GAS_CONSTANT * self.temperature(altitude))
 
     def profile(self, g: float, mesh: Mesh) -> Profile:
+        """The pressure by layers; gravity is that of the standard, whatever g is."""
         start = constant(mesh, self.altitude)
 
         def pressure(z: Expr) -> Expr:

@@ -63,6 +63,7 @@ LAST_DAMPING = 1e6
 NEGLIGIBLE = 1e-13
 
 
+@check_arguments
 @dataclass(frozen=True)
 class BestSurface:
     """The plane, paraboloid or sphere that fits a film best.
@@ -92,7 +93,7 @@ class BestSurface:
     point: tuple[float, float, float]
     axis: tuple[float, float, float]
     tilt: float
-    radius: float
+    radius: float = math.inf
 
     @property
     def focal_length(self) -> float:

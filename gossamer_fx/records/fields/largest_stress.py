@@ -20,6 +20,7 @@ from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.solve.system.system import System
 
 
+@check_arguments
 @dataclass(frozen=True)
 class StressPeak:
     """The largest principal stress of a film.
@@ -27,7 +28,7 @@ class StressPeak:
     Attributes:
         stress: second Piola-Kirchhoff stress [Pa], as the field `stress1`.
         point: where it is, (3,) [m] on the stress-free shape.
-        ratio: of the stress to the limit that was given; NaN without one.
+        ratio: of the stress to the limit that was given; None without one.
 
     Example:
         >>> equilibrium = gx.Equilibrium(gx.Scene(film))
@@ -38,7 +39,7 @@ class StressPeak:
 
     stress: float
     point: tuple[float, float, float]
-    ratio: float
+    ratio: float | None = None
 
 
 @check_arguments
@@ -110,5 +111,5 @@ class StressSearch:
         # Of equal stresses, that of the lowest rank.
         stress, rank = system.comm.allreduce((largest, system.comm.rank), op=MPI.MAXLOC)
         x, y, z = system.comm.bcast(point, root=rank)
-        ratio = math.nan if limit is None else stress / limit
+        ratio = stress / limit if limit else None
         return StressPeak(stress, (float(x), float(y), float(z)), ratio)

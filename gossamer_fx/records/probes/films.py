@@ -172,5 +172,5 @@ class LargestStress:
 
     def __call__(self, run: StateView) -> float:
         """The stress [Pa], or its ratio to the limit, in the state of a run."""
-        found = self._search(run.system, self.limit)
-        return found.stress if self.limit is None else found.ratio
+        stress = self._search(run.system, self.limit).stress
+        return stress / self.limit if self.limit else stress

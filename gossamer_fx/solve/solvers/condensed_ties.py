@@ -188,44 +188,57 @@ class CondensedTies:
     # ---- structure, once -------------------------------------------------------------------------
 
     def _find_rows(self, A: PETSc.Mat) -> None:
-        """Find this rank's rows of A that change, and the matrices T - 1 and G on the unknowns near
-        them.  Collective."""
+        """Find this rank's rows of A that change, and what they depend on.  Collective."""
         numbering = self._system.numbering
         gone = self._ties.gone
-        own_gone = (numbering.start + self._ties.owned).astype(np.int64)
+        own_gone = numbering.start + self._ties.owned
         none = np.zeros(0, dtype=np.int64)
         # The pattern is symmetric: these are the rows with entries in columns that vanish.
         columns = [A.getRow(int(row))[0] for row in own_gone]
-        touched = numbering.comm.allgather(np.unique(np.concatenate([none, *columns])))
-        all_rows = np.union1d(np.concatenate(touched), gone)
-        end = numbering.start + numbering.size_local
-        self._rows = all_rows[(all_rows >= numbering.start) & (all_rows < end)]
+        touched = np.unique(np.concatenate([none, *columns]))
+        all_rows = np.union1d(np.concatenate(numbering.comm.allgather(touched)), gone)
+        local = all_rows - numbering.start
+        is_own = (local >= 0) & (local < numbering.size_local)
+        self._rows = all_rows[is_own]
         self._columns = [A.getRow(int(row))[0] for row in self._rows]
-        near = {int(column) for columns in self._columns for column in columns}
-        rules = {slave: self._ties.rules[slave] for slave in near if slave in self._ties.rules}
-        for rule in rules.values():
-            near.update(rule.masters, rule.sides)
-        self._near = np.array(sorted(near), dtype=PETSc.IntType)
-        position = {int(unknown): k for k, unknown in enumerate(self._near)}
-        # Rows, columns and values of T - 1 and G; slaves and multipliers vanish from T.
-        vanishing = np.flatnonzero(np.isin(self._near, gone))
-        T = [(int(k), int(k), -1.0) for k in vanishing]
-        G = []
-        for slave, rule in rules.items():
-            k = position[slave]
-            T += [(k, position[i], w) for i, w in rule.masters.items()]
-            G += [(k, position[i], w) for i, w in rule.sides.items()]
-        self._T_minus_1 = _sparse(T, len(near))
-        self._G = _sparse(G, len(near))
-        # Of this rank's rows that change those that vanish, and the positions of these.
+        self._find_near()
+        # Of the rows that change those that vanish, and their columns.
         is_gone = np.isin(self._rows, gone)
         self._gone_rows = np.flatnonzero(is_gone)
         self._other_rows = np.flatnonzero(~is_gone)
         self._gone_near = np.searchsorted(self._near, own_gone)
+        self._own_E = self._E[self._gone_near]
+        self._own_G = self._G[self._gone_near]
         # Rows of T of the slaves on this rank, by their masters.
-        masters = self._T_minus_1[self._gone_near].multiply(~np.isin(self._near, gone))
-        self._by_master = masters.T.tocsr()
+        is_kept = ~np.isin(self._near, gone)
+        self._by_master = self._own_E.multiply(is_kept).T.tocsr()
         self._by_master.eliminate_zeros()
+
+    def _find_near(self) -> None:
+        """Find the unknowns near the rows that change, and the matrices E = T - 1 and G on them."""
+        near = {int(column) for columns in self._columns for column in columns}
+        rules = {}
+        for unknown in near:
+            if unknown in self._ties.rules:
+                rules[unknown] = self._ties.rules[unknown]
+        for rule in rules.values():
+            near.update(rule.masters)
+            near.update(rule.sides)
+        self._near = np.array(sorted(near), dtype=PETSc.IntType)
+        position = {int(unknown): k for k, unknown in enumerate(self._near)}
+        # Rows, columns and values.  Slaves and multipliers have no column in T.
+        of_E: list[tuple[int, int, float]] = []
+        of_G: list[tuple[int, int, float]] = []
+        for k in np.flatnonzero(np.isin(self._near, self._ties.gone)):
+            of_E.append((int(k), int(k), -1.0))
+        for slave, rule in rules.items():
+            row = position[slave]
+            for master, coefficient in rule.masters.items():
+                of_E.append((row, position[master], coefficient))
+            for multiplier, coefficient in rule.sides.items():
+                of_G.append((row, position[multiplier], coefficient))
+        self._E = _sparse(of_E, len(near))
+        self._G = _sparse(of_G, len(near))
 
     def _changed_rows(self, values: Array) -> csr_matrix:
         """The rows of A that change, with columns near them, of the values of their entries."""
@@ -238,32 +251,34 @@ class CondensedTies:
         """Add the entries of K that A does not have, with the value zero."""
         count = sum(len(columns) for columns in self._columns)
         # Positive numbers, so that no entry cancels.
-        rows = self._changed_rows(np.ones(count))
-        rows_T = rows @ abs(self._T_minus_1)
-        self._add(pattern, 0.0 * rows_T[self._other_rows], self._rows[self._other_rows])
-        of_masters = abs(self._by_master) @ (rows + rows_T)[self._gone_rows]
-        self._add(pattern, 0.0 * of_masters, self._near)
+        A = self._changed_rows(np.ones(count))
+        AE = A @ abs(self._E)
+        others = self._rows[self._other_rows]
+        self._add(pattern, 0.0 * AE[self._other_rows], others)
+        of_slaves = (A + AE)[self._gone_rows]
+        self._add(pattern, 0.0 * (abs(self._by_master) @ of_slaves), self._near)
 
     # ---- for each matrix -------------------------------------------------------------------------
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Compute K of the present matrix A, and set up its preconditioner; called by PETSc.
         Collective."""
-        A = pc.getOperators()[0]
-        values = [A.getRow(int(row))[1] for row in self._rows]
+        matrix = pc.getOperators()[0]
+        values = [matrix.getRow(int(row))[1] for row in self._rows]
         self._A = self._changed_rows(np.concatenate([np.zeros(0), *values]))
-        self._A_gone = self._A[self._gone_rows]
-        # With E = T - 1:  K = A + A E + Eᵀ (A + A E), and the unit matrix where T has no columns.
-        AE = self._A @ self._T_minus_1
-        of_masters = self._by_master @ (self._A_gone + AE[self._gone_rows])
+        self._own_A = self._A[self._gone_rows]
+        # K = A + A E + Eᵀ (A + A E), with the unit matrix where T has no columns.
+        AE = self._A @ self._E
+        others = self._rows[self._other_rows]
         gone = self._rows[self._gone_rows]
+        of_slaves = self._own_A + AE[self._gone_rows]
         K = self._K
-        A.copy(K, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._add(K, AE[self._other_rows], self._rows[self._other_rows])
-        self._add(K, of_masters, self._near)
-        self._add(K, -self._A_gone, gone)
-        ones = csr_matrix((np.ones(len(gone)), (np.arange(len(gone)), self._gone_near)), AE.shape)
-        self._add(K, ones[: len(gone)], gone)
+        matrix.copy(K, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._add(K, AE[self._other_rows], others)
+        self._add(K, self._by_master @ of_slaves, self._near)
+        self._add(K, -self._own_A, gone)
+        for row in gone:
+            K.setValue(int(row), int(row), 1.0, addv=PETSc.InsertMode.ADD_VALUES)
         K.assemble()
         self._inner.setUp()
         pc.setFailedReason(self._inner.getFailedReason())
@@ -287,18 +302,20 @@ class CondensedTies:
         (3); called by PETSc."""
         start = self._system.numbering.start
         owned = self._ties.owned
-        # G s, and the residual of the other coordinates.
-        shift = self._G @ self._gather(r)[0]
         right = self._right
+        # r - A G s: `shift` is G s.
+        shift = self._G @ self._gather(r)[0]
         r.copy(right)
         right.array[self._rows - start] -= self._A @ shift
-        # Its product with Tᵀ.
-        T_minus_1 = self._T_minus_1[self._gone_near]
-        self._gather.add(T_minus_1.T @ right.array_r[owned], right)
+        # Tᵀ of it.
+        self._gather.add(self._own_E.T @ right.array_r[owned], right)
         self._inner.apply(right, z)
-        z.array[owned] += T_minus_1 @ self._gather(z)[0] + shift[self._gone_near]
-        rest = r.array_r[owned] - self._A_gone @ self._gather(z)[0]
-        self._gather.add(self._G[self._gone_near].T @ rest, z)
+        # z = T y + G s, without multipliers.
+        z.array[owned] += self._own_E @ self._gather(z)[0]
+        z.array[owned] += shift[self._gone_near]
+        # λ = Gᵀ (r - A z).
+        rest = r.array_r[owned] - self._own_A @ self._gather(z)[0]
+        self._gather.add(self._own_G.T @ rest, z)
 
 
 def for_constraints(system: System, max_iterations: int) -> CondensedTies | EliminatedJoints | None:

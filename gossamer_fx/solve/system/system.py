@@ -283,6 +283,10 @@ class System:
     def extend_pattern(self, add_entries: Callable[[PETSc.Mat], None]) -> None:
         """Make all matrices again, with more entries in their pattern, which `add_entries` adds to
         a matrix as zeros, e.g. for a solver that stores more in a copy.  Collective."""
+        # On several ranks PETSc would hold what Python drops.
+        for matrix in (self.M, self.A, self.K, self._base):
+            if matrix is not None:
+                matrix.destroy()
         self._build_matrices(add_entries)
 
     def _build_matrices(self, add_entries: Callable[[PETSc.Mat], None] | None = None) -> None:
