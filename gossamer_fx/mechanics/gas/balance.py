@@ -423,6 +423,10 @@ class Balance:
                 error = self.residual(trial, V, W) / scale
                 if float(error @ error) < size:
                     break
+            else:
+                # From nearly the same y Newton's method would fail again: the volumes are far off.
+                if abs(error).max() > ACCEPTABLE_RESIDUAL:
+                    return None
             # The last trial is taken also if none decreased the residual: at round-off none does.
             y = trial
         if abs(error).max() > ACCEPTABLE_RESIDUAL:
