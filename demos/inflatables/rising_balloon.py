@@ -11,8 +11,8 @@ it is full, and the scale height H = R T/g of air of one temperature:
 
 From 11 to 20 km the standard atmosphere has one temperature; the balloon starts at 12 km.  Heat
 comes to the gas through the film (`gx.gas.FilmHeat`) with a time constant of seconds, the ascent
-takes minutes: the gas stays within 1.1 K of the air, and the balloon is full after 1650 m, 2 % later
-than by hand at constant temperature; without heat it would be 2700 m.  It rises with 4.1 m/s.
+takes minutes: the gas stays within 1.1 K of the air, and the balloon is full after 1650 m, 2 %
+later than by hand at constant temperature; without heat it would be 2700 m.  It rises with 4.1 m/s.
 
 Left out are the mass of the air that moves along, half of what the balloon displaces, the fall of
 the air's density in the drag, and sunlight.  The film bears the weight of the gas.  The triangles
