@@ -379,6 +379,17 @@ def test_parts_are_hidden_and_cut(fall: Fall, watch: gx.plot.Watch, browser: Any
     page.close()
 
 
+def test_one_state_has_no_playback(fall: Fall, browser: Any, tmp_path: Path) -> None:
+    fall.go(1)
+    gx.write_report(gx.plot.RunReader(fall.folder), tmp_path / "two.html")
+    gx.outputs.record(gx.Equilibrium(gx.Scene(fall.film)), [gx.Recording(tmp_path / "one")])
+    gx.write_report(gx.plot.RunReader(tmp_path / "one"), tmp_path / "one.html")
+    for name, is_hidden in (("one", True), ("two", False)):
+        page = opened(browser, (tmp_path / f"{name}.html").as_uri())
+        assert page.is_hidden("#play") == page.is_hidden("#time") == is_hidden
+        page.close()
+
+
 @pytest.mark.parametrize("width", [1280, 390])
 def test_nothing_overflows(
     fall: Fall, watch: gx.plot.Watch, browser: Any, tmp_path: Path, width: int

@@ -402,6 +402,7 @@
     const wasLast = Number(slider.value) >= Number(slider.max);
     header.labels = labels;
     slider.max = Math.max(labels.length - 1, 0);
+    slider.hidden = $("play").hidden = labels.length < 2;
     if (wasLast && !isPlaying) slider.value = slider.max;
   }
 

@@ -33,9 +33,9 @@ from gossamer_fx.records.plot.viewer import RunView
 
 _HOST = "127.0.0.1"
 _CURVES_WIDTH = 4.0  # of the picture of the curves, at the right of the view [inches]
-# Time from one picture of the curves to the next over the time that it takes to draw one: the cores
-# belong to the run.
-_CURVES_PAUSE = 8.0
+# Time from one picture of the curves to the next over the CPU time that it takes to draw one: the
+# cores belong to the run, which also makes the drawing wait.
+_CURVES_PAUSE = 5.0
 _CURVES = '<div id="curves-frame"><img id="curves" alt=""></div>'
 _MAX_PORT = 65535
 
@@ -194,13 +194,12 @@ class _Answers:
         is_due = time.monotonic() >= self._next_curves or run.about["status"] != "running"
         if rows < 2 or rows == self._curves_count or not is_due:
             return
-        began = time.monotonic()
+        began = time.thread_time()
         picture = BytesIO()
         write_page(picture, "", None, run_curves(run), width=_CURVES_WIDTH)
         self._curves = picture.getvalue()
         self._curves_count = rows
-        now = time.monotonic()
-        self._next_curves = now + _CURVES_PAUSE * (now - began)
+        self._next_curves = time.monotonic() + _CURVES_PAUSE * (time.thread_time() - began)
 
     def answer(self, words: list[str]) -> tuple[str, bytes] | None:
         """Type and contents of what is asked for; None if there is no such thing."""
