@@ -190,7 +190,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
         _draw_panel(panel, sweep, results, number)
     if len(names) > len(numbers):
         words = f"{len(numbers)} of {len(names)} numbers; runs.csv has all."
-        figure.supxlabel(words, x=0.0, ha="left", fontsize=9.5)
+        figure.supxlabel(words, x=0.01, ha="left", fontsize=9.5)
     figure.savefig(path, dpi=_RESOLUTION)
 
 
