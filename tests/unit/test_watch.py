@@ -124,6 +124,25 @@ def test_the_view_follows_the_run(fall: Fall, watch: gx.plot.Watch) -> None:
         assert picture.read()[1:4] == b"PNG"
 
 
+def test_the_scale_of_colours_has_the_newest_state(
+    fall: Fall, watch: gx.plot.Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also before the view is made again, at twice as many states."""
+    monkeypatch.setattr("gossamer_fx.records.plot.watch._PAUSE", 0.0)
+    highest = []
+    for steps in (2, 3, 4):
+        fall.go(steps)
+        news = ask(watch.address + "progress")
+        assert news["version"] == 1 and news["legends"] == steps + 1
+        number = ask(watch.address + "header/1")["fields"].index("Displacement")
+        highest.append(ask(f"{watch.address}legend/1/{number}")["high"])
+        film = gx.plot.RunReader(fall.folder).bodies["film"]
+        mesh, step = film.at(steps)
+        lengths = np.linalg.norm(mesh.components("displacement", step), axis=1)
+        assert highest[-1] == pytest.approx(lengths.max(), rel=1e-3)
+    assert highest[0] < highest[1] < highest[2]
+
+
 def test_only_the_token_opens_and_no_file_is_sent(
     fall: Fall, watch: gx.plot.Watch, tmp_path: Path
 ) -> None:
