@@ -611,7 +611,12 @@ def pages() -> dict[str, str]:
 
 def write(app: Any = None) -> None:
     OUT.mkdir(exist_ok=True)
-    for name, text in pages().items():
+    made = pages()
+    # Of names and demos that are gone
+    for path in OUT.glob("*.md"):
+        if path.stem not in made:
+            path.unlink()
+    for name, text in made.items():
         path = OUT / f"{name}.md"
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")

@@ -162,6 +162,7 @@ OF_ANY_SIGN = {
     "orbit.Elements": "node perigee anomaly",
     "orbit.ExponentialAtmosphere": "altitude",
     "orbit.Orbit": "ut1_utc",
+    "plot.Limits": "low",
     "plot.View": "azimuth elevation",
 }
 # Numbers that may be zero but not negative.
@@ -213,6 +214,7 @@ NOT_NEGATIVE = {
     "orbit.SolarPressure": "shadow_pixels",
     "orbit.Sunlight": "pressure",
     "orbit.ThermalProperties": "absorptivity",
+    "plot.Watch": "port",
     "probes.Waves": "number",
     "sections.rectangle": "nu",
     "sections.solid_circle": "nu",

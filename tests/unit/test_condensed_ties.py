@@ -165,7 +165,7 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
 
 
 def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
-    """A checkpoint has multipliers and coordinates; the condensation has no memory of its own."""
+    """A checkpoint has multipliers and coordinates; the condensation has no separate memory."""
     options = {"checkpoints": gx.Checkpoints(tmp_path / "saves", every=2)}
     whole = simulation(chain, MPI.COMM_SELF, monkeypatch)
     half = simulation(chain, MPI.COMM_SELF, monkeypatch, **options)

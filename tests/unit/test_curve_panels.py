@@ -64,7 +64,7 @@ def test_a_family_becomes_a_band_and_other_parts_keep_their_curves() -> None:
 
 
 def test_numbers_at_an_axis_need_no_addition() -> None:
-    """A pressure about 101 325 Pa has neither "+1.01e5" nor a power of ten beside the axis."""
+    """A pressure about 101 325 Pa has neither "+1.01e5" nor a power of ten at the axis."""
     with matplotlib.rc_context(page._STYLE):
         figure = Figure()
         axes = figure.subplots()

@@ -27,7 +27,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.app.cli.launch import child_environment
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.records.plot.viewer import RunView
 from tests.small_scenes import WRINKLING
 
 ALONE = MPI.COMM_SELF
@@ -141,6 +142,24 @@ def test_the_scale_of_colours_has_the_newest_state(
         lengths = np.linalg.norm(mesh.components("displacement", step), axis=1)
         assert highest[-1] == pytest.approx(lengths.max(), rel=1e-3)
     assert highest[0] < highest[1] < highest[2]
+
+
+def test_deformations_of_an_equilibrium_and_of_a_mode_can_be_enlarged(tmp_path: Path) -> None:
+    """They are counted from the stress-free mesh, and from the shape about which it vibrates."""
+    film = gx.Membrane(sheet(ALONE, 4, 4), WRINKLING, initial_stress=1e6, name="drum")
+    supports = [gx.Fixed(film, edge) for edge in EDGES]
+    equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 10.0), *supports))
+    equilibrium.find()
+    gx.outputs.record(equilibrium, [gx.Recording(tmp_path / "drum")])
+    found = RunView(gx.plot.RunReader(tmp_path / "drum")).state(0, [])
+    middle = gx.probes.Displacement(film.port_at((0.5, 0.5, 0.0)), "z")
+    assert rows(found["moved"][0])[:, 2].max() == pytest.approx(middle(equilibrium), rel=1e-4)
+    shapes = gx.analysis.modes(equilibrium, count=1)
+    gx.outputs.record_modes(equilibrium, shapes, tmp_path / "modes", amplitude=0.1, frames=4)
+    view = RunView(gx.plot.RunReader(next((tmp_path / "modes").iterdir())))
+    heights = [rows(view.state(record, [])["moved"][0])[:, 2] for record in range(4)]
+    assert abs(heights[0]).max() == pytest.approx(0.1, rel=1e-3)
+    assert heights[2] == pytest.approx(-heights[0], abs=1e-5)
 
 
 def test_only_the_token_opens_and_no_file_is_sent(
@@ -333,12 +352,13 @@ def test_a_browser_follows_a_live_run(fall: Fall, watch: gx.plot.Watch, browser:
     page.wait_for_selector("#time[max='42']", timeout=30_000)
     assert page.get_attribute("#view", "data-record") == "1"
     page.click("#play")
-    page.wait_for_selector("#view[data-record='5']", timeout=30_000)
+    page.wait_for_selector("#view:not([data-record='1'])", timeout=30_000)
     page.click("#play")
     assert page.inner_text("#play") == "Play"
+    page.wait_for_timeout(400)  # a state that was asked for before the pause may still be shown
     paused = page.inner_text("#time-label")
-    page.wait_for_timeout(400)
-    assert page.inner_text("#time-label") == paused != "t = 42 ms"
+    page.wait_for_timeout(600)
+    assert page.inner_text("#time-label") == paused
     page.close()
 
 

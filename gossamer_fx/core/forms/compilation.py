@@ -225,7 +225,7 @@ def _with_kernel[T](key: _KernelKey, of: Any, make: Callable[[Any], T]) -> T:
     """Compile a form or expression, unless this process has the kernel.  Collective."""
     comm = key.comm
     digest = key.digest()
-    # A rank may have compiled a form that others have not, on a mesh of its own.
+    # A rank may have compiled a form that others have not, on a separate mesh.
     if comm.allreduce(digest in _kernels, op=MPI.LAND):
         with loaded_kernel(_kernels, digest):
             return make(of)

@@ -66,7 +66,7 @@ from gossamer_fx.mechanics.gas.surface import Geometry, MovingArea
 AREA_FACTOR = "area_factor"
 
 # Before the name of a species: its mass fraction in the mixture of a chamber at the start, whose
-# other species keep their ratios.
+# the ratios of other species are constant.
 FRACTION = "fraction of "
 
 # A parameter: the item of the scene, and the name that the item has for it.

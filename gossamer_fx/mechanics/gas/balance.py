@@ -69,6 +69,7 @@ End = int | Holder
 # Complex-step derivatives have no cancellation, so the step is as small as possible; its square
 # (1e-60) is negligible in double precision next to any quantity of a network.
 COMPLEX_STEP = 1e-30
+STEP = 1j * COMPLEX_STEP
 
 # Scaled residual of a solution.  Round-off of the sums is some 1e-15; a factor of 100 is left for
 # networks with many openings.
@@ -299,11 +300,9 @@ class Balance:
             for side, k in enumerate(passage.ends):
                 if not isinstance(k, int):
                     continue
-                T = at_ends[side][1]
-                with_step = _with_pressure_step(at_ends[side])
-                upstream, by_pressure = _slopes(passage, at_ends, side, with_step)
-                with_step = _with_temperature_step(at_ends[side])
-                _, by_temperature = _slopes(passage, at_ends, side, with_step)
+                p, T, gas = at_ends[side]
+                upstream, by_pressure = _slopes(passage, at_ends, side, (p + STEP, T, gas))
+                _, by_temperature = _slopes(passage, at_ends, side, (p, T + STEP, gas))
                 # ∂T/∂(p1 V) of (3); T falls with the mass of a species by T R times this.
                 T_by_pV = 1 / mass_times_R[k]
                 by_masses = [
@@ -319,7 +318,7 @@ class Balance:
                         continue
                     # The first slope is that of the energy flow (row end), the others are those of
                     # the mass flows.
-                    targets = [end, *(n + row for row in rows)]
+                    targets = [end, *[n + row for row in rows]]
                     slopes = zip(targets, by_pressure, by_temperature, strict=True)
                     for target, p_slope, T_slope in slopes:
                         by_p1 = p_slope * weight[k] + T_slope * volume[k] * T_by_pV
@@ -347,7 +346,7 @@ class Balance:
         masses = [total_mass[row] for row in self.contents.rows[k]]
         for position, sums in enumerate(by_masses):
             amounts: list[Number] = list(masses)
-            amounts[position] += 1j * COMPLEX_STEP
+            amounts[position] += STEP
             blend = Blend(gas.species, amounts, gas.name)
             _, slopes = _slopes(passage, at_ends, side, (p, T, blend))
             for target, slope in enumerate(slopes):
@@ -454,9 +453,9 @@ class Balance:
                     continue
                 # Rise of the pressure in a step per mass flow, h γ R T/V of an adiabatic chamber
                 stiffness = self.h * gas.heat_ratio(T_high) * gas.R * T_high / V[k]
-                changed = _with_pressure_step(at_ends[side])
-                # The slopes of the mass flows of all species
-                _, slopes = _slopes(passage, at_ends, side, changed)
+                p, T, end_gas = at_ends[side]
+                # After the slope of the energy flow follow those of the mass flows of all species.
+                _, slopes = _slopes(passage, at_ends, side, (p + STEP, T, end_gas))
                 relaxation[k] -= stiffness * sign * sum(slopes[1:])
                 equalisation[k] += stiffness * moving
                 at_rest[k] += stiffness * resting
@@ -521,18 +520,6 @@ def _slopes(
     for fraction in varied[upstream][2].fractions:
         flows.append(fraction * mass_flow)
     return upstream, [flow.imag / COMPLEX_STEP for flow in flows]
-
-
-def _with_pressure_step(state: State) -> State:
-    """The state at an end with a complex step of its pressure."""
-    p, T, gas = state
-    return p + 1j * COMPLEX_STEP, T, gas
-
-
-def _with_temperature_step(state: State) -> State:
-    """The state at an end with a complex step of its temperature."""
-    p, T, gas = state
-    return p, T + 1j * COMPLEX_STEP, gas
 
 
 def _conductance(

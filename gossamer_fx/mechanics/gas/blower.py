@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.connection import Connection
+from gossamer_fx.mechanics.gas.contract import Aperture, Gases, Pair
 from gossamer_fx.mechanics.gas.linear_table import LinearTable
-from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.surface import Geometry
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Blower:
+class Blower(Connection):
     """A blower that moves gas from a to b by a curve of the volume flow against the rise of the
     pressure.  The gas arrives with the temperature of a: the work of the blower, volume flow times
     rise of the pressure, is left out of the energy of the gas.
@@ -36,18 +34,13 @@ class Blower:
         >>> fan = gx.gas.Blower(outside, tank, curve=curve)
     """
 
-    a: Volume | Holder
-    b: Volume | Holder
     _: KW_ONLY
     curve: LinearTable
     name: str = "blower"
     is_driven = True
-    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        check(
-            self.a is not self.b, f"Blower '{self.name}' leads from '{self.a.name}' back into it."
-        )
+        super().__post_init__()
         least = min(flow for _, flow in self.curve.points)
         check(
             least >= 0,
@@ -55,21 +48,11 @@ class Blower:
             "give none that is negative.",
         )
 
-    def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
-
     def aperture(self, geometry: Geometry) -> Aperture:
         """One blower, in place of an area."""
         return lambda h, t: 1.0
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b; `area` is the number of blowers."""
         density = p[0] / (gases[0].R * T[0])
         return area * density * self.curve(p[1] - p[0])

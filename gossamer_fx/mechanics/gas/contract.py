@@ -73,6 +73,13 @@ class Gas(Protocol):
         ...
 
 
+# The gases at the ends a and b of an opening
+Gases = tuple[Gas, Gas]
+
+# Pressures [Pa] or temperatures [K] of both ends
+Pair = tuple[complex, complex]
+
+
 @runtime_checkable
 class Holder(Protocol):
     """A gas boundary of constant state: gas comes from it or goes to it, and it does not change, as
@@ -169,13 +176,7 @@ class Opening(Protocol):
         time."""
         ...
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 
         The flow has the mixture and the enthalpy of the end that it comes from.  It must be

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 from gossamer_fx.core.algebra.dual_numbers import Number
@@ -32,23 +33,21 @@ class IdealGas:
     gamma: Annotated[float, Range(1.0, above=True)]
     R: Annotated[float, positive("J/(kg K)")]
     name: str = "gas"
+    # All of its mass is of one species.
+    fractions = (1.0,)
 
     @property
     def species(self) -> tuple[IdealGas]:
         """The gas itself."""
         return (self,)
 
-    @property
-    def fractions(self) -> tuple[float]:
-        """All of its mass is of one species."""
-        return (1.0,)
-
-    @property
+    # Asked for each flow: computed once
+    @cached_property
     def cv(self) -> float:
         """Specific heat at constant volume, R/(γ - 1) [J/(kg K)]."""
         return self.R / (self.gamma - 1)
 
-    @property
+    @cached_property
     def cp(self) -> float:
         """Specific heat at constant pressure, γ c_v [J/(kg K)]."""
         return self.gamma * self.cv

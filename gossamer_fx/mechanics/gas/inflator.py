@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Volume
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Gases, Pair, Volume
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.surface import Geometry
 
@@ -98,12 +98,6 @@ class Inflator:
         what = f"Inflator '{self.name}': its {quantity} at t = {t:.6g} s"
         return float(ask_numbers(geometry.comm, what, lambda: given(t)))
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """The mass flow [kg/s] of `aperture`."""
         return area

@@ -12,7 +12,8 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.connection import PassiveOpening
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
@@ -81,7 +82,7 @@ def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: fl
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Orifice:
+class Orifice(PassiveOpening):
     """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
 
     Args:
@@ -102,19 +103,16 @@ class Orifice:
         >>> valve = gx.Orifice(bottle, tank, area=lambda t: 1e-6 if t < 1.0 else 0.0)
     """
 
-    a: Volume | Holder
-    b: Volume | Holder
     _: KW_ONLY
     area: Area
     discharge_coefficient: Coefficient | LinearTable = 1.0
     # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
-    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         what = f"{type(self).__name__} '{self.name}'"
-        check(self.a is not self.b, f"{what} leads from '{self.a.name}' back into it.")
         check(
             isinstance(self.area, Ring | FilmArea)
             or callable(self.area)
@@ -138,12 +136,6 @@ class Orifice:
                 f"{ratio!r} is out of range; give ratios of 0 to 1 and coefficients up to 1.",
             )
 
-    def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
-        if isinstance(self.area, Ring | FilmArea):
-            yield from self.area.requires()
-
     def aperture(self, geometry: Geometry) -> Aperture:
         """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s] of
         the middle of the step; the area A of a ring is that of the film's opening at that time.
@@ -158,24 +150,12 @@ class Orifice:
         what = f"{type(self).__name__} '{self.name}'"
         return compile_aperture(self.area, coefficient, geometry, what)
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
-        """Mass flow [kg/s] from the first end to the second through an effective area [m²], at the
-        pressures p [Pa] and temperatures T [K] of both ends."""
-        if p[0].real >= p[1].real:
-            return area * self._flux(gases[0], p[0], T[0], p[1])
-        return -area * self._flux(gases[1], p[1], T[1], p[0])
-
-    def _flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
-        """Mass flow per effective area [kg/(s m²)] from the upstream to the downstream pressure."""
+    def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """`isentropic_flow`, times the coefficient of a table."""
         flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
-        if isinstance(self.discharge_coefficient, LinearTable) and pu.real > 0:
-            flux = flux * self.discharge_coefficient(pd / pu)
+        table = self.discharge_coefficient
+        if isinstance(table, LinearTable) and pu.real > 0:
+            flux = flux * table(pd / pu)
         return flux
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
-from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.mechanics.gas.connection import PassiveOpening
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas
 from gossamer_fx.mechanics.gas.orifice import MAX_LAMINAR, MIN_LAMINAR
 from gossamer_fx.mechanics.gas.surface import Geometry
 
@@ -44,7 +42,7 @@ def friction_parameter(gamma: Number, M: Number) -> Number:
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Pipe:
+class Pipe(PassiveOpening):
     """A pipe with friction between two volumes: an isentropic inlet, then adiabatic flow with the
     Darcy friction factor f (four times that of Fanning) to the pressure at the other end, at most
     to a Mach number of one.
@@ -73,41 +71,19 @@ class Pipe:
         >>> hose = gx.gas.Pipe(tank, outside, diameter=2e-3, length=1.0, friction=0.02)
     """
 
-    a: Volume | Holder
-    b: Volume | Holder
     _: KW_ONLY
     diameter: Annotated[float, positive("m")]
     length: Annotated[float, positive("m")]
     friction: Annotated[float, positive("")]
     laminar: Annotated[float, Range(MIN_LAMINAR, MAX_LAMINAR)] = 1e-5
     name: str = "pipe"
-    scalar_unknowns = GasNetwork
-
-    def __post_init__(self) -> None:
-        check(self.a is not self.b, f"Pipe '{self.name}' leads from '{self.a.name}' back into it.")
-
-    def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """The cross section [m²], always the same."""
         return lambda h, t: np.pi / 4 * self.diameter**2
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
-        """Mass flow [kg/s] from a to b through a cross section [m²]."""
-        if p[0].real >= p[1].real:
-            return area * self._flux(gases[0], p[0], T[0], p[1])
-        return -area * self._flux(gases[1], p[1], T[1], p[0])
-
-    def _flux(self, gas: Gas, pu: Number, Tu: Number, pd: Number) -> Number:
-        """Mass flow per area [kg/(s m²)] from the pressure pu [Pa] and temperature Tu [K]."""
+    def flux(self, gas: Gas, pu: Number, Tu: Number, pd: Number) -> Number:
+        """(2) over the cross section [kg/(s m²)]."""
         if pu.real <= 0:
             return 0.0
         γ = gas.heat_ratio(Tu)

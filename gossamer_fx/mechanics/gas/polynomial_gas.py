@@ -51,6 +51,8 @@ class PolynomialGas:
     coefficients: tuple[tuple[float, ...], ...]
     enthalpy_298: Annotated[float, positive("J/kg")]
     name: str = "gas"
+    # All of its mass is of one species.
+    fractions = (1.0,)
 
     def __post_init__(self) -> None:
         limits = self.temperatures
@@ -79,11 +81,6 @@ class PolynomialGas:
     def species(self) -> tuple[PolynomialGas]:
         """The gas itself."""
         return (self,)
-
-    @property
-    def fractions(self) -> tuple[float]:
-        """All of its mass is of one species."""
-        return (1.0,)
 
     @property
     def constant_heat_ratio(self) -> None:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Volume
+from gossamer_fx.mechanics.gas.connection import PassiveOpening
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas
 from gossamer_fx.mechanics.gas.film_area import FilmArea
-from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.orifice import compile_aperture
 from gossamer_fx.mechanics.gas.surface import Geometry
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class PorousFilm:
+class PorousFilm(PassiveOpening):
     """A film through which gas leaks by its deformed area and the difference of pressures Δp:
 
         Δp = viscous · v + inertial · v²,     ṁ = ρ A v
@@ -41,45 +39,19 @@ class PorousFilm:
         >>> leak = gx.gas.PorousFilm(tank, outside, area=gx.gas.FilmArea(film), viscous=4e4)
     """
 
-    a: Volume | Holder
-    b: Volume | Holder
     _: KW_ONLY
     area: FilmArea | Annotated[float, not_negative("m²")]
     viscous: Annotated[float, positive("Pa s/m")]
     inertial: Annotated[float, not_negative("Pa s²/m²")] = 0.0
     name: str = "porous film"
-    scalar_unknowns = GasNetwork
-
-    def __post_init__(self) -> None:
-        check(
-            self.a is not self.b,
-            f"PorousFilm '{self.name}' leads from '{self.a.name}' back into it.",
-        )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.a
-        yield self.b
-        if isinstance(self.area, FilmArea):
-            yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """Return the area [m²] as a function of step length h [s] and time."""
         return compile_aperture(self.area, 1.0, geometry, f"PorousFilm '{self.name}'")
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
-        """Mass flow [kg/s] from a to b through an area [m²]."""
-        if p[0].real >= p[1].real:
-            return area * self._flux(gases[0], p[0], T[0], p[0] - p[1])
-        return -area * self._flux(gases[1], p[1], T[1], p[1] - p[0])
-
-    def _flux(self, gas: Gas, pu: complex, Tu: complex, difference: complex) -> complex:
-        """Mass flow per area [kg/(s m²)] for a difference of pressures [Pa]."""
+    def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """ρ v [kg/(s m²)] of the law above."""
+        difference = pu - pd
         root = (self.viscous**2 + 4 * self.inertial * difference) ** 0.5
         # The root of the quadratic equation in the form that does not cancel
         velocity = 2 * difference / (self.viscous + root)

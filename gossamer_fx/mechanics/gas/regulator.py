@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.mechanics.gas.contract import Gas
+from gossamer_fx.mechanics.gas.contract import Gases, Pair
 from gossamer_fx.mechanics.gas.orifice import Orifice
 
 
@@ -35,13 +35,7 @@ class Regulator(Orifice):
     droop: Annotated[float, positive("Pa")]
     name: str = "regulator"
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b."""
         share = (self.pressure - p[1]) / self.droop
         if share.real <= 0 or p[0].real <= p[1].real:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Volume
+from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Gases, Pair, Volume
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Ambient
@@ -109,13 +109,7 @@ class Sublimation:
         """Return α A [m²]."""
         return lambda h, t: self.accommodation * self.area
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] of vapour into the chamber."""
         partial: complex = 0.0
         for one, fraction in zip(gases[1].species, gases[1].fractions, strict=True):

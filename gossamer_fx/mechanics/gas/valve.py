@@ -9,7 +9,7 @@ from gossamer_fx.core.checks.arguments import check_arguments, not_negative
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.gas.balance import Passage
-from gossamer_fx.mechanics.gas.contract import Gas
+from gossamer_fx.mechanics.gas.contract import Gases, Pair
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.orifice import Orifice
 
@@ -83,13 +83,7 @@ class Valve(Orifice):
                 return scalars.switch(self)
         raise InputError(f"'{self.name}' is not in the scene; add it.")
 
-    def flow(
-        self,
-        gases: tuple[Gas, Gas],
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
-    ) -> complex:
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
         """Mass flow [kg/s] from a to b while it is open."""
         if self.one_way and p[0].real < p[1].real:
             return 0.0

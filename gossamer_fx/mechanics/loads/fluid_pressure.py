@@ -9,7 +9,7 @@ weight of the fluid inside, or the lift of the fluid that it displaces.  For a u
 is integrated exactly.
 
 A balloon is a `Chamber` whose outside is a vacuum, with the `FluidPressure` of an atmosphere from
-outside and that of its gas, as a fluid without pressure of its own, from inside.  When it rises the
+outside and that of its gas, as a fluid with weight only, from inside.  When it rises the
 pressure outside falls, and its gas expands.
 
 Limits.  The fluid has no inertia: a sphere in air carries half of the mass along that it displaces.
@@ -156,7 +156,7 @@ class StandardAtmosphere:
         def pressure(z: Expr) -> Expr:
             altitude = z + start
             found = ufl.as_ufl(0.0)
-            # From the highest layer down; each is asked for altitudes of its own only, as others
+            # From the highest layer down; each is asked for its own altitudes only, as others
             # may have no temperature in its formula.
             for layer in reversed(LAYERS):
                 within = ufl.max_value(layer.bottom, ufl.min_value(layer.top, altitude))

@@ -279,7 +279,7 @@ class Colouring:
         return found
 
     def at(self, record: int) -> Colouring:
-        """The colours of one state, which may have limits of its own."""
+        """The colours of one state, which may have its own limits."""
         return replace(self, scale=self.scales.get(record, self.scale))
 
     def shape(self, run: RunReader, record: int) -> Shape:
@@ -318,7 +318,7 @@ def colouring(
     is_state = field == "state" or (not run.films and field not in LINE_FIELDS)
     check(
         not limits.needs_numbers or not (is_state or field == "group"),
-        f"Limits: the field '{field}' is no scale of numbers; leave out its limits.",
+        f"Limits: the field '{field}' is not a scale of numbers; leave out its limits.",
     )
     seen = sorted({*sampled(run), *records})
     found = by_state(bool(run.films))

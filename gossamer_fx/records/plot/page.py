@@ -364,7 +364,7 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
     table = colours.table[:-1]
     bar.imshow(table[None], aspect="auto", extent=(0, 1, 0, 1))
     # Each picture has its own ends, which its caption says.
-    ends = ("least", "largest")
+    ends = ("low", "high")
     inner: Array = np.zeros(0)
     factor, _ = scale.label
     if not colours.scales:

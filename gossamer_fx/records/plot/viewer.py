@@ -133,7 +133,7 @@ class RunView:
         self._legends.clear()
 
     def state(self, record: int, fields: Iterable[str]) -> dict[str, Any]:
-        """Displacements from the start, and values of fields, in a recorded state.
+        """Displacements, and values of fields, in a recorded state.
 
         Returns:
             the number of the mesh, displacements of each part, and values by the number of the
@@ -217,17 +217,23 @@ class RunView:
             yield _Part(name, np.zeros((0, 2), dtype=np.int64), dot, _no_values)
 
     def _start(self, files: tuple[int, ...]) -> list[Array]:
-        """Positions [m] of the points of all parts in the first recorded state.
+        """Positions [m] of the points of all parts from which deformations are counted.
 
-        A later mesh of a body has other points: each starts where the nearest one of the first
-        stress-free mesh does.
+        Those of a run are the first recorded ones, of an equilibrium the stress-free mesh, of a
+        mode the mean over its period.  A later mesh of a body has other points: each starts where
+        the nearest one of the first stress-free mesh does.
         """
         from scipy.spatial import KDTree
 
         parts = self._parts[self._meshes.index(files)]
         starts = []
         for k, part in enumerate(parts):
-            if k < len(files) and files[k] > 0:
+            if self.run.kind == "mode":
+                period = [part.positions(record) for record in range(len(self.run.times))]
+                starts.append(np.mean(period, axis=0))
+            elif self.run.kind == "equilibrium" and part.X is not None:
+                starts.append(part.X)
+            elif k < len(files) and files[k] > 0:
                 first = self.run.bodies[part.name].segments[0]
                 nearest = KDTree(first.X).query(part.X)[1]
                 starts.append(first.positions(0)[nearest])
