@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from demos.films import film_friction, fold_order, paper_crease, quarter_sail
-from demos.inflatables import airbag_pressure, folded_bag, resting_ring, soft_finger
+from demos.inflatables import airbag_pressure, folded_bag, resting_ring, rising_balloon, soft_finger
 from demos.methods import follower_pressure, sail_table, uniform_pressure
 
 
@@ -29,6 +29,22 @@ def test_an_airbag_starts_on_any_number_of_ranks() -> None:
     run = case.simulation()
     run.run(until=2e-3)
     assert abs(run.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_balloon_begins_to_rise_with_its_lift(comm) -> None:
+    lift, by_hand = rising_balloon.free_lift(comm, cells=10)
+    # The density of the air changes by 3e-4 over the balloon.
+    assert lift == pytest.approx(by_hand, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_rising_balloon_is_full_where_its_gas_has_expanded() -> None:
+    found = rising_balloon.main()
+    assert found["speed [m/s]"] == pytest.approx(found["speed by hand [m/s]"], rel=0.05)
+    isothermal = found["full by hand, gas keeps T [m]"]
+    assert isothermal < found["full after [m]"] < 1.04 * isothermal
+    assert found["energy error"] < 1e-12
 
 
 def test_a_ring_under_follower_pressure_has_its_closed_frequencies() -> None:

@@ -171,6 +171,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     blower_curve = gx.gas.LinearTable((0.0, 0.02), (1000.0, 0.0))
     add("gas.Blower", a=gx.gas.Ambient(1e5), b=tank, curve=blower_curve)
     add("gas.FilmArea", body=film)
+    heat = {"coefficient": 5.0, "temperature": 280.0}
+    add("gas.FilmHeat", chamber=tank, area=gx.gas.FilmArea(film), **heat)
     add("gas.Inflator", b=tank, gas=gas, mass_flow=1e-3, temperature=500.0)
     add("gas.Mixture", fractions={gas: 1.0})
     pipe = {"diameter": 1e-3, "length": 1.0, "friction": 0.02}

@@ -175,6 +175,7 @@ NOT_NEGATIVE = {
     "Linear": "nu",
     "Miyazaki": "nu residual_stiffness",
     "Orifice": "area",
+    "gas.FilmHeat": "coefficient",
     "gas.Inflator": "mass_flow",
     "gas.PorousFilm": "area inertial",
     "gas.Regulator": "area",

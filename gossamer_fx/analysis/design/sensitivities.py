@@ -31,8 +31,8 @@ def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str])
     Friction and yielding are piecewise smooth: the gradient is that of what slips in this run, as
     `Gradient.notes` says. Of gas they are pressure, temperature and volume of chambers and tanks at
     the start of the tape ("tank.pressure", "tank.volume", "bag.dead_volume"), area and
-    discharge_coefficient of orifices, conductance and temperature of walls, pressure and
-    temperature of reservoirs and surroundings.
+    discharge_coefficient of orifices, conductance and temperature of walls (coefficient of
+    `FilmHeat`), pressure and temperature of reservoirs and surroundings.
 
     In a run the derivative of fluttering or touching films grows exponentially, as the distance of
     neighbouring motions does.  A warning tells for how long it predicts finite changes.

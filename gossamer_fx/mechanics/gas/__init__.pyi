@@ -1,6 +1,7 @@
 from .blower import Blower as Blower
 from .enclosure import Piston as Piston
 from .film_area import FilmArea as FilmArea
+from .film_heat import FilmHeat as FilmHeat
 from .inflator import Inflator as Inflator
 from .linear_table import LinearTable as LinearTable
 from .mixture import Mixture as Mixture

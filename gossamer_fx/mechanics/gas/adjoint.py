@@ -47,8 +47,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.balance import Balance, Passage
+from gossamer_fx.mechanics.gas.balance import Balance, HeatPath, Passage
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     Discharge,
@@ -98,9 +99,11 @@ class _Boundary:
     name: str
     pressure: Number = 0.0
     temperature: Number = 0.0
-    conductance: Number = 0.0
     chamber: Any = None
     gas: Gas | None = None
+
+    def compile(self, geometry: Geometry) -> Any:
+        raise NotImplementedError("The conductance of a stand-in is given.")
 
 
 class GasAdjoint:
@@ -154,9 +157,10 @@ class GasAdjoint:
                     # The function belongs to its user; the number that multiplies it has a
                     # derivative.
                     units[id(opening), AREA_FACTOR] = ""
-        for wall, _ in self._walls:
-            units[id(wall), "conductance"] = "W/K"
-            units[id(wall), "temperature"] = "K"
+        for path in self._walls:
+            name, unit = _coefficient_of(path.wall)
+            units[id(path.wall), name] = unit
+            units[id(path.wall), "temperature"] = "K"
         for holder in self._holders:
             units[id(holder), "pressure"] = "Pa"
             units[id(holder), "temperature"] = "K"
@@ -195,8 +199,8 @@ class GasAdjoint:
             ("V", network.volumes),
             ("W", network.swept),
             ("area", np.array([passage.area for passage in self._passages])),
-            ("conductance", np.array([wall.conductance for wall, _ in self._walls])),
-            ("wall temperature", np.array([wall.temperature for wall, _ in self._walls])),
+            ("conductance", np.array([path.conductance(0.0) for path in self._walls])),
+            ("wall temperature", np.array([path.wall.temperature for path in self._walls])),
             ("holder pressure", np.array([holder.pressure for holder in self._holders])),
             ("holder temperature", np.array([holder.temperature for holder in self._holders])),
         ]
@@ -230,13 +234,11 @@ class GasAdjoint:
             passages.append(
                 replace(passage, ends=(first, second), aperture=_constant(area), area=area)
             )
-        walls: list[tuple[Wall, int]] = []
+        walls = []
         wall_states = zip(self._walls, x["conductance"], x["wall temperature"], strict=True)
-        for (wall, k), conductance, temperature in wall_states:
-            stand_in = _Boundary(
-                wall.name, temperature=temperature, conductance=conductance, chamber=wall.chamber
-            )
-            walls.append((stand_in, k))
+        for path, conductance, temperature in wall_states:
+            stand_in = _Boundary(path.wall.name, temperature=temperature)
+            walls.append(HeatPath(stand_in, path.chamber, _constant_conductance(conductance)))
         balance = Balance(contents=network.contents, passages=passages, walls=walls)
         # Internal energy [J] at the start
         U0 = network.contents.energies(x["p0"] * x["V0"], x["m0"])
@@ -299,12 +301,22 @@ class GasAdjoint:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Add derivatives by conductances [W/K], temperatures [K] and pressures [Pa] of walls,
-        reservoirs and surroundings to their sums, with the adjoint ν (n + s,) of the balance."""
+        """Add derivatives by conductances [W/K] or coefficients [W/(m² K)], temperatures [K] and
+        pressures [Pa] of walls, reservoirs and surroundings to their sums, with the adjoint ν
+        (n + s,) of the balance.  That by the area of a film is kept for `carry`."""
         by_conductance = -ν @ self._by["conductance"]
         by_temperature = -ν @ self._by["wall temperature"]
-        for j, (wall, _) in enumerate(self._walls):
-            self._add(wall, "conductance", by_conductance[j])
+        for j, path in enumerate(self._walls):
+            wall = path.wall
+            name, _ = _coefficient_of(wall)
+            area = getattr(wall, "area", None)
+            size = 1.0
+            if isinstance(area, FilmArea):
+                moving = self._network.geometry.area(area)
+                size = moving.aperture(self._h)
+                gradient = moving.aperture_gradient(self._h)
+                self._to_areas.append((moving, gradient, getattr(wall, name) * by_conductance[j]))
+            self._add(wall, name, size * by_conductance[j])
             self._add(wall, "temperature", by_temperature[j])
         by_pressure = -ν @ self._by["holder pressure"]
         by_temperature = -ν @ self._by["holder temperature"]
@@ -380,6 +392,22 @@ class GasAdjoint:
 
 def _constant(area: Number) -> Any:
     return lambda h, t: area
+
+
+def _constant_conductance(conductance: Number) -> Any:
+    return lambda h: lambda T: conductance
+
+
+def _coefficient_of(wall: Wall) -> tuple[str, str]:
+    """Name and unit of the number to which the conductance of a wall is proportional.
+    `InputError`: it has none."""
+    for name, unit in (("conductance", "W/K"), ("coefficient", "W/(m² K)")):
+        if isinstance(getattr(wall, name, None), int | float):
+            return name, unit
+    raise InputError(
+        f"'{wall.name}' has no gradient: its heat transfer coefficient is a function; "
+        "give a number."
+    )
 
 
 def _holders(passages: Sequence[Passage], network: SolvedGas) -> list[Holder]:

@@ -50,6 +50,7 @@ all species in all chambers (s,), s = n for one gas; units are SI.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,7 +58,7 @@ import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Dual, Number
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas, Holder, Opening, Wall
+from gossamer_fx.mechanics.gas.contract import Aperture, Conductance, Gas, Holder, Opening, Wall
 from gossamer_fx.mechanics.gas.mixture import Blend, Contents
 
 # Pressure [Pa], temperature [K] and gas at one end of an opening; complex for derivatives
@@ -97,6 +98,10 @@ DAMPING_COEFFICIENT = 40
 # the laminar range of `Orifice`, where the law is linear, and far above round-off.
 REST_DIFFERENCE = 1e-9
 
+# Difference of temperatures [K] over which the slope of a conductance is measured.  It belongs to
+# the user, so that complex steps may fail; Newton's method needs no more than some eight digits.
+CONDUCTANCE_STEP = 1e-3
+
 # Share of amplified or cancelled round-off in the scale of a residual: 1e-3 of it times
 # RESIDUAL_TOLERANCE is the round-off 1e-16 that such a sum has.
 ROUND_OFF_SHARE = 1e-3
@@ -131,13 +136,39 @@ class Passage:
 
 
 @dataclass
+class HeatPath:
+    """A wall in a network.
+
+    Attributes:
+        wall: the item of the scene.
+        chamber: number of the chamber that it heats.
+        conductance_in: its conductance in a step of a length [s].
+        conductance: that of the current step.
+        weight: of the end of the step in the temperature of the gas, ½ to 1.
+    """
+
+    wall: Wall
+    chamber: int
+    conductance_in: Callable[[float], Conductance]
+    conductance: Conductance = lambda T: 0.0
+    weight: Number = 0.5
+
+    def slope(self, T: float) -> float:
+        """Derivative [W/K²] of the conductance by the temperature of the gas [K]."""
+        above = self.conductance(T + CONDUCTANCE_STEP)
+        below = self.conductance(T - CONDUCTANCE_STEP)
+        return float(above - below) / (2 * CONDUCTANCE_STEP)
+
+
+@dataclass
 class Rates:
-    """Mass flow [kg/s] through each opening (m,), from its end a to its end b; and sums over all
-    openings and walls: mass flows [kg/s] of the species into the chambers (s,), enthalpy flow with
-    heat [W] into each chamber (n,), and both from all boundaries and walls, mass flows by
-    species."""
+    """Mass flow [kg/s] through each opening (m,), from its end a to its end b, and heat [W] from
+    each wall; and sums over all openings and walls: mass flows [kg/s] of the species into the
+    chambers (s,), enthalpy flow with heat [W] into each chamber (n,), and both from all boundaries
+    and walls, mass flows by species."""
 
     openings: list[float]
+    heats: list[Number]
     mass: Array
     energy: Array
     mass_supplied: Array
@@ -151,15 +182,13 @@ class Balance:
     of the step, W (n,) [m³] the volumes that the enclosures sweep, and `magnitude` (n,) [m³] sums
     of the sizes of the summands of each volume, of which round-off is a part.  `begin` stores the
     state at the start: `_p0` [Pa], `_m0` (s,) [kg], `_U0` [J], `_pV0` [J] and `temperatures` [K];
-    `h` [s] is the length of the step.  Walls have the number of their chamber.
+    `h` [s] is the length of the step.
     """
 
     # Whether the work p̄ W is in the equations.
     depends_on_swept_volume = True
 
-    def __init__(
-        self, contents: Contents, passages: list[Passage], walls: list[tuple[Wall, int]]
-    ) -> None:
+    def __init__(self, contents: Contents, passages: list[Passage], walls: list[HeatPath]) -> None:
         n = contents.n
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
@@ -169,7 +198,6 @@ class Balance:
         self._n = n
         # ½ is the midpoint rule; `begin` replaces it.
         self._weights: Array = np.full(n, 0.5)
-        self._wall_weights: Array = np.full(len(walls), 0.5)
         self._amplification: Array = np.zeros(n)
 
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
@@ -184,6 +212,8 @@ class Balance:
         self.temperatures = self.contents.temperatures(self._pV0, m)
         for passage in self.passages:
             passage.area = passage.aperture(h, t) if passage.is_open else 0.0
+        for path in self.walls:
+            path.conductance = path.conductance_in(h)
         self._choose_weights(V)
 
     # ---- equations -------------------------------------------------------------------------------
@@ -232,18 +262,18 @@ class Balance:
                     energy_supplied -= sign * energy_flow.real
                     for row, fraction in zip(rows, fractions, strict=True):
                         mass_supplied[row] -= sign * fraction * mass_flow.real
-        rates = Rates(
+        heats = [self._heat(path, y, V) for path in self.walls]
+        for path, heat in zip(self.walls, heats, strict=True):
+            energy[path.chamber] += heat
+            energy_supplied += heat
+        return Rates(
             openings=openings,
+            heats=heats,
             mass=np.array(mass),
             energy=np.array(energy),
             mass_supplied=np.array(mass_supplied),
             energy_supplied=energy_supplied,
         )
-        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
-            heat = self._heat(wall, k, weight, y, V)
-            rates.energy[k] += heat
-            rates.energy_supplied += heat
-        return rates
 
     def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
         """Energy [J] of each chamber, then for each mass that of its chamber [kg], to which the
@@ -357,10 +387,14 @@ class Balance:
         `_add_flow_derivatives`.  T1 [K] is the temperature of a chamber at the end."""
         n = self._n
         mass_times_R = self.contents.masses_times_R(y[n:])
-        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
-            # -h ∂Q/∂T1 times ∂T1/∂(p1 V)
-            cooling = self.h * wall.conductance * weight / mass_times_R[k]
+        for path in self.walls:
+            k = path.chamber
             temperature = y[k] * V[k] / mass_times_R[k]
+            mean = self._mean_temperature(path, temperature)
+            # -∂Q/∂T at the mean temperature
+            slope = path.conductance(mean) - path.slope(mean) * (path.wall.temperature - mean)
+            # -h ∂Q/∂T1 times ∂T1/∂(p1 V)
+            cooling = self.h * slope * path.weight / mass_times_R[k]
             by_y[k, k] += cooling * V[k]
             by_V[k, k] += cooling * y[k]
             for row in self.contents.rows[k]:
@@ -389,6 +423,10 @@ class Balance:
                 error = self.residual(trial, V, W) / scale
                 if float(error @ error) < size:
                     break
+            else:
+                # From nearly the same y Newton's method would fail again: the volumes are far off.
+                if abs(error).max() > ACCEPTABLE_RESIDUAL:
+                    return None
             # The last trial is taken also if none decreased the residual: at round-off none does.
             y = trial
         if abs(error).max() > ACCEPTABLE_RESIDUAL:
@@ -405,19 +443,23 @@ class Balance:
         T = self.contents.temperatures(self._pV0 + p1 * V, total_mass)
         return _states(p, T, self.contents.mixtures(total_mass))
 
-    def _heat(self, wall: Wall, k: int, weight: Number, y: Array, V: Array) -> Number:
-        """Return the heat flow [W] from a wall into chamber k, at a mean of its temperature with a
-        weight of the end of the step, ½ to 1."""
+    def _heat(self, path: HeatPath, y: Array, V: Array) -> Number:
+        """The heat flow [W] from a wall into its chamber."""
+        k = path.chamber
         end_temperature = y[k] * V[k] / self.contents.masses_times_R(y[self._n :])[k]
-        temperature = (1 - weight) * self.temperatures[k] + weight * end_temperature
-        return wall.conductance * (wall.temperature - temperature)
+        temperature = self._mean_temperature(path, end_temperature)
+        return path.conductance(temperature) * (path.wall.temperature - temperature)
+
+    def _mean_temperature(self, path: HeatPath, end: Number) -> Number:
+        """The temperature [K] of the gas at which a wall exchanges heat, for that at the end."""
+        return (1 - path.weight) * self.temperatures[path.chamber] + path.weight * end
 
     # ---- weights ---------------------------------------------------------------------------------
 
     def _choose_weights(self, V: Array) -> None:
         """Choose the weight θ of the end of the step in the flows of every chamber, `_weights`
-        (n,), and of every wall, `_wall_weights`: ½ for short steps and near 1 for steps in which
-        pressures equalise, (4) and (5) of the module.
+        (n,), and of every wall: ½ for short steps and near 1 for steps in which pressures
+        equalise, (4) and (5) of the module.
 
         The conductances at rest are summed too, in `_amplification` (n,) [-]: they amplify the
         round-off of pressures, see `scales`.  V [m³] (n,) are of the start.
@@ -464,15 +506,14 @@ class Balance:
         damping = DAMPING_COEFFICIENT * equalisation**4 / (1 + equalisation**2)
         self._weights = 1 - 1 / (1 / (1 - fitted) + damping)
         self._amplification = at_rest
-        wall_weights = []
         if self.walls:
             heat_factors = self.contents.heat_factors(self.temperatures, self._m0)
-        for wall, k in self.walls:
+        for path in self.walls:
+            k = path.chamber
+            T = self.temperatures[k]
             # m c_v = c_v/R · p V/T
-            heat_capacity = heat_factors[k] * self._pV0[k] / self.temperatures[k]
-            cooling_rate = wall.conductance / heat_capacity
-            wall_weights.append(_fitted_weight(self.h * cooling_rate))
-        self._wall_weights = np.array(wall_weights)
+            heat_capacity = heat_factors[k] * self._pV0[k] / T
+            path.weight = _fitted_weight(self.h * path.conductance(T) / heat_capacity)
 
 
 def _states(p: Array, T: Array, gases: list[Gas]) -> list[State]:

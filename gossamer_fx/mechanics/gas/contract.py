@@ -22,6 +22,10 @@ from gossamer_fx.mechanics.gas.surface import Geometry
 Aperture = Callable[[float, float], float]
 
 
+# Conductance [W/K] of a wall as a function of the temperature [K] of the gas.
+Conductance = Callable[[Number], Number]
+
+
 # Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
 @runtime_checkable
 class Gas(Protocol):
@@ -228,7 +232,8 @@ class Discharge(Opening, Protocol):
 
 @runtime_checkable
 class Wall(Protocol):
-    """A wall of constant temperature that exchanges heat with a volume."""
+    """Something of constant temperature that exchanges heat with a volume: a wall, or what is
+    outside of a film."""
 
     @property
     def name(self) -> str:
@@ -241,13 +246,13 @@ class Wall(Protocol):
         ...
 
     @property
-    def conductance(self) -> float:
-        """Heat transfer coefficient times area [W/K]."""
-        ...
-
-    @property
     def temperature(self) -> float:
         """Temperature of the wall [K]."""
+        ...
+
+    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
+        """Its conductance in a running scene, heat transfer coefficient times area, for a step of
+        length h [s].  Collective, as is the function that it returns."""
         ...
 
 

@@ -37,7 +37,13 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
-from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
+from gossamer_fx.mechanics.gas.balance import (
+    ACCEPTABLE_RESIDUAL,
+    Balance,
+    End,
+    HeatPath,
+    Passage,
+)
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     DrivenOpening,
@@ -113,7 +119,9 @@ class GasNetwork(ScalarUnknowns):
             if isinstance(passage.opening, Switch)
         ]
         self._walls = [
-            (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
+            HeatPath(item, numbers[id(item.chamber)], item.compile(self.geometry))
+            for item in items
+            if isinstance(item, Wall)
         ]
         self._process = ADIABATIC
         self.balance = self._make_balance(Balance)
@@ -132,6 +140,8 @@ class GasNetwork(ScalarUnknowns):
         # Energy [J] and mass of each species [kg] from boundaries and walls since the start
         self._supplied = 0.0
         self._mass_supplied: Array = np.zeros(len(self.contents.species))
+        # Heat [J] from each wall since the start
+        self._heat_supplied = [0.0] * len(self._walls)
         # Mass flows [kg/s] through the openings in the last accepted step
         self._flows = [0.0] * len(self._passages)
 
@@ -362,6 +372,8 @@ class GasNetwork(ScalarUnknowns):
         self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
         self._mass_supplied = self._mass_supplied + h * rates.mass_supplied
+        for j, heat in enumerate(rates.heats):
+            self._heat_supplied[j] += h * float(heat)
         self._flows = rates.openings
         for passage, _ in self._switches:
             passage.was_open = passage.is_open
@@ -459,6 +471,12 @@ class GasNetwork(ScalarUnknowns):
         """Mass [kg] of a species that came from boundaries since the start."""
         return float(self._mass_supplied[self.contents.species.index(gas)])
 
+    def supplied_heat(self, wall: Wall) -> float:
+        """Heat [J] that came from a wall or through a film since the start, part of the energy
+        that was supplied; negative if the gas was cooled."""
+        paths = zip(self._walls, self._heat_supplied, strict=True)
+        return sum(heat for path, heat in paths if path.wall is wall)
+
     def states(self) -> dict[str, ChamberState]:
         return {state.chamber.name: state for state in self.chambers}
 
@@ -481,6 +499,7 @@ class GasNetwork(ScalarUnknowns):
             "chambers": chambers,
             "supplied": self._supplied,
             "mass supplied": self._mass_supplied.tolist(),
+            "heat supplied": self._heat_supplied,
             "flows": self._flows,
             "open": [passage.was_open for passage, _ in self._switches],
         }
@@ -495,6 +514,7 @@ class GasNetwork(ScalarUnknowns):
         self._accepted_magnitude = self._magnitudes()
         self._supplied = state["supplied"]
         self._mass_supplied = np.array(state["mass supplied"], dtype=float)
+        self._heat_supplied = list(state["heat supplied"])
         self._flows = state["flows"]
         for (passage, _), was_open in zip(self._switches, state["open"], strict=True):
             passage.was_open = was_open

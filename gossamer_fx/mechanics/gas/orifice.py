@@ -13,7 +13,7 @@ from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negati
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.mechanics.gas.connection import PassiveOpening
-from gossamer_fx.mechanics.gas.contract import Aperture, Gas
+from gossamer_fx.mechanics.gas.contract import Aperture, Conductance, Gas
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.linear_table import LinearTable
 from gossamer_fx.mechanics.gas.network import GasNetwork
@@ -208,3 +208,7 @@ class WallHeat:
 
     def requires(self) -> Iterable[Any]:
         yield self.chamber
+
+    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
+        """The given number [W/K] in every step."""
+        return lambda h: lambda T: self.conductance
