@@ -219,6 +219,8 @@ def test_what_a_method_cannot_do_is_refused(comm):
     asked = {"of": result, "by": ["film.thickness"]}
     mass = gx.analysis.Integral(film, lambda q: film.constants.thickness * film.dx, unit="m³")
     limits = [gx.analysis.Limit(mass, high=1.0)]
+    with pytest.raises(gx.InputError, match="kind StateArea; give a result with derivatives"):
+        gx.analysis.Limit(gx.probes.StateArea(film, "slack"), high=1.0)
     with pytest.raises(gx.InputError, match="'blmvm' takes no limits"):
         gx.analysis.minimise(equilibrium, limits=limits, method="blmvm", **asked)
     with pytest.raises(gx.InputError, match=r"basis has 'film\.E', which is not in by"):

@@ -7,6 +7,7 @@ import math
 import os
 import signal
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
     if comm.rank == 0:
         gx.plot.field(reader, "stress1", times=[0.0], path=folder / "drum.png")
         gx.write_report(reader, folder / "drum.html")
-        assert "residual" in (folder / "drum.html").read_text()
+        assert escape(result.summary()) in (folder / "drum.html").read_text()
     comm.barrier()
 
 

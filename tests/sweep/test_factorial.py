@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -76,6 +77,18 @@ def test_the_table_has_all_runs_and_failures(folder: Path) -> None:
     assert (folder / "sweep.png").read_bytes()[1:4] == b"PNG"
 
 
+@pytest.mark.parametrize(("count", "words"), [(12, ""), (13, "12 of 13 numbers")])
+def test_a_picture_says_what_it_leaves_out(
+    count: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **options: drawn.append(figure))
+    sweep = Factorial(lambda comm, folder, a: {f"n{k}": a for k in range(count)}, {"a": [1, 2]})
+    run_factorial(sweep, MPI.COMM_SELF, tmp_path)
+    assert len(drawn[0].axes) == 12
+    assert drawn[0].get_supxlabel().split(";")[0] == words
+
+
 def test_words_of_the_command_line_are_values() -> None:
     assert values_of(["a=1,2.5", "kind=plain,fine", "on=True"]) == {
         "a": [1, 2.5],
@@ -129,6 +142,9 @@ def test_a_scene_is_swept_and_only_new_runs_are_made(tmp_path: Path) -> None:
         fallen = float(row["height"]) - 9.81 * 0.4**2 / 2
         assert float(row["z [m] at the end"]) == pytest.approx(fallen, abs=1e-12)
         assert float(row["x [m] largest"]) == pytest.approx(0.2, abs=1e-12)
+    # The picture has room for the first columns.
+    kinds = [name.split()[-1] for name in rows[0] if "[m]" in name]
+    assert kinds == ["end"] * (len(kinds) // 3) + ["smallest", "largest"] * (len(kinds) // 3)
     second = command(tmp_path, "ball.py", "--over", "height=1,2,3", "speed=0.5")
     assert second.stderr.count("run with") == 1 and "height=3" in second.stderr
     # Each run is a folder that can be looked at.

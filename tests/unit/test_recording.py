@@ -290,10 +290,12 @@ def test_components_of_a_probe_share_a_panel() -> None:
     x = np.zeros(3)
     y = np.ones(3)
     other = np.full(3, 2.0)
-    panels = grouped({"tip x [m]": x, "tip y [m]": y, "x of the ball": other})
+    alone = "rms from paraboloid [m]"
+    panels = grouped({"tip x [m]": x, "tip y [m]": y, "x of the ball": other, alone: other})
     assert {title: list(curves) for title, curves in panels.items()} == {
         "tip [m]": ["x", "y"],
         "x of the ball": [""],
+        alone: [""],
     }
     assert panels["tip [m]"]["y"] is y
 

@@ -125,6 +125,25 @@ def test_the_view_follows_the_run(fall: Fall, watch: gx.plot.Watch) -> None:
         assert picture.read()[1:4] == b"PNG"
 
 
+def test_the_scale_of_colours_has_the_newest_state(
+    fall: Fall, watch: gx.plot.Watch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also before the view is made again, at twice as many states."""
+    monkeypatch.setattr("gossamer_fx.records.plot.watch._PAUSE", 0.0)
+    highest = []
+    for steps in (2, 3, 4):
+        fall.go(steps)
+        news = ask(watch.address + "progress")
+        assert news["version"] == 1 and news["legends"] == steps + 1
+        number = ask(watch.address + "header/1")["fields"].index("Displacement")
+        highest.append(ask(f"{watch.address}legend/1/{number}")["high"])
+        film = gx.plot.RunReader(fall.folder).bodies["film"]
+        mesh, step = film.at(steps)
+        lengths = np.linalg.norm(mesh.components("displacement", step), axis=1)
+        assert highest[-1] == pytest.approx(lengths.max(), rel=1e-3)
+    assert highest[0] < highest[1] < highest[2]
+
+
 def test_deformations_of_an_equilibrium_and_of_a_mode_can_be_enlarged(tmp_path: Path) -> None:
     """They are counted from the stress-free mesh, and from the shape about which it vibrates."""
     film = gx.Membrane(sheet(ALONE, 4, 4), WRINKLING, initial_stress=1e6, name="drum")
@@ -397,6 +416,17 @@ def test_parts_are_hidden_and_cut(fall: Fall, watch: gx.plot.Watch, browser: Any
     set_slider(page, "#depth", 0)
     assert is_drawn()
     page.close()
+
+
+def test_one_state_has_no_playback(fall: Fall, browser: Any, tmp_path: Path) -> None:
+    fall.go(1)
+    gx.write_report(gx.plot.RunReader(fall.folder), tmp_path / "two.html")
+    gx.outputs.record(gx.Equilibrium(gx.Scene(fall.film)), [gx.Recording(tmp_path / "one")])
+    gx.write_report(gx.plot.RunReader(tmp_path / "one"), tmp_path / "one.html")
+    for name, is_hidden in (("one", True), ("two", False)):
+        page = opened(browser, (tmp_path / f"{name}.html").as_uri())
+        assert page.is_hidden("#play") == page.is_hidden("#time") == is_hidden
+        page.close()
 
 
 @pytest.mark.parametrize("width", [1280, 390])

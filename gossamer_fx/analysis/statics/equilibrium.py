@@ -221,6 +221,7 @@ class Equilibrium:
             residual=result.residual,
             caption=caption,
             details={
+                "summary": result.summary(),
                 "result": {
                     "residual": result.residual,
                     "within tolerance": result.within_tolerance,

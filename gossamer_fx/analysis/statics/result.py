@@ -73,8 +73,8 @@ class EquilibriumResult:
     within_tolerance: bool = True
     prestress: Mapping[str, ReachedPrestress] = field(default_factory=dict)
 
-    def __repr__(self) -> str:
-        """Residual, iterations and time, and what falls short."""
+    def summary(self) -> str:
+        """Residual, iterations and time, and what falls short, in words."""
         words = [
             f"residual {self.residual:.1e}",
             f"{self.iterations} iterations",
@@ -91,7 +91,10 @@ class EquilibriumResult:
             # Of many parts the one that has lost most.
             named = named[:1]
         words += [f"prestress of '{name}' {reached.short()}" for name, reached in named]
-        return f"<EquilibriumResult: {', '.join(words)}>"
+        return ", ".join(words)
+
+    def __repr__(self) -> str:
+        return f"<EquilibriumResult: {self.summary()}>"
 
 
 def assess(search: Search, at: float) -> tuple[tuple[str, ...], bool]:

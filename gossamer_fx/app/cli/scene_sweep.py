@@ -185,8 +185,9 @@ def _probe_numbers(folder: Path) -> dict[str, float]:
     """Results of a recorded run by name: of its probes and of the pressures of its chambers.
 
     Returns:
-        "... at the end", "... smallest" and "... largest" for each probe, in the unit of the probe,
-        and "... pressure [Pa] at the end" for each chamber.
+        "... at the end" for each probe, in the unit of the probe, "... pressure [Pa] at the end"
+        for each chamber, then "... smallest" and "... largest" for each probe: the picture has room
+        for the first ones.
 
     Raises:
         InputError: the folder holds no run.
@@ -194,15 +195,15 @@ def _probe_numbers(folder: Path) -> dict[str, float]:
     from gossamer_fx.records.plot.run_reader import RunReader
 
     run = RunReader(folder)
-    numbers: dict[str, float] = {}
-    for name, values in run.table("probes.csv").items():
-        if name not in run.not_values:
-            numbers[f"{name} at the end"] = float(values[-1])
-            numbers[f"{name} smallest"] = float(np.min(values))
-            numbers[f"{name} largest"] = float(np.max(values))
+    columns = run.table("probes.csv").items()
+    probes = {name: values for name, values in columns if name not in run.not_values}
+    numbers = {f"{name} at the end": float(values[-1]) for name, values in probes.items()}
     for name, values in run.table("gas.csv").items():
         if name.endswith(" pressure"):
             numbers[f"{name} [Pa] at the end"] = float(values[-1])
+    for name, values in probes.items():
+        numbers[f"{name} smallest"] = float(np.min(values))
+        numbers[f"{name} largest"] = float(np.max(values))
     return numbers
 
 

@@ -156,8 +156,8 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
 def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     """Draw each number over the first factor, with a curve for each combination of the others.
 
-    At most 12 numbers are drawn.  A failed run leaves a gap in its curve; nothing is written if all
-    runs failed.
+    The first 12 numbers are drawn; below them stands how many there are.  A failed run leaves a gap
+    in its curve; nothing is written if all runs failed.
 
     Args:
         sweep: that was run.
@@ -171,7 +171,8 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    numbers = number_names(results)[:_MAX_PANELS]
+    names = number_names(results)
+    numbers = names[:_MAX_PANELS]
     if not numbers:
         return
     columns = min(len(numbers), _PANEL_COLUMNS)
@@ -187,6 +188,9 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
         panel.remove()
     for panel, number in zip(panels, numbers, strict=False):
         _draw_panel(panel, sweep, results, number)
+    if len(names) > len(numbers):
+        words = f"{len(numbers)} of {len(names)} numbers; runs.csv has all."
+        figure.supxlabel(words, x=0.01, ha="left", fontsize=9.5)
     figure.savefig(path, dpi=_RESOLUTION)
 
 

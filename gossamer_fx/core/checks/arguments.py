@@ -61,6 +61,7 @@ _DESCRIPTIONS = {
     "Holder": "gas of constant pressure",
     "Volume": "a chamber or tank",
     "Event": "an At or a When",
+    "Objective": "a result with derivatives, e.g. a Position, EnclosedVolume(film) or Energy()",
     "Motion": "a recording of shapes, e.g. Snapshots",
     "FilmLaw": "a law of films, e.g. Miyazaki",
     "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",

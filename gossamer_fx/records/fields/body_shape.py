@@ -212,8 +212,8 @@ class AlternationWatch:
         if system.comm.rank == 0:
             LOG.warning(
                 "'%s': more than %.0f %% %s taut at one end of a step only, in %d records in a row "
-                "until t = %.6g s: the step of %.3g s does not resolve the motion, which nothing "
-                "damps.  Means over steps, which are recorded unless at='end', do not alternate; a "
+                "until t = %.6g s: the step of %.3g s does not resolve the motion, and damping "
+                "does not end it.  Means over steps, recorded unless at='end', do not alternate; a "
                 "shorter step, or Damping with a stiffness_factor near the step (of ropes their "
                 "damping), removes the oscillation.",
                 self._part.name,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -174,8 +175,8 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
 def grouped(probes: Tables) -> dict[str, Tables]:
     """Group probes into panels: those whose names differ in the last word share one.
 
-    "tip x [m]" and "tip y [m]" are the curves x and y of the panel "tip [m]".  A name without a
-    unit, or of one word, is a panel by itself, whose curve has an empty name.
+    "tip x [m]" and "tip y [m]" are the curves x and y of the panel "tip [m]".  A name that shares
+    with no other, or has no unit, is a panel by itself, whose curve has an empty name.
 
     Args:
         probes: columns (n,) of a table of probes by name.
@@ -183,13 +184,16 @@ def grouped(probes: Tables) -> dict[str, Tables]:
     Returns:
         the curves (n,) of each panel by the last words of their names, by the title of the panel.
     """
+    found = {name: _PROBE.fullmatch(name) for name in probes}
+    titles = {name: parts[1] + parts[3] for name, parts in found.items() if parts}
+    names_of_title = Counter(titles.values())
     panels: dict[str, Tables] = {}
     for name, values in probes.items():
-        parts = _PROBE.fullmatch(name)
-        if parts is None:
+        parts = found[name]
+        if parts is None or names_of_title[titles[name]] == 1:
             panels.setdefault(name, {})[""] = values
         else:
-            panels.setdefault(parts[1] + parts[3], {})[parts[2]] = values
+            panels.setdefault(titles[name], {})[parts[2]] = values
     return panels
 
 

@@ -40,7 +40,7 @@ h2 { font-size: 1.15em; font-weight: 500; margin-top: 2em; }
 p.status { color: #66707a; margin-top: 0; } p.status.bad { color: #b3441e; }
 img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 13px; overflow-x: auto; }
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
-th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+th { color: #66707a; } td.number { white-space: nowrap; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
 .bar { display: flex; flex-wrap: wrap; gap: 0.4em 1em; align-items: center; margin: 0.5em 0; }
 #time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; } #factor { width: 5em; } #probe { flex: 1; min-width: 0; }
@@ -245,6 +245,8 @@ def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
     """Class of the HTML paragraph that states how a run ended, and its words."""
     status = about["status"]
     numbers = about["statistics"]
+    if "summary" in about:
+        return "status", about["summary"]
     if "result" in about:
         pairs = _pairs(about["result"])
         words = ", ".join(f"{name} {value}" for name, value in pairs)

@@ -29,7 +29,7 @@
     return data;
   }
 
-  let header, version = 0;
+  let header, version = 0, coloured = 0; // states that the scales of colours have
   let legends = new Map(), states = new Map();
   const MOST_STATES = 100; // in memory; a report has no more than 80
 
@@ -402,6 +402,7 @@
     const wasLast = Number(slider.value) >= Number(slider.max);
     header.labels = labels;
     slider.max = Math.max(labels.length - 1, 0);
+    slider.hidden = $("play").hidden = labels.length < 2;
     if (wasLast && !isPlaying) slider.value = slider.max;
   }
 
@@ -415,11 +416,12 @@
     if (news.version !== version) {
       const found = await ask(`header/${news.version}`);
       version = news.version;
-      legends = new Map();
       states = new Map();
       setHeader(found);
     }
-    const count = header.labels.length, isNew = mesh < 0;
+    const count = header.labels.length, isNew = mesh < 0 || news.legends !== coloured;
+    if (isNew) legends = new Map();
+    coloured = news.legends;
     setLabels(news.labels);
     if (isNew || news.labels.length !== count) await show();
     const curves = `curves/${news.curves}`;

@@ -123,10 +123,14 @@ class RunView:
 
     def legend(self, field: str) -> dict[str, Any]:
         """The colours of a field, on one scale for the states that there were when it was asked for
-        first."""
+        first, or since `forget_legends`."""
         if field not in self._legends:
             self._legends[field] = _legend(field, colouring(self.run, field))
         return self._legends[field]
+
+    def forget_legends(self) -> None:
+        """Let scales be made again, with the states that have come."""
+        self._legends.clear()
 
     def state(self, record: int, fields: Iterable[str]) -> dict[str, Any]:
         """Displacements, and values of fields, in a recorded state.

@@ -33,9 +33,9 @@ from gossamer_fx.records.plot.viewer import RunView
 
 _HOST = "127.0.0.1"
 _CURVES_WIDTH = 4.0  # of the picture of the curves, at the right of the view [inches]
-# Time from one picture of the curves to the next over the time that it takes to draw one: the cores
-# belong to the run.
-_CURVES_PAUSE = 8.0
+# Time from one picture of the curves, or one scale of colours, to the next over the CPU time that
+# it takes to make one: the cores belong to the run, which also makes the drawing wait.
+_PAUSE = 5.0
 _CURVES = '<div id="curves-frame"><img id="curves" alt=""></div>'
 _MAX_PORT = 65535
 
@@ -110,7 +110,8 @@ class _Answers:
     """What the server answers about the run in a folder; for one request at a time.
 
     The view is made again where it would be another one: when the run has twice as many states,
-    when its files were replaced, and at its end.  In between, only new states are read.
+    when its files were replaced, and at its end.  In between, only new states are read, and the
+    colours get scales that have them.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -122,6 +123,8 @@ class _Answers:
         # What the view depends on: the status of the run, and its meshes.
         self._key: tuple[Any, ...] = ()
         self._count = 0  # of states when the view was made
+        self._legends_count = 0  # of states that the scales of colours have
+        self._next_legends = 0.0
         self._curves = b""
         self._curves_count = 0
         self._next_curves = 0.0
@@ -150,9 +153,13 @@ class _Answers:
         count = len(run.times)
         if key == self._key and self._count <= count < 2 * self._count and self._view is not None:
             self._view.run = run
+            if count > self._legends_count and time.monotonic() >= self._next_legends:
+                self._view.forget_legends()
+                self._legends_count = count
             return
         self._key = key
         self._count = count
+        self._legends_count = count
         self._view = None
         if count:
             self._view = RunView(run)
@@ -185,6 +192,7 @@ class _Answers:
             "status": words,
             "version": 0 if self._view is None else self._version,
             "labels": [run.caption(record) for record in range(len(run.times))],
+            "legends": self._legends_count,
             "curves": self._curves_count,
         }
 
@@ -195,13 +203,12 @@ class _Answers:
         # The energies of a mode are those of an arbitrary amplitude.
         if run.kind == "mode" or rows < 2 or rows == self._curves_count or not is_due:
             return
-        began = time.monotonic()
+        began = time.thread_time()
         picture = BytesIO()
         write_page(picture, "", None, run_curves(run), width=_CURVES_WIDTH)
         self._curves = picture.getvalue()
         self._curves_count = rows
-        now = time.monotonic()
-        self._next_curves = now + _CURVES_PAUSE * (now - began)
+        self._next_curves = time.monotonic() + _PAUSE * (time.thread_time() - began)
 
     def answer(self, words: list[str]) -> tuple[str, bytes] | None:
         """Type and contents of what is asked for; None if there is no such thing."""
@@ -232,7 +239,10 @@ class _Answers:
         if name == "header" and not numbers:
             return view.header(range(len(view.run.times)))
         if name == "legend" and len(numbers) == 1 and numbers[0] < len(view.fields):
-            return view.legend(view.fields[numbers[0]])
+            began = time.thread_time()
+            legend = view.legend(view.fields[numbers[0]])
+            self._next_legends = time.monotonic() + _PAUSE * (time.thread_time() - began)
+            return legend
         if name == "state" and len(numbers) == 2 and numbers[0] < len(view.run.times):
             record, field = numbers
             # A scene without bodies on meshes has no fields.

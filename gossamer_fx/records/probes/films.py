@@ -93,7 +93,9 @@ class SurfaceError:
     Args:
         film: the film.
         surface: "plane", "paraboloid" or "sphere".
-        quantity: "rms", "peak_to_valley", "radius" or "focal_length" [m], or "tilt" [rad].
+        quantity: "rms", "peak_to_valley", "radius" or "focal_length" [m], or "tilt" [rad].  Of a
+            flat film the radius and focal length are infinite, which a table refuses: record their
+            inverse, `lambda run: 1 / focal_length(run)`.
         group: of cells of the film's mesh; empty: the whole film.
         axis: the designed axis.
         at: "end" of the last step, or "mean": the film in the middle of the step.
