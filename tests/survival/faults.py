@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import resource
 import shutil
 import sys
@@ -68,7 +70,7 @@ class Trouble:
 def fail_on_first_rank() -> None:
     """Fail like a library that other ranks do not leave, as they wait for the first one."""
     if COMM.rank == 0:
-        raise RuntimeError("\x1b[1;36mToolkit\x1b[0m errno = 28: No space left on device: error")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     COMM.recv(source=0, tag=NEVER_SENT)
 
 

@@ -28,6 +28,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.control.feedback import Actuator
+from gossamer_fx.mechanics.gas.contract import Gas
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_sentence
@@ -172,7 +173,8 @@ def run(made: Any) -> bool:
             [lambda run: 0.0], lambda t, values: command, [made], period=1e-4
         )
     events = [made] if isinstance(made, gx.At | gx.When) else []
-    if not events and not isinstance(made, Item):
+    # A gas has a name, as items have.
+    if not events and (not isinstance(made, Item) or isinstance(made, Gas)):
         return False
     items = [] if events else [made]
     scene = gx.Scene(*items, *others)

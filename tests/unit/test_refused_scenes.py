@@ -274,7 +274,7 @@ GAS: list[Case] = [
         lambda: compiled(
             gx.Orifice(tank(), tank(gx.IdealGas(1.67, 2077.0), name="helium"), area=1e-6)
         ),
-        "helium",
+        "the same name 'gas'",
     ),
     (lambda: compiled(gx.gas.Ambient(1e5, 300.0, name="reservoir")), "chamber"),
 ]

@@ -122,9 +122,10 @@ class Contents:
             found |= dict.fromkeys(_species(gas))
         self.species = list(found)
         names = [gas.name for gas in self.species]
+        twice = next((name for name in names if names.count(name) > 1), "")
         check(
-            len(set(names)) == len(names),
-            f"Gases of the scene that differ have the same name, of {names}; give each its own.",
+            not twice,
+            f"Different gases of the scene have the same name '{twice}'; give each its own `name`.",
         )
         self.owners = [k for k, own in enumerate(held) for _ in own]
         self.gases = [gas for own in held for gas in own]

@@ -9,8 +9,9 @@ weight of the fluid inside, or the lift of the fluid that it displaces.  For a u
 is integrated exactly.
 
 A balloon is a `Chamber` whose outside is a vacuum, with the `FluidPressure` of an atmosphere from
-outside and that of its gas, as a fluid with weight only, from inside.  When it rises the
-pressure outside falls, and its gas expands.
+outside.  When it rises the pressure outside falls, and its gas expands.  The weight of its gas is
+that of a `UniformFluid` from inside as long as its level is near; a film that rises far, as that of
+the demo `rising_balloon`, has the mass of the gas instead.
 
 Limits.  The fluid has no inertia: a sphere in air carries half of the mass along that it displaces.
 It has no drag either; see `AirDrag`.

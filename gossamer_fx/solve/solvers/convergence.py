@@ -82,6 +82,8 @@ class Tolerances:
 # of four.
 STAGNATION_RATIO = 0.5
 STAGNATION_FACTOR = 4.0
+# At the round-off floor a residual may halve by chance; one that still converges falls steeply.
+FLOOR_STAGNATION_RATIO = 0.1
 
 # With contact the margin is wider, provided that the residual passes (2): a gap is the difference
 # of two squared distances, so that friction and steep barriers have ten times the round-off of
@@ -182,7 +184,8 @@ class ConvergenceTest:
         tolerances, too.
         """
         imbalance = residual.imbalance
-        stagnates = self.norm > STAGNATION_RATIO * self._previous_norm
+        ratio = FLOOR_STAGNATION_RATIO if imbalance <= self.round_off_floor else STAGNATION_RATIO
+        stagnates = self.norm > ratio * self._previous_norm
         # Also at the round-off floor: where booms are a million times stiffer than the film between
         # them, forces of the size of their round-off would change the energy by a millionth.
         is_small = imbalance <= self.tolerance and (stagnates or energy_error_is_small())
