@@ -165,7 +165,7 @@ def main(
     until: float = UNTIL,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> dict[str, float]:
-    """Lift, speed and the altitude where the balloon is full, beside those by hand; a picture in
+    """Lift, speed and the altitude where the balloon is full, and those by hand; a picture in
     the folder `output`."""
     lift, lift_by_hand = free_lift(comm, cells)
     film, case = build(comm, cells, until)
