@@ -265,7 +265,7 @@ def test_shades_of_kinds_stay() -> None:
 @pytest.mark.parametrize(
     ("field", "limits", "words"),
     [
-        ("state", {"high": 1.0}, "no scale of numbers"),
+        ("state", {"high": 1.0}, "not a scale of numbers"),
         ("displacement", {"part": "sail"}, "no field 'displacement' of a part 'sail'"),
         ("stress1", {"part": "flat"}, "the parts with it are: bent"),
         ("displacement", {"low": 5.0}, "would go from 5 to 1.2"),
