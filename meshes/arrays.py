@@ -59,20 +59,8 @@ def mesh_of_arrays(
         film: list[int] = []
         for name, nodes in (parts or {"": triangles}).items():
             entity = model.addDiscreteEntity(2)
-            if not film:
-                model.mesh.addNodes(
-                    2,
-                    entity,
-                    range(1, len(points) + 1),
-                    points.ravel(),
-                )
-            # gmsh counts from 1, and lists nodes element by element.
-            model.mesh.addElementsByType(
-                entity,
-                GMSH_TRIANGLE,
-                [],
-                (nodes + 1).ravel(),
-            )
+            # gmsh wants each node once: the first entity brings those of all.
+            add_triangles(model, entity, points[:0] if film else points, nodes)
             film.append(entity)
             if name:
                 model.addPhysicalGroup(2, [entity], name=name)
@@ -89,6 +77,25 @@ def mesh_of_arrays(
             model.addPhysicalGroup(dim, [entity], name=name)
 
     return gmsh_mesh(build, comm)
+
+
+def add_triangles(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
+    """Add points (n, 3) [m], if any, with gmsh's numbers from 1, and triangles (m, 3), which number
+    them from 0, to a surface of gmsh."""
+    if len(points):
+        model.mesh.addNodes(
+            2,
+            entity,
+            range(1, len(points) + 1),
+            points.ravel(),
+        )
+    # gmsh lists nodes element by element.
+    model.mesh.addElementsByType(
+        entity,
+        GMSH_TRIANGLE,
+        [],
+        (triangles + 1).ravel(),
+    )
 
 
 def _dimension(nodes: Numbers) -> int:

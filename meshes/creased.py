@@ -12,7 +12,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check, check_arguments
 
-from .arrays import Length, Numbers, Points, check_cells, rim, sorted_sides
+from .arrays import Length, Numbers, Points, add_triangles, check_cells, rim, sorted_sides
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -44,7 +44,7 @@ def creased_film(
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
         points, triangles = _triangulated(model, corners, lines, size)
         film = model.addDiscreteEntity(2)
-        _add(model, film, points, triangles)
+        add_triangles(model, film, points, triangles)
         model.addPhysicalGroup(2, [film], name="film")
         _name_rim(model, points, rim(triangles), corners)
 
@@ -111,7 +111,7 @@ def creased_tube(
                 entity = model.addDiscreteEntity(2)
                 # gmsh wants each node once: the first entity brings those of all.
                 nodes = everything if first else everything[:0]
-                _add(model, entity, nodes, cells[which == i])
+                add_triangles(model, entity, nodes, cells[which == i])
                 first = False
                 for name in (sheet, f"compartment {i + 1}"):
                     names.setdefault(name, []).append(entity)
@@ -258,24 +258,6 @@ def _on_a_line(ends: Points, lines: Segments) -> bool:
         if (distance < ON).all():
             return True
     return False
-
-
-def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
-    """Add points (n, 3) [m], if any, with gmsh's numbers from 1, and triangles (m, 3), which number
-    them from 0, to a surface of gmsh."""
-    if len(points):
-        model.mesh.addNodes(
-            2,
-            entity,
-            range(1, len(points) + 1),
-            points.ravel(),
-        )
-    model.mesh.addElementsByType(
-        entity,
-        2,
-        [],
-        (triangles + 1).ravel(),
-    )
 
 
 def _add_lines(model: Any, name: str, edges: Numbers) -> None:

@@ -66,8 +66,8 @@ from gossamer_fx.mechanics.gas.surface import Geometry, MovingArea
 # Name of the number by which the area of a valve, a function of time, is multiplied.
 AREA_FACTOR = "area_factor"
 
-# Before the name of a species: its mass fraction in the mixture of a chamber at the start, whose
-# the ratios of other species are constant.
+# Before the name of a species: its mass fraction in the mixture of a chamber at the start.  The
+# ratios of the other species are constant.
 FRACTION = "fraction of "
 
 # A parameter: the item of the scene, and the name that the item has for it.
