@@ -94,16 +94,12 @@ class SolvedGas(Protocol):
 
 @dataclass
 class _Boundary:
-    """A boundary of constant state, or a wall, with dual numbers for its state."""
+    """A boundary of constant state, with dual numbers for its state."""
 
     name: str
-    pressure: Number = 0.0
-    temperature: Number = 0.0
-    chamber: Any = None
+    pressure: Number
+    temperature: Number
     gas: Gas | None = None
-
-    def compile(self, geometry: Geometry) -> Any:
-        raise NotImplementedError("The conductance of a stand-in is given.")
 
 
 class GasAdjoint:
@@ -200,7 +196,7 @@ class GasAdjoint:
             ("W", network.swept),
             ("area", np.array([passage.area for passage in self._passages])),
             ("conductance", np.array([path.conductance(0.0) for path in self._walls])),
-            ("wall temperature", np.array([path.wall.temperature for path in self._walls])),
+            ("wall temperature", np.array([path.temperature for path in self._walls])),
             ("holder pressure", np.array([holder.pressure for holder in self._holders])),
             ("holder temperature", np.array([holder.temperature for holder in self._holders])),
         ]
@@ -237,8 +233,8 @@ class GasAdjoint:
         walls = []
         wall_states = zip(self._walls, x["conductance"], x["wall temperature"], strict=True)
         for path, conductance, temperature in wall_states:
-            stand_in = _Boundary(path.wall.name, temperature=temperature)
-            walls.append(HeatPath(stand_in, path.chamber, _constant_conductance(conductance)))
+            given = _constant_conductance(conductance)
+            walls.append(HeatPath(path.wall, path.chamber, temperature, given))
         balance = Balance(contents=network.contents, passages=passages, walls=walls)
         # Internal energy [J] at the start
         U0 = network.contents.energies(x["p0"] * x["V0"], x["m0"])

@@ -142,6 +142,7 @@ class HeatPath:
     Attributes:
         wall: the item of the scene.
         chamber: number of the chamber that it heats.
+        temperature: of the wall [K].
         conductance_in: its conductance in a step of a length [s].
         conductance: that of the current step.
         weight: of the end of the step in the temperature of the gas, ½ to 1.
@@ -149,6 +150,7 @@ class HeatPath:
 
     wall: Wall
     chamber: int
+    temperature: Number
     conductance_in: Callable[[float], Conductance]
     conductance: Conductance = lambda T: 0.0
     weight: Number = 0.5
@@ -392,7 +394,7 @@ class Balance:
             temperature = y[k] * V[k] / mass_times_R[k]
             mean = self._mean_temperature(path, temperature)
             # -∂Q/∂T at the mean temperature
-            slope = path.conductance(mean) - path.slope(mean) * (path.wall.temperature - mean)
+            slope = path.conductance(mean) - path.slope(mean) * (path.temperature - mean)
             # -h ∂Q/∂T1 times ∂T1/∂(p1 V)
             cooling = self.h * slope * path.weight / mass_times_R[k]
             by_y[k, k] += cooling * V[k]
@@ -448,7 +450,7 @@ class Balance:
         k = path.chamber
         end_temperature = y[k] * V[k] / self.contents.masses_times_R(y[self._n :])[k]
         temperature = self._mean_temperature(path, end_temperature)
-        return path.conductance(temperature) * (path.wall.temperature - temperature)
+        return path.conductance(temperature) * (path.temperature - temperature)
 
     def _mean_temperature(self, path: HeatPath, end: Number) -> Number:
         """The temperature [K] of the gas at which a wall exchanges heat, for that at the end."""
