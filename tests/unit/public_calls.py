@@ -91,8 +91,6 @@ def make_inputs(folder: Path) -> Inputs:
         outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
-    if WORLD.rank == 0:
-        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -519,12 +517,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("plot.animate", run=reader, field="state", path=folder / "a.gif", seconds=0.1)
     add("plot.curves", run=reader, path=folder / "a.png")
     add("plot.field", run=reader, field="state", times=(0.0,), path=folder / "a.png")
-    add(
-        "plot.overlay",
-        run=reader,
-        measured=[inputs.run.parent / "measured.csv"],
-        path=folder / "a.png",
-    )
     add("plot.strip", run=reader, field="state", path=folder / "a.png")
     add("read_mesh", path=inputs.mesh_file, comm=WORLD)
     add("sections.rectangle", width2=0.1, width3=0.1, **tube)

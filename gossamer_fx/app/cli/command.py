@@ -283,15 +283,6 @@ def _parser() -> argparse.ArgumentParser:
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
     )
     plot.add_argument(
-        "-w",
-        "--with",
-        dest="measured",
-        type=Path,
-        nargs="+",
-        metavar="CSV",
-        help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
-    )
-    plot.add_argument(
         "--range",
         type=float,
         nargs=2,
@@ -608,9 +599,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.run_reader import RunReader
 
     run, folder = RunReader(wanted.run), wanted.run
-    pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}
-    pictures_of["measured"] = "with"
-    chosen = [option for name, option in pictures_of.items() if getattr(wanted, name)]
+    pictures_of = ("time", "strip", "animate", "curves")
+    chosen = [option for option in pictures_of if getattr(wanted, option)]
     check(
         len(chosen) <= 1,
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
@@ -630,7 +620,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
     # Curves have no field.
-    if not field and chosen not in (["curves"], ["with"]):
+    if not field and chosen != ["curves"]:
         field = default_field(run)
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
@@ -655,11 +645,6 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     # Equilibria and modes have no curves over time.
     if wanted.curves or (not chosen and run.kind == "run"):
         _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
-    if wanted.measured:
-        _write_and_print(
-            output or folder / "measured.png",
-            lambda path: pictures.overlay(run, measured=wanted.measured, path=path),
-        )
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

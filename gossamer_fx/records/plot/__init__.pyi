@@ -5,7 +5,6 @@ from .plot import animate as animate
 from .plot import curves as curves
 from .plot import field as field
 from .plot import modes as modes
-from .plot import overlay as overlay
 from .plot import strip as strip
 from .report import InlineReport as InlineReport
 from .run_reader import RunReader as RunReader

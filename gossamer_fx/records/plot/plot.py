@@ -20,8 +20,7 @@ from gossamer_fx.records.fields.units import NAMES, scaled_axis
 from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import NO_LIMITS, Colouring, Limits, colouring, sampled
-from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
-from gossamer_fx.records.plot.measured_series import read_measured
+from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
@@ -208,42 +207,6 @@ def curves(run: RunReader, path: str | Path) -> None:
         "drawn.",
     )
     write_page(file_to_write(path), run.title, None, found)
-
-
-@check_arguments
-def overlay(run: RunReader, measured: Sequence[str | Path], path: str | Path) -> None:
-    """Write a PNG of the probes of a run that were measured, with the measured values over them.
-
-    A panel for each quantity; its legend has the root mean square of computed minus measured
-    values, over the measured times within the run.
-
-    Args:
-        run: a recorded run with probes.
-        measured: CSV files with a column "time [s]" and columns named like probes, e.g. "tip x
-            [mm]"; the units may be others of the same dimension.
-        path: of the file, ending in `.png`.
-
-    Raises:
-        InputError: a file cannot be read, is not such a table, or names a probe that the run does
-            not have.
-        OutputFailure: the file cannot be written.
-
-    Example:
-        >>> scene = gx.Scene(gx.Gravity(mass, (0.0, 0.0, -9.81)))
-        >>> height = {"height [m]": gx.probes.Position(mass.port(), "z")}
-        >>> drop = folder / "drop"
-        >>> outputs = [gx.Recording(drop, every=1, probes=height)]
-        >>> gx.Simulation(scene, gx.Midpoint(dt=0.01), outputs=outputs).run(until=0.1)
-        >>> test = folder / "test.csv"
-        >>> characters = test.write_text("time [ms],height [mm]\\n0,0\\n100,-49\\n")
-        >>> picture = folder / "overlay.png"
-        >>> gx.plot.overlay(gx.plot.RunReader(drop), [test], picture)
-        >>> picture.is_file()
-        True
-    """
-    check(len(measured) > 0, "overlay: no file of measured values is given; give one or more.")
-    series = [one for name in measured for one in read_measured(name, run)]
-    write_page(file_to_write(path), run.title, None, overlay_curves(run, series))
 
 
 def field_views(
