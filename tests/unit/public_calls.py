@@ -54,7 +54,6 @@ UNCALLED |= {
     "Scene",
     "outputs.Progress",
     "patterns.Gores",
-    "patterns.read_dxf",  # needs ezdxf; tests/unit/test_drawings.py
 }
 
 

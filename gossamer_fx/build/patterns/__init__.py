@@ -1,4 +1,4 @@
-"""Flat cut patterns: gores of bodies of revolution, and outlines from drawings."""
+"""Flat cut patterns: gores of bodies of revolution."""
 
 from gossamer_fx.core.checks.lazy_names import lazy_names
 
