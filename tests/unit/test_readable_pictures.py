@@ -228,24 +228,6 @@ def test_a_report_has_pictures_for_a_narrow_screen(
     assert run_curves(recorded).panels
 
 
-def test_an_mp4_is_made_by_the_ffmpeg_of_a_package(
-    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("imageio_ffmpeg")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4", seconds=0.2)
-    assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
-
-
-def test_without_any_ffmpeg_one_sentence_says_what_to_install(
-    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: None)
-    with pytest.raises(gx.InputError, match=r"imageio-ffmpeg, or write a \.gif\.$"):
-        gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4")
-    assert not list(tmp_path.iterdir())
-
-
 def test_curves_of_many_parts_leave_none_of_them_out(tmp_path: Path) -> None:
     """Twelve springs and twelve weights: seven colours show the extent of all, and all energy."""
     parts: list[Any] = []

@@ -142,9 +142,8 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0)
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
-    if shutil.which("ffmpeg"):
+    with pytest.raises(gx.InputError, match=r"end its name in \.gif\.$"):
         gx.plot.animate(run, "state", path=tmp_path / "run.mp4")
-        assert (tmp_path / "run.mp4").stat().st_size > 1000
 
 
 def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:

@@ -278,7 +278,7 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument(
         "-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread"
     )
-    plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
+    plot.add_argument("-a", "--animate", action="store_true", help="an animation, a GIF")
     plot.add_argument(
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
     )
@@ -639,7 +639,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         )
     if wanted.animate:
         _write_and_print(
-            output or folder / f"{field}.{wanted.animate}",
+            output or folder / f"{field}.gif",
             lambda path: pictures.animate(run, field, path=path, view=view, limits=limits),
         )
     # Equilibria and modes have no curves over time.

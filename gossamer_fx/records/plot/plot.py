@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -317,20 +315,20 @@ def animate(
     view: View | None = None,
     limits: Limits = NO_LIMITS,
 ) -> None:
-    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
+    """Write a GIF of a field over the run.
 
     Args:
         run: a recorded run.
         field: name of a recorded field, e.g. "state".
-        path: of the file, ending in `.gif` or `.mp4`.
+        path: of the file, ending in `.gif`; `ffmpeg -i a.gif a.mp4` makes a film of it.
         seconds: length of the animation [s].
         view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
             Default: a camera that stands still and sees the whole run.
         limits: of the colours of numbers.
 
     Raises:
-        InputError: a path with another ending, no ffmpeg for an MP4, a length that is not positive,
-            an unknown field, or files of the run that cannot be read.
+        InputError: a path with another ending, a length that is not positive, an unknown field, or
+            files of the run that cannot be read.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -341,13 +339,8 @@ def animate(
     """
     path = file_to_write(path)
     check(
-        path.suffix in (".gif", ".mp4"),
-        f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.",
-    )
-    check(
-        path.suffix == ".gif" or find_ffmpeg() is not None,
-        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or "
-        "write a .gif.",
+        path.suffix == ".gif",
+        f"An animation cannot be written to '{path}'; end its name in .gif.",
     )
     check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
     run.require_fields()
@@ -360,10 +353,7 @@ def animate(
     view = replace(view or View(), zoom=False)
     camera = _camera_for_all(run, colours, view)
     images = _images(run, colours, camera, frames, follow=bool(view.follow))
-    if path.suffix == ".gif":
-        _write_gif(path, images, seconds / len(frames))
-    else:
-        _write_mp4(path, images, len(frames) / seconds)
+    _write_gif(path, images, seconds / len(frames))
 
 
 def _camera_for_all(
@@ -391,7 +381,7 @@ def _images(
     in.
 
     Yields:
-        bytes (height, width, 3), with even numbers of rows and columns.
+        bytes (height, width, 3).
     """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
@@ -408,12 +398,7 @@ def _images(
     dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
     place = write_page(file, run.title, views, dpi=dpi, width=width)
     assert place is not None
-    written = Image.open(file).convert("RGB")
-    # MP4 needs even numbers of rows and columns.
-    even_height = 2 * ((written.height + 1) // 2)
-    even_width = 2 * ((written.width + 1) // 2)
-    page = Image.new("RGB", (even_width, even_height), "white")
-    page.paste(written, (0, 0))
+    page = Image.open(file).convert("RGB")
     letters = round(_TIME_SIZE * dpi)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
     caption = (place.left, place.top - _TIME_ABOVE * dpi)
@@ -492,59 +477,6 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
     drawn = Image.fromarray(colours[None])
     palette = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
     return list(palette[: 3 * 255])
-
-
-def find_ffmpeg() -> str | None:
-    """Path of the program ffmpeg, which writes MP4 files; None if there is none.
-
-    It is the program on PATH, else that of the package imageio-ffmpeg.
-    """
-    program = shutil.which("ffmpeg")
-    if program is not None:
-        return program
-    # A private Debian tree hides the programs of the machine; the wheel of this package contains
-    # one.
-    try:
-        from imageio_ffmpeg import get_ffmpeg_exe
-    except ImportError:
-        return None
-    try:
-        return str(get_ffmpeg_exe())
-    except RuntimeError:  # the package was built without the program
-        return None
-
-
-def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
-    """Write an MP4 by the program ffmpeg, which is installed.
-
-    Args:
-        images: bytes (height, width, 3), all of one size with even numbers, at least one.
-    """
-    first = next(images)
-    height, width = first.shape[:2]
-    program = find_ffmpeg()
-    assert program is not None
-    command = [program, "-y", "-loglevel", "error"]
-    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
-    command += ["-r", f"{rate:.6g}", "-i", "-"]
-    # Colours that all players know, and the index in front, so that a browser plays while it loads.
-    command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        assert encoder.stderr is not None
-        try:
-            for image in (first, *images):
-                encoder.stdin.write(image.tobytes())
-            encoder.stdin.close()
-        except BrokenPipeError:
-            # ffmpeg has ended; the reason is in its messages.
-            pass
-        messages = encoder.stderr.read().decode(errors="replace").strip().splitlines()
-    if encoder.returncode:
-        reason = "no reason given"
-        if messages:
-            reason = messages[-1]
-        raise OutputFailure(f"ffmpeg could not write '{path}' ({reason}); try a .gif.")
 
 
 def file_to_write(path: str | Path) -> Path:
