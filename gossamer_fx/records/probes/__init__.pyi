@@ -8,7 +8,6 @@ from .crease_angle import FoldAngle as FoldAngle
 from .films import AreaFraction as AreaFraction
 from .films import LargestStress as LargestStress
 from .films import StateArea as StateArea
-from .films import SurfaceError as SurfaceError
 from .flight import Attitude as Attitude
 from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState
