@@ -304,12 +304,6 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument(
         "--zoom", action="store_true", help="each picture as large as its frame allows"
     )
-    plot.add_argument(
-        "--opacity",
-        type=float,
-        default=1.0,
-        help="of films; below 1 folded layers are seen through",
-    )
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
 
@@ -613,9 +607,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         None if a is None else math.radians(a)
         for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
     )
-    view = View(
-        azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
-    )
+    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
     low, high = wanted.range or (None, None)
     limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""

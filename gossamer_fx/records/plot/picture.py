@@ -108,7 +108,7 @@ class Picture(DrawnRun):
         times: at which the films are drawn [s]; default: the start and the end.  If the run stops
             early, its last state is added.
         title: a line on top.
-        view: camera and transparency; default as `View` chooses it.
+        view: camera; default as `View` chooses it.
         colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their
             cells).
 

@@ -94,7 +94,7 @@ def field(
         field: name of a recorded field, e.g. "state".
         times: [s].
         path: of the file, ending in `.png`.
-        view: camera and transparency; default: chosen for all times.
+        view: camera; default: chosen for all times.
         limits: of the colours of numbers.
 
     Raises:
@@ -139,7 +139,7 @@ def strip(
         field: name of a recorded field, e.g. "state".
         path: of the file, ending in `.png`.
         count: number of times.
-        view: camera and transparency; default: chosen for all times.
+        view: camera; default: chosen for all times.
         limits: of the colours of numbers.
 
     Raises:
@@ -263,7 +263,7 @@ def modes(
     Args:
         folders: of the modes, as `outputs.record_modes` returns them.
         path: of the file, ending in `.png`.
-        view: camera and transparency; default: chosen for all modes.
+        view: camera; default: chosen for all modes.
 
     Raises:
         InputError: no folder, one that holds no record of a mode, or files that cannot be read.
@@ -322,7 +322,7 @@ def animate(
         field: name of a recorded field, e.g. "state".
         path: of the file, ending in `.gif`; `ffmpeg -i a.gif a.mp4` makes a film of it.
         seconds: length of the animation [s].
-        view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
+        view: camera; `follow` keeps the scene in the middle, `zoom` has no effect.
             Default: a camera that stands still and sees the whole run.
         limits: of the colours of numbers.
 
