@@ -507,7 +507,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("reduction.OutsideBasis", body=gx.reduction.reduce(film, [motion], modes=1))
     add("reduction.reduce", body=film, motions=[motion], modes=1)
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
-    add("plot.InlineReport", run=reader, height=500)
     add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")

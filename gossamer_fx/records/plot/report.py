@@ -110,7 +110,10 @@ def write_report(run: RunReader, path: str | Path) -> None:
         >>> "A fall" in page.read_text()
         True
     """
-    _check_recorded(run)
+    check(
+        bool(run.table("ledger.csv")),
+        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
+    )
     path = file_to_write(path)
     text = "\n".join(_page(run))
     try:
@@ -120,46 +123,6 @@ def write_report(run: RunReader, path: str | Path) -> None:
         raise OutputFailure(
             f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
         ) from error
-
-
-@check_arguments
-class InlineReport:
-    """The report of a run inside a notebook: as the last line of a cell it is shown below the cell.
-
-    Args:
-        run: a recorded run.
-        height: of the frame [pixels]; longer reports are scrolled.
-
-    Raises:
-        InputError: nothing was recorded yet, or a height that is not positive.
-
-    Example:
-        >>> report = gx.plot.InlineReport(recorded)
-        >>> report._repr_html_()[:7]
-        '<iframe'
-    """
-
-    def __init__(self, run: RunReader, *, height: int = 720) -> None:
-        check(height > 0, f"InlineReport: height is {height!r}; give a number of pixels.")
-        _check_recorded(run)
-        self._run = run
-        self._height = height
-
-    def _repr_html_(self) -> str:
-        """The page in a frame: neither its style nor its script meets those of the notebook."""
-        page = escape("\n".join(_page(self._run)))
-        return (
-            f'<iframe sandbox="allow-scripts" style="width: 100%; height: {self._height}px; '
-            f'border: 1px solid #dde1e5" srcdoc="{page}"></iframe>'
-        )
-
-
-def _check_recorded(run: RunReader) -> None:
-    """Refuse a run that has made no step."""
-    check(
-        bool(run.table("ledger.csv")),
-        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
-    )
 
 
 def _page(run: RunReader) -> Iterable[str]:

@@ -108,8 +108,7 @@ class RunReader:
         )
 
     def _repr_html_(self) -> str:
-        """The bodies and their fields as a table, for notebooks; see `InlineReport` for
-        pictures."""
+        """The bodies and their fields as a table, for notebooks."""
         rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
         caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
         return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
