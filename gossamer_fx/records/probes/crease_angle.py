@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.connectors.crease import Crease
 from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
-
-# What is reported of the angles along a crease
-KINDS = ("mean", "least", "largest", "rest")
 
 
 @check_arguments
@@ -35,8 +34,9 @@ class FoldAngle:
         >>> angle = gx.probes.FoldAngle(crease, "mean")
     """
 
-    def __init__(self, crease: Crease, which: str = "mean") -> None:
-        check(which in KINDS, f"FoldAngle: which is {which!r}; choose among: {', '.join(KINDS)}.")
+    def __init__(
+        self, crease: Crease, which: Literal["mean", "least", "largest", "rest"] = "mean"
+    ) -> None:
         self.crease = crease
         self.which = which
 

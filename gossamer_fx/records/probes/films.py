@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
@@ -16,10 +15,14 @@ from gossamer_fx.solve.view import StateView
 class _FilmArea:
     """The area of a film in a state, or its share."""
 
-    def __init__(self, body: Membrane, state: str, *, group: str = "", at: At = "mean") -> None:
-        check(
-            state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
-        )
+    def __init__(
+        self,
+        body: Membrane,
+        state: Literal["slack", "wrinkled", "taut"],
+        *,
+        group: str = "",
+        at: At = "mean",
+    ) -> None:
         self.state = state
         self._areas = AreaFractions([body], at, group)
 

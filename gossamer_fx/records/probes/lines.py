@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
@@ -17,7 +17,7 @@ from gossamer_fx.records.fields.lines import LineForces, line_forces
 from gossamer_fx.solve.system.system import System
 
 # What is reported of the values along a line
-KINDS = ("mean", "least", "largest")
+Which = Literal["mean", "least", "largest"]
 
 
 class _ForSystem[T]:
@@ -43,14 +43,12 @@ class _AlongLine:
     def __init__(
         self,
         line: Curve | DrawnAsLines,
-        which: str,
+        which: Which,
         at: At,
         *,
         of_body: Callable[[BodyShape], Expr],
         of_connector: Callable[[LineForces], Array],
     ) -> None:
-        kind = type(self).__name__
-        check(which in KINDS, f"{kind}: which is {which!r}; choose among: {', '.join(KINDS)}.")
         self.line = line
         self.which = which
         self.at: At = at
@@ -112,7 +110,9 @@ class Tension(_AlongLine):
 
     unit = "N"
 
-    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean", *, at: At = "mean") -> None:
+    def __init__(
+        self, line: Curve | DrawnAsLines, which: Which = "mean", *, at: At = "mean"
+    ) -> None:
         super().__init__(
             line, which, at, of_body=tension, of_connector=lambda lines: lines.tensions
         )
@@ -142,7 +142,7 @@ class AxialStrain(_AlongLine):
 
     unit = ""
 
-    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
+    def __init__(self, line: Curve | DrawnAsLines, which: Which = "mean") -> None:
         super().__init__(
             line, which, "end", of_body=axial_strain, of_connector=lambda lines: lines.strains
         )
