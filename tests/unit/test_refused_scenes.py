@@ -164,7 +164,7 @@ MESHES: list[Case] = [
 ]
 
 PICTURES: list[Case] = [
-    (lambda: gx.plot.Picture("a.png", colour="thickness"), 'give "state" or "group"'),
+    (lambda: gx.plot.Picture("a.png", colour="thickness"), "give 'state' or 'group'"),
 ]
 
 LAWS: list[Case] = [

@@ -8,7 +8,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Schedule
+from gossamer_fx.records.outputs.output import Every, Schedule, Times
 from gossamer_fx.solve.view import StateView
 
 
@@ -36,7 +36,7 @@ class Snapshots:
         3
     """
 
-    def __init__(self, body: Membrane, every: int = 1, *, times: Sequence[float] = ()) -> None:
+    def __init__(self, body: Membrane, every: Every = 1, *, times: Times = ()) -> None:
         self.body = body
         self.schedule = Schedule(every, tuple(times))
         self.positions: list[Array] = []

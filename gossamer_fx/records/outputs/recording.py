@@ -46,8 +46,10 @@ from gossamer_fx.records.outputs.arguments import arguments_of
 from gossamer_fx.records.outputs.description import describe, versions
 from gossamer_fx.records.outputs.output import (
     RUN_FILES,
+    Every,
     Probe,
     Schedule,
+    Times,
     make_parent,
     replace_file,
 )
@@ -108,10 +110,10 @@ class Recording:
         *,
         probes: Mapping[str, Probe] | None = None,
         at: At = "mean",
-        every: int = 10,
-        times: Sequence[float] = (),
+        every: Every = 10,
+        times: Times = (),
         title: str = "",
-        states_every: int | None = None,
+        states_every: Every | None = None,
         overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.plot.colours import Colouring
 from gossamer_fx.records.plot.rasterise import Canvas, Colours
@@ -74,22 +73,10 @@ class View:
     """
 
     azimuth: float | None = None
-    elevation: float | None = None
+    elevation: Annotated[float, Range(-math.pi / 2, math.pi / 2, "rad")] | None = None
     _: KW_ONLY
     follow: bool | None = None
     zoom: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse an azimuth that is not finite, and |elevation| > π/2 [rad]."""
-        check(
-            self.azimuth is None or math.isfinite(self.azimuth),
-            f"View: azimuth is {self.azimuth!r} rad; give a number, or None.",
-        )
-        check(
-            self.elevation is None or abs(self.elevation) <= math.pi / 2,
-            f"View: elevation is {self.elevation!r} rad; give a number between -π/2 and π/2, or "
-            "None.",
-        )
 
 
 @dataclass(frozen=True)

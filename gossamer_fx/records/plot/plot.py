@@ -338,7 +338,6 @@ def animate(
         path.suffix == ".gif",
         f"An animation cannot be written to '{path}'; end its name in .gif.",
     )
-    check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
     run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))

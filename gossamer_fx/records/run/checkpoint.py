@@ -36,12 +36,12 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
 from gossamer_fx.core.algebra.rank_exchange import fetch
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.records.run.node_keys import all_names, cell_names
@@ -131,10 +131,10 @@ class Checkpoints:
     def __init__(
         self,
         folder: str | Path,
-        every: int | None = 100,
+        every: Annotated[int, Range(1)] | None = 100,
         *,
-        minutes: float | None = None,
-        keep: int = 2,
+        minutes: Annotated[float, positive("min")] | None = None,
+        keep: Annotated[int, Range(1)] = 2,
         overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)
@@ -142,18 +142,6 @@ class Checkpoints:
         self.minutes = minutes
         self.keep = keep
         self.overwrite = overwrite
-        check(
-            every is None or (isinstance(every, int) and every >= 1),
-            f"Checkpoints: every is {every!r}; give a number of steps, or None.",
-        )
-        check(
-            minutes is None or minutes > 0,
-            f"Checkpoints: minutes is {minutes!r}; give a positive number, or None.",
-        )
-        check(
-            isinstance(keep, int) and keep >= 1,
-            f"Checkpoints: keep is {keep!r}; keep at least one.",
-        )
         self.seconds = 0.0
         self._written: int | None = None  # step of the last checkpoint
 
