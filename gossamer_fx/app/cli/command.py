@@ -473,7 +473,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     import inspect
 
     from gossamer_fx.app.cli.case import Case
-    from gossamer_fx.app.cli.user_files import build_of, guarded, load, option, unknown_arguments
+    from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import check
 
     path: Path = wanted.scene
@@ -484,20 +484,16 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     options = dict(option(word) for word in wanted.options)
     module = guarded(comm, path, wanted.debug, lambda: load(path))
     build = build_of(path, module)
+    check_arguments_of(build, path, options)
     parameters = inspect.signature(build).parameters
-    unknown = unknown_arguments(build, options)
-    check(
-        bool(parameters) and not unknown,
-        f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
-        f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
-    )
     # The first parameter is the communicator, which the command gives.
-    needed = [
-        n
-        for n, p in list(parameters.items())[1:]
-        if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
+    missing = [
+        name
+        for name, parameter in list(parameters.items())[1:]
+        if name not in options
+        and parameter.default is parameter.empty
+        and parameter.kind is parameter.POSITIONAL_OR_KEYWORD
     ]
-    missing = [name for name in needed if name not in options]
     check(
         not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
     )
