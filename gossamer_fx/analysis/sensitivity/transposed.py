@@ -13,7 +13,7 @@ from gossamer_fx.solve.solvers import factorisation
 # Relative residual above which a solution is refined, once.  That brings the solution of an
 # ill-conditioned tangent, as a stiff film has, from 1e-9 to the round-off of its residual; it costs
 # a tenth of a step.
-MAX_RESIDUAL = 1e-13
+MAX_LINEAR_RESIDUAL = 1e-13
 
 
 class TransposedSolver:
@@ -65,7 +65,7 @@ class TransposedSolver:
         self._A.multTranspose(x, self._residual)
         self._residual.aypx(-1.0, b)
         # Written so that NaN is refined, too: what asks for the solution then finds it.
-        if self._residual.norm() <= MAX_RESIDUAL * b.norm():
+        if self._residual.norm() <= MAX_LINEAR_RESIDUAL * b.norm():
             return
         self._pc.applyTranspose(self._residual, self._correction)
         x.axpy(1.0, self._correction)

@@ -14,7 +14,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
 # What is reported of the angles along a crease
-KINDS = ("mean", "least", "largest", "rest")
+ANGLES = ("mean", "least", "largest", "rest")
 
 
 @check_arguments
@@ -36,7 +36,7 @@ class FoldAngle:
     """
 
     def __init__(self, crease: Crease, which: str = "mean") -> None:
-        check(which in KINDS, f"FoldAngle: which is {which!r}; choose among: {', '.join(KINDS)}.")
+        check(which in ANGLES, f"FoldAngle: which is {which!r}; choose among: {', '.join(ANGLES)}.")
         self.crease = crease
         self.which = which
 
