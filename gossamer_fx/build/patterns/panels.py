@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.build.meshes.arrays import Numbers, mesh_of_arrays, polyline
+from gossamer_fx.build.meshes.arrays import Numbers, Points, mesh_of_arrays, polyline
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, real_numbers
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
@@ -168,14 +168,14 @@ class Gores:
             found.append(seam)
         return found
 
-    def _arrays(self, along: int, across: int) -> tuple[Array, Numbers, dict[str, Numbers]]:
+    def _arrays(self, along: int, across: int) -> tuple[Points, Numbers, dict[str, Numbers]]:
         """Points [m], triangles and groups of all panels, see `mesh_of_arrays`."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
         # Normals point outwards in place: those of the panels are turned if the profile rises.
         rises = self.profile[-1, 1] > self.profile[0, 1]
-        points: list[Array] = []
+        points: list[Points] = []
         triangles: list[Numbers] = []
         groups: dict[str, Numbers] = {}
         count = 0
