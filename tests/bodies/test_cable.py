@@ -203,7 +203,7 @@ def test_a_cable_linear_in_the_stretch_is_longer_by_its_weight(
     assert height(search) == pytest.approx(-1 - elongation, abs=1e-9)
     (slope,) = gx.analysis.gradient(search, of=height, by=["cable.EA"])
     assert slope.values == pytest.approx(elongation / EA, rel=1e-7)
-    _, tensions = gx.fields.field_values(search, cable, field="tension")
+    tensions = gx.fields.line_values(search, cable).tension
     # The lowest element has half of its weight below its middle.
     assert tensions.min() >= 10 * m
     assert tensions.mean() == pytest.approx(10 * (m + μ / 2), rel=1e-8)
@@ -235,7 +235,7 @@ def test_the_initial_tension_is_that_of_the_law() -> None:
         initial_tension=20.0,
     )
     run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3))
-    assert gx.fields.field_values(run, cable, field="tension")[1] == pytest.approx(20.0, rel=1e-12)
+    assert gx.fields.line_values(run, cable).tension == pytest.approx(20.0, rel=1e-12)
 
 
 def test_tapes_are_linear_in_the_stretch_as_cables_are() -> None:

@@ -380,6 +380,14 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("gas.WallHeat", chamber=tank, conductance=1.0, temperature=300.0)
     add("When", probe=lambda run: 0.0, tolerance=1e-9)
     add("fields.field_values", state=gx.Equilibrium(scene), body=film, field="stress1")
+    add("fields.line_values", state=gx.Equilibrium(gx.Scene(spring)), line=spring)
+    add(
+        "fields.LineValues",
+        points=np.zeros((1, 3)),
+        tension=np.zeros(1),
+        strain=np.zeros(1),
+        length=np.ones(1),
+    )
     add("fields.positions", state=gx.Equilibrium(scene), body=film)
     add(
         "analysis.find_form",

@@ -53,7 +53,7 @@ NO_GROUPS = {word: word for word in ("nowhere", "left ", "Left")}
 NOT_REPLACED = ("name", "title", "comm", "path", "folder")
 
 # These act on scenes or recordings that they are given, for minutes; the last is a result.
-NOT_CALLED = ("Simulation", "Equilibrium", "Case", "plot.RunReader")
+NOT_CALLED = ("Simulation", "Equilibrium", "Case", "plot.RunReader", "fields.LineValues")
 
 # The scene of the valid call is refused or does not converge: only what is made is tried.
 REFUSED_AS_THEY_ARE = {"Frame", "StartFrom", "gas.Ambient"}

@@ -153,8 +153,11 @@ def test_the_tension_of_a_line_is_the_mean_of_the_step(make: Any, tmp_path: Path
     run.run(until=DT)
     assert tension(run) == pytest.approx(mean, rel=1e-7)
     assert at_end(run) > 1.5 * mean
-    # The length is that at the end.
-    assert gx.probes.Length(part)(run) == pytest.approx(TAUT, rel=1e-7)
+    values = gx.fields.line_values(run, part)
+    assert values.tension == pytest.approx(mean, rel=1e-7)
+    # Strain and length are those at the end.
+    assert values.length == pytest.approx(TAUT, rel=1e-7)
+    assert gx.fields.line_values(run, part, at="end").tension == pytest.approx(at_end(run))
 
 
 @pytest.mark.mpi

@@ -1,4 +1,4 @@
-"""Tensions, strains and lengths of the lines of springs, ropes, tethers and tapes."""
+"""Tension along a cable, beam or tape as arrays, e.g. for a curve over the distance along it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,207 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
 
 from gossamer_fx.core.algebra.point_measures import evaluated_here
+from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.compilation import compile_expression, compile_form
+from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.state import HasSystem
+from gossamer_fx.mechanics.bodies.cable import Curve
 from gossamer_fx.mechanics.bodies.frames import DrawnAsLines
 from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
 from gossamer_fx.mechanics.terms.point_energies import PointEnergies, PointStoredEnergy
-from gossamer_fx.records.fields.body_shape import At, rule_at
+from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, stretch, tension
+from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
+from gossamer_fx.records.fields.fields import position
 from gossamer_fx.solve.system.system import System
+
+# Difference of coordinates, over their size or 1 m, below which they are equal
+SAME_POSITION = 1e-9
+
+Pairs = list[tuple[object, object]]
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class LineValues:
+    """Tension, strain and length of the n elements of a line, the same on every rank.
+
+    Elements are the cells of a cable or beam, the bars of a tape, the ropes of a bundle; a spring,
+    rope or tether is one.  Those of a single open line are in their order along it: of a cable or
+    beam from the side of the first cell that its mesh was made of, of a tape from the end whose
+    initial position has the smaller x, or else y, or else z.
+
+    Attributes:
+        points: middles (n, 3) of the elements in their present position [m].
+        tension: (n,) [N], negative for compression.
+        strain: (n,) of which the tension is a function.
+        length: (n,) [m] in the present shape.
+
+    Example:
+        >>> tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(6e3, 0.01), edges="left")
+        >>> run = gx.Simulation(gx.Scene(film, tape), gx.Midpoint(dt=0.1))
+        >>> gx.fields.line_values(run, tape).distance.round(6)
+        array([0.125, 0.375, 0.625, 0.875])
+    """
+
+    points: Array
+    tension: Array
+    strain: Array
+    length: Array
+
+    @property
+    def distance(self) -> Array:
+        """Distances (n,) [m] of the middles from the start of the line, along it."""
+        found: Array = np.cumsum(self.length) - self.length / 2
+        return found
+
+
+@check_arguments
+def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean") -> LineValues:
+    """Tension, strain and length of each element of a cable, beam or connector.  Collective.
+
+    Args:
+        state: a `Simulation` in its current state, or an `Equilibrium`.
+        line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of its scene.
+        at: "mean" for the mean tension of the last step, or "end" for that at its end; strain and
+            length are those at the end.
+
+    Raises:
+        InputError: the line is something else, or is not in the scene.
+
+    Example:
+        >>> cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01), initial_tension=50.0)
+        >>> statics = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "line")))
+        >>> values = gx.fields.line_values(statics, cable)
+        >>> values.distance.round(6), values.tension.round(6)
+        (array([0.125, 0.375, 0.625, 0.875]), array([50., 50., 50., 50.]))
+    """
+    if isinstance(line, Curve):
+        return _of_body(state.system, line, at)
+    system = state.system
+    forces = line_forces(system, line, at)
+    # Bars share their ends; each is fetched from its rank once.
+    ends = list(line.lines_to_draw)
+    names = [(_name(a), _name(b)) for a, b in ends]
+    ports: dict[object, Attached] = {}
+    for pair, pair_of_names in zip(ends, names, strict=True):
+        ports.update(zip(pair_of_names, pair, strict=True))
+    vectors = dict(zip(ports, system.state.vectors(list(ports.values())), strict=True))
+    middles = np.array([(vectors[a] + vectors[b]) / 2 for a, b in names])
+    order = _order_along_line(names)
+    # The numbers of bars depend on the number of ranks; initial positions do not.
+    first = ends[order[0]]
+    last = ends[order[-1]]
+    if len(ends) > 1 and _is_before(last[0].initial(), first[0].initial()):
+        order = order[::-1]
+    return LineValues(
+        points=middles[order],
+        tension=forces.tensions[order],
+        strain=forces.strains[order],
+        length=forces.lengths[order],
+    )
+
+
+def _is_before(a: Array, b: Array) -> bool:
+    """Whether a point comes before another one by x, or else y, or else z, beyond round-off."""
+    difference = a - b
+    is_different = np.abs(difference) > SAME_POSITION * max(1.0, float(np.abs(b).max()))
+    if not is_different.any():
+        return False
+    return bool(difference[is_different.argmax()] < 0)
+
+
+def _name(port: object) -> object:
+    """What ports of one vector have in common."""
+    if isinstance(port, Port):
+        return (id(port.body), port.nodes, port.weights, port.vectors)
+    return id(port)
+
+
+def _of_body(system: System, body: Curve, at: At) -> LineValues:
+    """The values of the cells of a cable or beam, gathered from all ranks."""
+    shape = BodyShape(system, body)
+    shape.update()
+    quantities = [GaussValues(system, body, quantity, at) for quantity in (tension, axial_strain)]
+    columns = []
+    for quantity in quantities:
+        quantity.update()
+        columns.append(quantity.own_values().mean(axis=1))
+    mesh = body.space.mesh
+    # Ghost cells follow the owned ones; other ranks return those.
+    cells = len(columns[0])
+    lengths = fem.assemble_vector(compile_form(_length_density(shape))).array[:cells]
+    rows = np.column_stack([_middles(shape)[:cells], *columns, lengths])
+    mesh.topology.create_connectivity(1, 0)
+    vertices = mesh.topology.connectivity(1, 0).array.reshape(-1, 2)[:cells]
+    names = mesh.topology.index_map(0).local_to_global(vertices.ravel()).reshape(-1, 2)
+    numbers = np.asarray(mesh.topology.original_cell_index)[:cells]
+    # A line is short compared with a film: every rank takes all of it.
+    gathered = system.comm.allgather((numbers, rows, names))
+    as_given = np.concatenate([part for part, _, _ in gathered]).argsort()
+    table = np.concatenate([part for _, part, _ in gathered])[as_given]
+    pairs = np.concatenate([part for _, _, part in gathered])[as_given]
+    order = _order_along_line([tuple(pair) for pair in pairs.tolist()])
+    if order[0] > order[-1]:
+        order = order[::-1]
+    table = table[order]
+    return LineValues(
+        points=table[:, :3], tension=table[:, 3], strain=table[:, 4], length=table[:, 5]
+    )
+
+
+def _length_density(shape: BodyShape) -> ufl.Form:
+    """The length [m] of each cell as a form with one test function for each cell."""
+    body = shape.body
+    cellwise = fem.functionspace(body.space.mesh, ("Discontinuous Lagrange", 0))
+    return stretch(shape) * ufl.TestFunction(cellwise) * body.mass_dx
+
+
+def _middles(shape: BodyShape) -> Array:
+    """Positions (n, 3) [m] of the middles of this rank's n cells, ghosts included."""
+    space = fem.functionspace(shape.body.space.mesh, ("Discontinuous Lagrange", 0, (3,)))
+    middles = fem.Function(space)
+    points = interpolation_points(space)
+    middles.interpolate(compile_expression(position(shape.q), points))
+    return np.asarray(middles.x.array).reshape(-1, 3)
+
+
+def _order_along_line(ends: Pairs) -> npt.NDArray[np.int64]:
+    """Numbers (n,) of n elements from one end of a line to the other.
+
+    It may begin at either end.  Elements that do not form a single open line stay in their order.
+    """
+    at_point: dict[object, list[int]] = {}
+    for number, pair in enumerate(ends):
+        for end in pair:
+            at_point.setdefault(end, []).append(number)
+    given = np.arange(len(ends))
+    # A single open line has two ends, and no point with more than two elements.
+    free = [end for end, elements in at_point.items() if len(elements) == 1]
+    is_branched = any(len(elements) > 2 for elements in at_point.values())
+    if len(free) != 2 or is_branched:
+        return given
+    order: list[int] = []
+    point = free[0]
+    while True:
+        # Each point has one or two elements; the line goes on through the one not just passed.
+        onwards = [number for number in at_point[point] if number not in order[-1:]]
+        if not onwards:
+            break
+        order.append(onwards[0])
+        first, second = ends[onwards[0]]
+        other_ends = {first: second, second: first}
+        point = other_ends[point]
+    # A closed line may be separate from the open one.
+    if len(order) != len(ends):
+        return given
+    return np.array(order)
 
 
 @dataclass(frozen=True)
