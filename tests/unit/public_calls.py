@@ -54,6 +54,7 @@ UNCALLED |= {
     "Scene",
     "outputs.Progress",
     "patterns.Gores",
+    "patterns.read_dxf",  # needs ezdxf; tests/unit/test_drawings.py
 }
 
 
