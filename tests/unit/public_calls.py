@@ -188,6 +188,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("probes.AngularVelocity", frame=A, axis="x")
     add("probes.AreaFraction", body=film, state="taut")
     add("probes.StateArea", body=film, state="taut", group="film")
+    add("probes.SurfaceError", film=film, surface="sphere", quantity="tilt")
     add("probes.LargestStress", film=film, limit=1e6)
     add("analysis.best_surface", state=gx.Equilibrium(scene), film=film, surface="plane")
     add("analysis.largest_stress", state=gx.Equilibrium(scene), film=film, limit=1e6)
