@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import HasSystem
