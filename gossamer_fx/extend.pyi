@@ -86,9 +86,7 @@ from .mechanics.terms.point_energies import PointDissipation as PointDissipation
 from .mechanics.terms.point_energies import PointStoredEnergy as PointStoredEnergy
 from .mechanics.terms.point_energies import Stencil as Stencil
 from .mechanics.terms.point_loads import ForceOfPosition as ForceOfPosition
-from .mechanics.terms.point_loads import ForceOfStart as ForceOfStart
 from .mechanics.terms.point_loads import ForceWithNumbers as ForceWithNumbers
-from .mechanics.terms.point_loads import NumberedForce as NumberedForce
 from .mechanics.terms.point_loads import PointForce as PointForce
 from .mechanics.terms.point_loads import PointLoad as PointLoad
 from .mechanics.terms.point_loads import PointLoads as PointLoads
