@@ -75,8 +75,13 @@ from .mechanics.terms.discrete_gradient import StressRule as StressRule
 from .mechanics.terms.element_energies import StoredEnergy as StoredEnergy
 from .mechanics.terms.element_energies import ViscousDissipation as ViscousDissipation
 from .mechanics.terms.element_energies import thermal_strain_of as thermal_strain_of
+from .mechanics.terms.loads import ForceOfPosition as ForceOfPosition
+from .mechanics.terms.loads import ForceWithNumbers as ForceWithNumbers
 from .mechanics.terms.loads import Load as Load
 from .mechanics.terms.loads import Loads as Loads
+from .mechanics.terms.loads import PointForce as PointForce
+from .mechanics.terms.loads import PointLoad as PointLoad
+from .mechanics.terms.loads import PointLoads as PointLoads
 from .mechanics.terms.loads import at_rate as at_rate
 from .mechanics.terms.masses import KineticEnergy as KineticEnergy
 from .mechanics.terms.point_constraints import PointConstraint as PointConstraint
@@ -84,11 +89,6 @@ from .mechanics.terms.point_energies import AttachedKineticEnergy as AttachedKin
 from .mechanics.terms.point_energies import PointDissipation as PointDissipation
 from .mechanics.terms.point_energies import PointStoredEnergy as PointStoredEnergy
 from .mechanics.terms.point_energies import Stencil as Stencil
-from .mechanics.terms.point_loads import ForceOfPosition as ForceOfPosition
-from .mechanics.terms.point_loads import ForceWithNumbers as ForceWithNumbers
-from .mechanics.terms.point_loads import PointForce as PointForce
-from .mechanics.terms.point_loads import PointLoad as PointLoad
-from .mechanics.terms.point_loads import PointLoads as PointLoads
 from .mechanics.terms.quadratic_energies import QuadraticEnergy as QuadraticEnergy
 from .mechanics.terms.scalar_unknowns import BringsScalarUnknowns as BringsScalarUnknowns
 from .mechanics.terms.scalar_unknowns import InitialCondition as InitialCondition

@@ -31,7 +31,7 @@ def describe(run: StateView) -> Description:
     """
     system = run.system
     totals = run.totals
-    massive = set()
+    massive: set[Body] = set()
     for term in system.terms:
         if isinstance(term, KineticEnergy):
             massive.add(term.body)
