@@ -437,14 +437,18 @@ class AttitudeControl:
         """The torque in space axes [N m], (3,), in a state of the frame: stacked vectors X (3k,) in
         the unit of `reference` (k, 3), the vectors at the start, and rates V (3k,) per second.  It
         sets `angles` [rad] and `torques` [N m]."""
+        self.angles, rates = self.angles_and_rates(X, V, reference)
+        self.torques = self.law(self.angles, rates)
+        return self.in_space(self.angles, self.torques)
+
+    def angles_and_rates(self, X: Array, V: Array, reference: Array) -> tuple[Array, Array]:
+        """Angles (3,) [rad] and their rates [rad/s] in a state of the frame, see `sample`."""
         # Rates of angles by central differences over a time dt [s] in which the vectors hardly
         # change.
         dt = RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY)
         ahead = self.angles_of(X + dt * V, reference)
         behind = self.angles_of(X - dt * V, reference)
-        self.angles = self.angles_of(X, reference)
-        self.torques = self.law(self.angles, wrapped(ahead - behind) / (2 * dt))
-        return self.in_space(self.angles, self.torques)
+        return self.angles_of(X, reference), wrapped(ahead - behind) / (2 * dt)
 
     def law(self, angles: Array, rates: Array) -> Array:
         """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates
