@@ -12,9 +12,9 @@ Parts of a scene
 General kinds of terms
     on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`,
     `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
-    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
+    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`; `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
-    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
+    `ForceWithNumbers`, `ForceOfPosition`, `HistoryVariables`
 Laws and obstacles
     `FilmLaw`, the base of laws of films, whose pieces of a path are `Piece` with `within_cone`, and
     whose `BendingStiffness` a plate needs; `Obstacle`, that of what contact keeps films off: its
