@@ -262,6 +262,17 @@ def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     return weights
 
 
+def derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> tuple[Array, Array]:
+    """Return the distances (n,) [m] of pairs, and their derivatives (n, 4, 3) by their points x."""
+    distance = np.empty(len(pairs), dtype=x.dtype)
+    gradient = np.empty_like(x)
+    for stencil, rows in stencils_of(pairs.kind):
+        distance[rows], gradient[rows] = stencil.derivatives(
+            x[rows], parameters[rows], pairs.shapes[rows]
+        )
+    return distance, gradient
+
+
 def parameter_derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> Array:
     """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) of pairs by their points x (n, 4, 3)."""
     found = np.empty((len(pairs), 2, 4, 3))
