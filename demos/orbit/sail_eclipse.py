@@ -120,7 +120,7 @@ def main(
             "tension": Tension(springs),
             # In the middle of steps, which are far longer than the vibrations of the film, so that
             # these alternate from step to step.
-            "flatness": lambda run: gx.analysis.best_surface(run, film, at="mean").rms,
+            "flatness": gx.probes.SurfaceError(film, at="mean"),
             "taut": gx.probes.AreaFraction(film, "taut"),
         }
     )

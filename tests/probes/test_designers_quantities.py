@@ -122,12 +122,12 @@ def test_a_group_has_a_surface_of_its_own(comm) -> None:
     body = film(comm, lambda X: np.vstack([X[0], X[1], np.maximum(X[0], 0.0)]))
     run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1e-3))
     tilt = {
-        side: gx.analysis.best_surface(run, body, group=f"{side} half").tilt
+        side: gx.probes.SurfaceError(body, quantity="tilt", group=f"{side} half")(run)
         for side in ("left", "right")
     }
     assert tilt["left"] == pytest.approx(0.0, abs=1e-11)
     assert tilt["right"] == pytest.approx(math.pi / 4, rel=1e-12)
-    assert gx.analysis.best_surface(run, body).rms > 0.05
+    assert gx.probes.SurfaceError(body)(run) > 0.05
 
 
 @pytest.mark.mpi

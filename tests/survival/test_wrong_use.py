@@ -321,6 +321,136 @@ MESH_FILES: dict[str, Case] = {
     ),
 }
 
+# ---- drawings ------------------------------------------------------------------------------------
+
+
+def drawn(at: Path, draw: Callable[[Any], Any], size: float = 0.3, **options: Any) -> gx.Mesh:
+    import ezdxf
+
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = 6
+    draw(document.modelspace())
+    document.saveas(at / "a.dxf")
+    return gx.patterns.read_dxf(at / "a.dxf", ONE, size=size, **options)
+
+
+def polygon(model: Any, *points: Any, **attributes: Any) -> None:
+    model.add_lwpolyline(points, close=True, dxfattribs=attributes)
+
+
+def square(model: Any, x: float = 0.0, y: float = 0.0, side: float = 1.0, **given: Any) -> None:
+    polygon(model, (x, y), (x + side, y), (x + side, y + side), (x, y + side), **given)
+
+
+def nested(model: Any, depth: int, copies: int, itself: bool = False) -> None:
+    """Blocks in blocks, each `copies` times the one below, the first a square."""
+    blocks = [model.doc.blocks.new(f"b{k}") for k in range(depth)]
+    square(blocks[0])
+    for k in range(1, depth):
+        for copy in range(copies):
+            blocks[k].add_blockref(f"b{k - 1}", (2 * copy * 2**k, 0))
+    if itself:
+        blocks[0].add_blockref(f"b{depth - 1}", (3, 3))
+    model.add_blockref(f"b{depth - 1}", (0, 0))
+
+
+def panels(mesh: gx.Mesh) -> int:
+    return sum(name.startswith("panel") and "/" not in name for name in mesh.groups)
+
+
+def array_of_panels(model: Any) -> None:
+    square(model.doc.blocks.new("b"), side=0.5)
+    insert = model.add_blockref("b", (0, 0))
+    insert.grid(size=(2, 3), spacing=(1.0, 1.0))
+
+
+def reference(model: Any) -> None:
+    square(model)
+    model.doc.add_xref_def("missing.dxf", "other")
+    model.add_blockref("other", (5, 5))
+
+
+def inclined(model: Any) -> None:
+    model.add_polyline3d([(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 1)], close=True)
+
+
+def tilted(model: Any) -> None:
+    model.add_circle((0, 0), 1.0, dxfattribs={"extrusion": (0, 0.6, 0.8)})
+
+
+def damaged(at: Path, seed: int) -> Any:
+    """A drawing of which bytes are changed at random."""
+    drawn(at, lambda model: (square(model), model.add_circle((5, 0), 1)))
+    content = bytearray((at / "a.dxf").read_bytes())
+    random = np.random.default_rng(seed)
+    for k in random.integers(len(content) // 2, len(content), 200):
+        content[k] = random.integers(256)
+    written(at / "a.dxf", bytes(content))
+    return panels(gx.patterns.read_dxf(at / "a.dxf", ONE, size=0.5)) == 2
+
+
+DRAWINGS: dict[str, Case] = {
+    "crosses itself": lambda at: drawn(at, lambda m: polygon(m, (0, 0), (1, 1), (1, 0), (0, 1))),
+    "touches itself": lambda at: drawn(
+        at, lambda m: polygon(m, (0, 0), (2, 0), (1, 1), (2, 2), (0, 2), (1, 1))
+    ),
+    "there and back": lambda at: drawn(at, lambda m: polygon(m, (0, 0), (1, 0), (2, 0))),
+    "the same line twice": lambda at: drawn(at, lambda m: (square(m), square(m))),
+    "tiny cells": lambda at: drawn(at, square, size=1e-7),
+    "huge cells": lambda at: panels(drawn(at, square, size=1e6)) == 1,
+    "a circle of 1e300": lambda at: drawn(at, lambda m: m.add_circle((0, 0), 1e300)),
+    "a circle of radius 0": lambda at: drawn(at, lambda m: m.add_circle((0, 0), 0)),
+    "a circle of radius -1": lambda at: drawn(at, lambda m: m.add_circle((0, 0), -1)),
+    "a circle of radius nan": lambda at: drawn(at, lambda m: m.add_circle((0, 0), math.nan)),
+    "a point at infinity": lambda at: drawn(
+        at, lambda m: polygon(m, (0, 0), (math.inf, 0), (0, 1))
+    ),
+    "1e9 nested squares": lambda at: drawn(at, lambda m: nested(m, 10, 10)),
+    "a block in itself": lambda at: drawn(at, lambda m: nested(m, 2, 1, itself=True)),
+    "blocks 2000 deep": lambda at: panels(drawn(at, lambda m: nested(m, 2000, 1))) == 1,
+    "a spline of degree 200": lambda at: drawn(
+        at,
+        lambda m: m.add_spline(dxfattribs={"degree": 200}).set_uniform(
+            [(math.cos(k), math.sin(k), 0) for k in range(300)], degree=200
+        ),
+    ),
+    "a spline of no points": lambda at: drawn(at, lambda m: (square(m), m.add_spline())),
+    "an array of 3 x 2": lambda at: panels(drawn(at, array_of_panels)) == 6,
+    "an inclined panel": lambda at: drawn(at, inclined),
+    "a tilted circle": lambda at: drawn(at, tilted),
+    "a hole across the outline": lambda at: drawn(at, lambda m: (square(m), square(m, 0.5, 0.5))),
+    "a hole that touches": lambda at: drawn(at, lambda m: (square(m), square(m, 0.0, 0.25, 0.5))),
+    "overlapping panels": lambda at: drawn(at, lambda m: (square(m), square(m, 0.9, 0.9, 5.0))),
+    "a missing reference": lambda at: drawn(at, reference),
+    "an insert of no block": lambda at: drawn(
+        at, lambda m: (square(m), m.add_blockref("nowhere", (5, 5)))
+    ),
+    "a text without words": lambda at: (
+        panels(drawn(at, lambda m: (square(m), m.add_text("", dxfattribs={"insert": (0.5, 0.5)}))))
+        == 1
+    ),
+    "a name with a slash": lambda at: drawn(
+        at,
+        lambda m: (
+            square(m, layer="0"),
+            m.add_text("panel 2/0", dxfattribs={"insert": (0.5, 0.5)}),
+            square(m, 3.0, layer="0"),
+        ),
+    ),
+    "1e5 panels": lambda at: drawn(at, lambda m: [square(m, 2.0 * k) for k in range(10**5)]),
+    "a scale of 1e90": lambda at: drawn(at, square, scale=1e90),
+    "a scale of 1e-90": lambda at: drawn(at, square, scale=1e-90),
+    "a line thinner than round-off": lambda at: drawn(
+        at, lambda m: polygon(m, (0, 0), (1, 0), (1, 1e-12), (0, 1e-12))
+    ),
+    "a folder": lambda at: gx.patterns.read_dxf(at, ONE, size=0.1),
+    "an empty file": lambda at: gx.patterns.read_dxf(written(at / "a.dxf", ""), ONE, size=0.1),
+    "noise": lambda at: gx.patterns.read_dxf(
+        written(at / "a.dxf", os.urandom(4000)), ONE, size=0.1
+    ),
+    **{f"damage {k}": lambda at, k=k: damaged(at, k) for k in range(12)},
+}
+
 CONE = [[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]]
 PATTERNS: dict[str, Case] = {
     "cells that are words": lambda at: gx.patterns.gores(CONE, 6).mesh(ONE, along="a", across=2),
@@ -1391,6 +1521,7 @@ COMMANDS: dict[str, Case] = {
 GROUPS = {
     "mesh": MESHES,
     "mesh file": MESH_FILES,
+    "drawing": DRAWINGS,
     "pattern": PATTERNS,
     "body": BODIES,
     "scene": SCENES,
@@ -1446,6 +1577,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> None:
     touching()
     inflated()
     at_rest()
+    drawn(at, square)
 
 
 @pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])

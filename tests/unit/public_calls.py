@@ -54,6 +54,7 @@ UNCALLED |= {
     "Scene",
     "outputs.Progress",
     "patterns.Gores",
+    "patterns.read_dxf",  # needs ezdxf; tests/unit/test_drawings.py
 }
 
 
@@ -187,6 +188,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("probes.AngularVelocity", frame=A, axis="x")
     add("probes.AreaFraction", body=film, state="taut")
     add("probes.StateArea", body=film, state="taut", group="film")
+    add("probes.SurfaceError", film=film, surface="sphere", quantity="tilt")
     add("probes.LargestStress", film=film, limit=1e6)
     add("analysis.best_surface", state=gx.Equilibrium(scene), film=film, surface="plane")
     add("analysis.largest_stress", state=gx.Equilibrium(scene), film=film, limit=1e6)
@@ -374,7 +376,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
-    add("plot.Limits", low=0.0, high=1.0, part="film", log=False)
+    add("plot.Limits", low=0.0, high=1.0, part="film", each_time=False, log=False)
     add("plot.View", azimuth=0.5, elevation=0.3, follow=True)
     add("probes.Velocity", port=P, axis="x")
     add("gas.WallHeat", chamber=tank, conductance=1.0, temperature=300.0)

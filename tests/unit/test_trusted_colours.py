@@ -20,6 +20,7 @@ from gossamer_fx.records.plot.camera import aim, render
 from gossamer_fx.records.plot.colours import MISSING_COLOUR, Limits, by_state, colouring
 from gossamer_fx.records.plot.colours import scale as scale_of
 from gossamer_fx.records.plot.page import Views, write_page
+from gossamer_fx.records.plot.plot import strip_views
 from gossamer_fx.records.plot.shapes import Shape
 
 LAW = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
@@ -220,6 +221,14 @@ def test_the_first_and_the_last_tick_are_the_ends(recorded: gx.plot.RunReader) -
     labels = [label.get_text() for label in axes.get_xticklabels()]
     assert labels[0] == "13" and labels[-1] == "777"
     assert len(labels) > 2
+
+
+def test_each_time_has_its_own_limits_in_its_caption(recorded: gx.plot.RunReader) -> None:
+    views = strip_views(recorded, "displacement", 3, gx.plot.View(), Limits(each_time=True))
+    assert len(views.captions) == 3
+    for caption in views.captions:
+        assert caption.endswith("0 to 1.2 m")
+    assert set(views.colours.scales) == {0, 1, 2}
 
 
 def test_a_logarithmic_scale_has_equal_colours_for_equal_ratios() -> None:

@@ -290,6 +290,9 @@ def _parser() -> argparse.ArgumentParser:
         help="ends of the colours, in SI units; values beyond are marked",
     )
     plot.add_argument("--part", default="", metavar="NAME", help="colour one film or line only")
+    plot.add_argument(
+        "--each-time", action="store_true", help="each picture has its own ends of the colours"
+    )
     plot.add_argument("--log", action="store_true", help="colours follow the logarithm")
     plot.add_argument(
         "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
@@ -602,7 +605,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     )
     view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
     low, high = wanted.range or (None, None)
-    limits = Limits(low, high, wanted.part, wanted.log)
+    limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
     # Curves have no field.
     if not field and chosen != ["curves"]:

@@ -1,4 +1,4 @@
-"""Flat cut patterns: gores of bodies of revolution."""
+"""Flat cut patterns: gores of bodies of revolution, and outlines from drawings."""
 
 from gossamer_fx.core.checks.lazy_names import lazy_names
 

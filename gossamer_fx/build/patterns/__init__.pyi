@@ -1,2 +1,3 @@
+from .drawings import read_dxf as read_dxf
 from .panels import Gores as Gores
 from .panels import gores as gores

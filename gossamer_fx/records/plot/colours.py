@@ -59,6 +59,7 @@ class Limits:
         high: number at the upper end, in SI units; None: from the values.
         part: name of the only film or line that is coloured, by its own values; the others are
             grey.
+        each_time: whether each picture has its own limits, which its caption says.
         log: whether colours follow the logarithm; numbers below the scale have its lowest colour.
 
     Raises:
@@ -73,6 +74,7 @@ class Limits:
     low: float | None = None
     high: float | None = None
     part: str = ""
+    each_time: bool = False
     log: bool = False
 
     def __post_init__(self) -> None:
@@ -90,7 +92,7 @@ class Limits:
     @property
     def needs_numbers(self) -> bool:
         """Whether only a field of numbers can have them."""
-        return self.low is not None or self.high is not None or self.log
+        return self.low is not None or self.high is not None or self.each_time or self.log
 
 
 NO_LIMITS = Limits()
@@ -248,6 +250,7 @@ class Colouring:
         table: red, green and blue in [0, 1] (kinds + 1, 3); the last row is of what has no value.
         names: colours of kinds by name, for the legend; empty for numbers.
         scale: of numbers; None for kinds.
+        scales: of each drawn state by its number, if each has its own.
         part: name of the only body that is coloured; empty: all are.
         has_missing: whether the legend says what is grey.
         has_slack: whether the legend says what is hatched.
@@ -257,6 +260,7 @@ class Colouring:
     table: Array
     names: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     scale: Scale | None = None
+    scales: Mapping[int, Scale] = dataclasses.field(default_factory=dict)
     part: str = ""
     has_missing: bool = False
     has_slack: bool = False
@@ -273,9 +277,24 @@ class Colouring:
         found: Integers = np.where(is_known, rows, count).astype(np.int64)
         return found
 
+    def at(self, record: int) -> Colouring:
+        """The colours of one state, which may have its own limits."""
+        return replace(self, scale=self.scales.get(record, self.scale))
+
     def shape(self, run: RunReader, record: int) -> Shape:
         """The scene in a recorded state in these colours."""
-        return run.shape(record, self.field, self.kinds, self.part)
+        return run.shape(record, self.field, self.at(record).kinds, self.part)
+
+    def caption(self, record: int) -> str:
+        """Words about the limits of a state that has its own; else empty."""
+        if record not in self.scales:
+            return ""
+        scale = self.scales[record]
+        low, high = scale.ends
+        _, label = scale.label
+        unit = label[label.find("[") + 1 : -1]
+        beyond = f" ({scale.beyond})" if scale.beyond else ""
+        return f", {low} to {high} {unit}{beyond}"
 
 
 def colouring(
@@ -284,7 +303,7 @@ def colouring(
     limits: Limits = NO_LIMITS,
     records: Sequence[int] = (),
 ) -> Colouring:
-    """The colours of a field, on one scale for the whole run.
+    """The colours of a field, on one scale for the whole run unless each time has its own.
 
     Args:
         records: numbers of the states that are drawn, whose extremes are known besides those of
@@ -307,7 +326,7 @@ def colouring(
         rows = group_table(min(len(run.groups), len(GROUP_COLOURS)))
         found = Colouring(field, _with_missing(rows), named)
     elif not is_state:
-        found = _by_number(run, field, limits, seen)
+        found = _by_number(run, field, limits, records, seen)
     colours_films = bool(run.films) and field not in LINE_FIELDS
     return replace(
         found,
@@ -324,11 +343,13 @@ def _by_number(
     run: RunReader,
     field: str,
     limits: Limits,
+    records: Sequence[int],
     seen: Sequence[int],
 ) -> Colouring:
     """The colours of a field of numbers."""
     chosen = set(sampled(run))
     samples = [np.zeros(0)]
+    scales = {}
     least = math.inf
     largest = -math.inf
     for record in seen:
@@ -337,16 +358,19 @@ def _by_number(
         at_corners = at_corners[np.isfinite(at_corners)]
         if not at_corners.size:
             continue
-        least = min(least, float(at_corners.min()))
-        largest = max(largest, float(at_corners.max()))
+        extremes = (float(at_corners.min()), float(at_corners.max()))
+        least = min(least, extremes[0])
+        largest = max(largest, extremes[1])
         if record in chosen:
             samples.append(at_corners)
+        if limits.each_time and record in records:
+            scales[record] = scale(field, at_corners, extremes, limits)
     if least > largest:
         # No part has a value in any of the states.
         least = 0.0
         largest = 0.0
     found = scale(field, np.concatenate(samples), (least, largest), limits)
-    return Colouring(field, _with_missing(found.table), scale=found)
+    return Colouring(field, _with_missing(found.table), scale=found, scales=scales)
 
 
 def by_state(has_films: bool) -> Colouring:

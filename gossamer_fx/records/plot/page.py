@@ -309,7 +309,7 @@ def _draw_key(header: Axes, colours: Colouring, page_width: float) -> None:
         left_of_bar = _BAR_SPACE / page_width
         right_of_bar = 2 * left_of_bar + _BAR_SHARE
         words = colours.scale.label[1]
-        if colours.scale.beyond:
+        if colours.scale.beyond and not colours.scales:
             words += f"; {colours.scale.beyond}"
         bar_bottom = 0.35
         bar_height = 0.4
@@ -363,10 +363,14 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
     assert scale is not None
     table = colours.table[:-1]
     bar.imshow(table[None], aspect="auto", extent=(0, 1, 0, 1))
+    # Each picture has its own ends, which its caption says.
+    ends = ("low", "high")
+    inner: Array = np.zeros(0)
     factor, _ = scale.label
-    ends = scale.ends
-    locator = LogLocator() if scale.log else MaxNLocator(4)
-    inner = np.asarray(locator.tick_values(scale.low / factor, scale.high / factor))
+    if not colours.scales:
+        ends = scale.ends
+        locator = LogLocator() if scale.log else MaxNLocator(4)
+        inner = np.asarray(locator.tick_values(scale.low / factor, scale.high / factor))
     at = scale.parts(inner * factor)
     numbers = [f"{value:.4g}" for value in inner]
     longest = max(len(number) for number in (*ends, *numbers))
@@ -386,7 +390,7 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
     for is_beyond, base, point, colour in zip(
         scale.clipped, (0.0, 1.0), (-tip, 1 + tip), (table[0], table[-1]), strict=True
     ):
-        if is_beyond:
+        if is_beyond and not colours.scales:
             bar.fill([base, point, base], [0, 0.5, 1], color=colour, lw=0, clip_on=False)
     bar.set(xlim=(0, 1), ylim=(0, 1))
 

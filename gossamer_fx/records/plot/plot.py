@@ -221,8 +221,12 @@ def field_views(
     """
     shapes = [colours.shape(run, record) for record in records]
     camera = aim(shapes, view)
+    words = captions(run, records, camera.zooms)
     return Views(
-        captions=captions(run, records, camera.zooms),
+        captions=[
+            caption + colours.caption(record)
+            for caption, record in zip(words, records, strict=True)
+        ],
         size=camera.size,
         draw=lambda scale: render(camera, shapes, scale, colours),
         colours=colours,
@@ -412,7 +416,7 @@ def _images(
         for image in render(camera, [shape], place.scale, colours):
             bytes_of_image = np.rint(255 * image).astype(np.uint8)
             whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
-        words = run.caption(int(frame), digits)
+        words = run.caption(int(frame), digits) + colours.caption(int(frame))
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 

@@ -7,6 +7,7 @@ from .contact import Penetrations as Penetrations
 from .films import AreaFraction as AreaFraction
 from .films import LargestStress as LargestStress
 from .films import StateArea as StateArea
+from .films import SurfaceError as SurfaceError
 from .flight import Attitude as Attitude
 from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState

@@ -1,4 +1,4 @@
-"""Probes of films: areas by state, largest stress against its limit."""
+"""Probes of films: areas by state, accuracy of the surface, largest stress against its limit."""
 
 from __future__ import annotations
 
@@ -12,14 +12,24 @@ from mpi4py import MPI
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
+from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.fields.best_surface import cells_of
+from gossamer_fx.records.fields.best_surface import Z_AXIS, Surface, best_surface, cells_of
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
+
+# What `SurfaceError` returns of a `BestSurface`, and its unit
+SURFACE_UNITS = {
+    "rms": "m",
+    "peak_to_valley": "m",
+    "tilt": "rad",
+    "radius": "m",
+    "focal_length": "m",
+}
 
 
 @check_arguments
@@ -180,6 +190,61 @@ class StateArea(_FilmArea):
     def __call__(self, run: StateView) -> float:
         """The area [m²] in the state of a run."""
         return float(self._areas.areas(run.system)[STATES[self.state]])
+
+
+@check_arguments
+class SurfaceError:
+    """How far a film is from the plane, paraboloid or sphere that fits it best; see
+    `gx.analysis.best_surface`.
+
+    Args:
+        film: the film.
+        surface: "plane", "paraboloid" or "sphere".
+        quantity: "rms", "peak_to_valley", "radius" or "focal_length" [m], or "tilt" [rad].  Of a
+            flat film the radius and focal length are infinite, which a table refuses: record their
+            inverse, `lambda run: 1 / focal_length(run)`.
+        group: of cells of the film's mesh; empty: the whole film.
+        axis: the designed axis.
+        at: "end" of the last step, or "mean": the film in the middle of the step.
+
+    Raises:
+        InputError: another quantity; when called: what `best_surface` refuses.
+
+    Example:
+        >>> flatness = gx.probes.SurfaceError(film, "plane")
+        >>> flatness(gx.Equilibrium(gx.Scene(film))) < 1e-15
+        True
+    """
+
+    def __init__(
+        self,
+        film: Membrane,
+        surface: Surface = "plane",
+        *,
+        quantity: Literal["rms", "peak_to_valley", "tilt", "radius", "focal_length"] = "rms",
+        group: str = "",
+        axis: Vector = Z_AXIS,
+        at: At = "end",
+    ) -> None:
+        self.film = film
+        self.surface: Surface = surface
+        self.quantity = quantity
+        self.group = group
+        self.axis = axis
+        self.at: At = at
+        self.unit = SURFACE_UNITS[quantity]
+
+    def __call__(self, run: StateView) -> float:
+        """The quantity in the state of a run."""
+        found = best_surface(
+            run,
+            self.film,
+            surface=self.surface,
+            group=self.group,
+            axis=self.axis,
+            at=self.at,
+        )
+        return float(getattr(found, self.quantity))
 
 
 @check_arguments
