@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from importlib import metadata
@@ -24,7 +23,7 @@ _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gms
 
 
 def describe(run: StateView) -> Description:
-    """Bodies, terms, gas, energies and momenta of the present state, as data for `run.json`.
+    """Bodies, items, gas, energies and momenta of the present state, as data for `run.json`.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
     energies [J], momenta [kg m/s, kg m²/s].  Collective; the same on every rank.
@@ -55,14 +54,12 @@ def describe(run: StateView) -> Description:
             "mass": state.mass,
         }
     items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
-    roles = Counter(type(term).__name__ for term in system.terms)
     scalar_unknowns = sum(scalars.size for scalars in system.scalar_unknowns)
     return {
         "unknowns": system.numbering.size + scalar_unknowns,
         "ranks": run.comm.size,
         "bodies": bodies,
         "section frames": section_frames,
-        "roles": dict(sorted(roles.items())),
         "items": items,
         "chambers": chambers,
         "energies": {"kinetic": totals.kinetic, **totals.stored},
@@ -139,7 +136,7 @@ def versions() -> dict[str, str]:
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description of a run as lines of text: one for each body, chamber and kind of term."""
+    """A description of a run as lines of text: one for each body and chamber."""
     ranks = f"{about['ranks']} ranks"
     if about["ranks"] == 1:
         ranks = "1 rank"
@@ -154,8 +151,6 @@ def lines(about: Mapping[str, Any]) -> list[str]:
     if about.get("section frames"):
         names = [f"'{name}'" for name in about["section frames"]]
         rows.append(("section frames", ", ".join(names)))
-    roles = [f"{role} {count}" for role, count in about["roles"].items()]
-    rows.append(("parts per role", ", ".join(roles) or "none"))
     if about["items"]:
         items = [f"{kind} '{name}'" for name, kind in about["items"].items()]
         rows.append(("other items", ", ".join(items)))

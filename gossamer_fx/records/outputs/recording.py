@@ -33,7 +33,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, on_rank_zero
@@ -59,7 +58,14 @@ from gossamer_fx.records.outputs.output import (
 from gossamer_fx.records.outputs.run_file import FORMAT, file_name
 from gossamer_fx.records.outputs.tables import Ledger, Probes, TableOutput
 from gossamer_fx.records.outputs.vtu import VTU
-from gossamer_fx.records.probes.points import GAS, GasFlow, GasState, gas_flows
+from gossamer_fx.records.probes.points import (
+    AXES,
+    GAS,
+    GasFlow,
+    GasState,
+    Position,
+    gas_flows,
+)
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
@@ -377,8 +383,8 @@ class Recording:
         points: dict[str, Probe] = {}
         for body in run.system.bodies:
             if not is_on_mesh(body):
-                for i, axis in enumerate("xyz"):
-                    points[f"{body.name} {axis}"] = _Coordinate(body, i)
+                for axis in AXES:
+                    points[f"{body.name} {axis}"] = Position(Port(body, (0,)), axis)
         columns: dict[str, Mapping[str, Probe]] = {
             "probes.csv": self.probes,
             "gas.csv": gas,
@@ -458,21 +464,6 @@ class Recording:
         }
         text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
-
-
-class _Coordinate:
-    """A coordinate [m] of the first node of a body, as a probe."""
-
-    def __init__(self, body: Body, axis: int) -> None:
-        self._body = body
-        self._axis = axis
-
-    def __call__(self, run: StateView) -> float:
-        """The coordinate in the state of a run."""
-        positions = run.system.state[self._body].positions()
-        # Ranks without the node contribute minus infinity.
-        own = positions[:1, self._axis].max(initial=-np.inf)
-        return float(run.comm.allreduce(own, MPI.MAX))
 
 
 def _tension_columns(run: StateView, at: At) -> dict[str, Probe]:

@@ -211,7 +211,6 @@ _RUN = {
         "ranks": int,
         "bodies": {str: _BODY},
         "section frames?": [str],
-        "roles": {str: int},
         "items": {str: str},
         "chambers": {str: _CHAMBER},
         "energies": {str: float},
