@@ -14,7 +14,7 @@ General kinds of terms
     `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
     `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`; `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
-    `ForceWithNumbers`, `ForceOfPosition`, `HistoryVariables`
+    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles
     `FilmLaw`, the base of laws of films, whose pieces of a path are `Piece` with `within_cone`, and
     whose `BendingStiffness` a plate needs; `Obstacle`, that of what contact keeps films off: its

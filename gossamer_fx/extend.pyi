@@ -76,9 +76,11 @@ from .mechanics.terms.element_energies import StoredEnergy as StoredEnergy
 from .mechanics.terms.element_energies import ViscousDissipation as ViscousDissipation
 from .mechanics.terms.element_energies import thermal_strain_of as thermal_strain_of
 from .mechanics.terms.loads import ForceOfPosition as ForceOfPosition
+from .mechanics.terms.loads import ForceOfStart as ForceOfStart
 from .mechanics.terms.loads import ForceWithNumbers as ForceWithNumbers
 from .mechanics.terms.loads import Load as Load
 from .mechanics.terms.loads import Loads as Loads
+from .mechanics.terms.loads import NumberedForce as NumberedForce
 from .mechanics.terms.loads import PointForce as PointForce
 from .mechanics.terms.loads import PointLoad as PointLoad
 from .mechanics.terms.loads import PointLoads as PointLoads

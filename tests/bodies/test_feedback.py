@@ -285,7 +285,7 @@ def test_refusals() -> None:
     scene, feedback = pushed(proportional_derivative)
     with pytest.raises(gx.InputError, match=r"'thruster' .* acts in runs only"):
         gx.Equilibrium(scene).find()
-    with pytest.raises(gx.InputError, match="'thruster' depends on more than positions and time"):
+    with pytest.raises(gx.InputError, match="'thruster' is an actuator of a feedback, whose law"):
         run = gx.Simulation(scene, STEPPER)
         tape = gx.analysis.RunTape(run)
         run.run(until=0.1)

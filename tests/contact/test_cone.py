@@ -18,6 +18,7 @@ from gossamer_fx.mechanics.contact.potential import (
     PairState,
     energy_of_pairs,
     evaluate,
+    unit_energies,
 )
 from gossamer_fx.mechanics.contact.stencils import STENCILS
 from gossamer_fx.meshes.line import line
@@ -142,12 +143,6 @@ def test_derivatives_of_the_distance_agree_with_differences(kind: int) -> None:
             assert of_parameters[:, :, point, c] == pytest.approx(difference, abs=1e-6)
 
 
-def energies_of(pairs: ActivePairs, x: np.ndarray, law: ContactLaw) -> np.ndarray:
-    """Energy of each pair."""
-    rows = np.arange(len(pairs))[:, None]
-    return np.array([energy_of_pairs(pairs.rows(row), x, law)[0] for row in rows])
-
-
 @both_kinds
 @pytest.mark.parametrize("law", list(ContactLaw), ids=lambda law: law.name)
 def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: ContactLaw) -> None:
@@ -162,7 +157,8 @@ def test_forces_and_tangents_of_a_state_agree_with_differences(kind: int, law: C
         step = np.zeros(12)
         step[k] = h
         ends = [flat(x + sign * step.reshape(4, 3)) for sign in (1, -1)]
-        energies = [energies_of(pairs.rows(touches), end, law) for end in ends]
+        scaled = [energy_of_pairs(pairs, end, law)[1] for end in ends]
+        energies = [unit_energies(pairs, one, law)[touches] for one in scaled]
         both = [evaluate(pairs, end, end, law, 1.0, by_pair=True).forces[touches] for end in ends]
         size = np.abs(forces).max(axis=1)
         error = np.abs((energies[0] - energies[1]) / (2 * h) - forces[:, k])

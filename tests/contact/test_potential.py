@@ -14,6 +14,7 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     evaluate,
     pair_starts,
+    unit_energies,
 )
 from gossamer_fx.mechanics.contact.stencils import STENCILS, EdgeEdge, PointTriangle
 from tests.contact.pairs_twin import PairTwin
@@ -43,6 +44,17 @@ def test_the_kernel_agrees_with_its_twin(kind: int, law: ContactLaw) -> None:
         assert np.allclose(found, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
         one = pairs.rows(np.array([i]))
         assert energy_of_pairs(one, x0, law)[0] == pytest.approx(twin.energy(x0), rel=1e-9)
+
+
+@every_kind
+@every_law
+def test_stiffness_times_unit_energies_adds_up_to_the_energy(kind: int, law: ContactLaw) -> None:
+    pairs, x0, _ = near_pairs(kind, 200)
+    energy, scaled_distance = energy_of_pairs(pairs, x0, law)
+    parts = pairs.stiffness * unit_energies(pairs, scaled_distance, law)
+    assert energy > 0
+    assert parts.sum() == pytest.approx(energy, rel=1e-12)
+    assert (parts[scaled_distance >= 1] == 0).all()
 
 
 @every_kind

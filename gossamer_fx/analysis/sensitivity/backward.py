@@ -52,12 +52,16 @@ one tangent of the reversed step.
 
 Forces that are not symmetric in time, e.g. friction, whose directions are those of the start of the
 step, are left out of the reversed step.  They give their products (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ
-themselves (`Differentiable.add_start_derivatives`).
+themselves (`Differentiable.add_start_derivatives`).  Products by history variables, e.g. by a
+torque that is held over several steps, are summed up from the last step to the one in which the
+variable was set.
 
-Limits.  What one step leaves to later ones beside its state, e.g. a torque that is held or the rest
-angle of a fold that slipped, is not differentiated: such items are without gradient.  Friction is
-piecewise smooth: derivatives are those of the pairs that slip in the run.  In chaotic motion the
-derivatives grow exponentially with the number of steps (`sensitivity.transient`).
+History variables that follow from the end of a step, e.g. the rest angle of a fold that slips, add
+to a before (3) is solved (`Differentiable.add_end_derivatives`).
+
+Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
+that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
+(`sensitivity.transient`).
 
 Linear systems with the transposed tangent.
 """
@@ -179,6 +183,18 @@ class BackwardSteps:
         self._by_velocity = numbering.vector() if self._irreversible else None
         self.scalars = ScalarParts(self._system)
 
+    def start(self) -> None:
+        """Begin a new pass from the last step to the first."""
+        self.scalars.start()
+        for compiled in self._system.differentiable:
+            compiled.start_adjoint()
+
+    def add_energy_by_history(self, share: float) -> None:
+        """Add a share of the derivative of the stored energy by history variables; the system
+        stands in the state.  Collective."""
+        for compiled in self._system.differentiable:
+            compiled.add_energy_by_history(share)
+
     # ---- the step itself -------------------------------------------------------------------------
 
     def repeat(self, start: RecordedState, end: RecordedState) -> None:
@@ -230,9 +246,11 @@ class BackwardSteps:
     def solve(self, start: RecordedState, end: RecordedState, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Repeat a step and solve (3), with scalar unknowns (7), for the adjoint vector μ.
         Derivatives of the result by positions [1/m] and velocities [s/m] at the end of the step,
-        times its unit, are a and b.  Collective."""
+        times its unit, are a and b; history variables of later steps add to `a`.  Collective."""
         system = self._system
         self.repeat(start, end)
+        for compiled in system.differentiable:
+            compiled.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)

@@ -73,7 +73,7 @@ class TransientGradients:
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
             variable.start()
-        self.steps.scalars.start()
+        self.steps.start()
         self._by_position.set(0.0)
         self._by_velocity.set(0.0)
         last = max(shares)
@@ -93,6 +93,7 @@ class TransientGradients:
                 self._add_result(observed, start, shares[start.index])
             self.norms.append(float(self._by_velocity.norm()))
         self._finish_scalars()
+        self._add_masses()
         for variable in self.variables:
             variable.add_start(self._by_position, self._by_velocity)
         self._tape.restore(present)
@@ -167,6 +168,7 @@ class TransientGradients:
         if isinstance(objective, Energy):
             for part in scalars.parts:
                 part.add_energy_derivative(share)
+            self.steps.add_energy_by_history(share)
 
     def _add_energy(self, variable: object, share: float) -> None:
         """Add the part of the derivative of the energy that is not in its forms: of energies
@@ -179,6 +181,21 @@ class TransientGradients:
             self._adjoint.set(system.v0)
             self._adjoint.set_inertia(system.v0)
             variable.sum += share * variable.inertia_derivative() / 2
+
+    def _add_masses(self) -> None:
+        """Add what forces that depend on the masses of bodies give for densities and thicknesses.
+        The mass of a body is v·M v of the unit velocity v along x."""
+        system = self._system
+        for compiled in system.differentiable:
+            for body, by_mass in compiled.derivatives_by_mass().items():
+                unit = system.numbering.vector()
+                rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
+                rows[:, 0] = 1.0
+                self._adjoint.set(unit)
+                self._adjoint.set_inertia(unit)
+                for variable in self.variables:
+                    if isinstance(variable, FormVariable):
+                        variable.sum += by_mass * variable.inertia_derivative()
 
     def _warn(self, growth: float, duration: float) -> None:
         """Log for how long the gradient predicts finite changes, if that is shorter than the run

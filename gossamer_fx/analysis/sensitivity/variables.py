@@ -188,10 +188,14 @@ class AdjointFields:
             self._system.coordinates[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
+        expressions: dict[fem.Function, Any] = {}
         found = []
         for compiled in self._system.differentiable:
+            expressions.update(compiled.expressions())
             for body, μ in self.of.items():
                 found += compiled.residual_forms(body, μ)
+        if expressions:
+            found = [ufl.replace(form, expressions) for form in found]
         return found
 
     def inertia_forms(self) -> list[ufl.Form]:

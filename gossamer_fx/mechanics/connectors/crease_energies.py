@@ -46,6 +46,8 @@ FARTHEST = 0.95 * np.pi
 class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["CreaseEnergy"]):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
+    reversible = False
+
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
         self._system = system
         self.terms = terms
@@ -132,21 +134,81 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         self._numbers[id(term), key] = now
 
     def work_by_number(self, term: CreaseEnergy, key: str, w: PETSc.Vec) -> Array:
-        """Derivative of w·forces by a parameter of a term; this rank's share.  Collective."""
+        """Derivative of w·forces by a parameter of a term; this rank's share.  Collective.
+
+        The forces are those of the present step, from the accepted state to q1.  The derivative by
+        the rest angle differs from that of w·forces in two cases.
+
+        - A fold slips in the step: the rest angle in later steps then follows from the angle at the
+        end of this step, and not from the given one.  In a backward pass the caller has counted the
+        derivative by the rest angle in those steps (`by_rest`) already.  It is added here, because
+        the caller subtracts all that this function returns. - The yield angle has moved the rest
+        angle of a point at the start of the run: it does not depend on the given one, and the point
+        counts as zero (`follows_input`).
+        """
         points, i = self._find(term)
         k = self._arrays.index(points)
         q = self._gather(self._system.q1)[k]
         by_number = points.forces_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
         work = np.sum(by_number * self._gather(w)[k], axis=1)
+        if key == "rest":
+            # Where a fold slips, the rest angle of later steps does not depend on that before.  The
+            # share is 1 for these points; `by_rest` is zero if there is no backward pass.
+            work += points.by_rest * points.forgotten_share(q)
+            work *= points.follows_input
         return np.array([work[points.owner == i].sum()])
 
     def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
         points, i = self._find(term)
         q = self._gather(self._system.q1)[self._arrays.index(points)]
         by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
+        if key == "rest":
+            by_number = by_number * points.follows_input
         return np.array([by_number[points.owner == i].sum()])
 
+    def start_adjoint(self) -> None:
+        for points in self._arrays:
+            points.by_rest = np.zeros(len(points.rest))
+
+    def add_energy_by_history(self, share: float) -> None:
+        for points in self._arrays:
+            points.by_rest = points.by_rest - share * points.energy_slope()
+
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        if not self._yielding:
+            return
+        for points, q in self._at_end():
+            by_unknowns = points.slip_products(q)
+            by_position.setValues(
+                points.indices.ravel(), by_unknowns.ravel(), addv=PETSc.InsertMode.ADD_VALUES
+            )
+        by_position.assemble()
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        if not self._yielding:
+            return
+        displacements = self._gather(μ)
+        for (points, q), of_points in zip(self._at_end(), displacements, strict=True):
+            work = np.sum(points.forces_by_number(q, "rest", 1.0) * of_points, axis=1)
+            points.by_rest = points.by_rest * (1 - points.forgotten_share(q)) - work
+
+    def gradient_notes(self) -> list[str]:
+        return [
+            f"yielding of '{self.terms[i].name}' is piecewise smooth: "
+            "the gradient is that of the folds that slip in this run"
+            for i in self._yielding
+        ]
+
+    def exchange_ends(self) -> None:
+        for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
+            points.exchange_ends(q)
+
     def without_gradient(self) -> str:
+        # In a run rest angles are history variables.
+        if not self._system.rule.is_static:
+            return ""
         for i in self._yielding:
             return (
                 f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; "
@@ -154,13 +216,14 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             )
         return ""
 
-    def save_history(self) -> list[Array]:
-        """Angles (n,) [rad] of each array of points at the start of the step."""
-        return [points.θ.copy() for points in self._arrays]
+    def save_history(self) -> list[tuple[Array, Array]]:
+        """Angles and rest angles (n,) [rad] of each array of points at the start of the step."""
+        return [(points.θ.copy(), points.rest.copy()) for points in self._arrays]
 
-    def load_history(self, saved: list[Array]) -> None:
-        for points, angles in zip(self._arrays, saved, strict=True):
+    def load_history(self, saved: list[tuple[Array, Array]]) -> None:
+        for points, (angles, rest) in zip(self._arrays, saved, strict=True):
             points.θ = angles.copy()
+            points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
         i = next(k for k, known in enumerate(self.terms) if known is term)
@@ -258,6 +321,13 @@ class _Points:
         self.indices = np.concatenate([_unknowns(system, term) for term in mine])
         self.rest = self._first_rest.copy()
         self._begun = False
+        # Moments and their derivatives (n,) of a step whose ends are exchanged.
+        self._exchanged: tuple[Array, Array] | None = None
+        # Of a backward pass: derivative (n,) [1/rad, times the unit of the result] of the result by
+        # the rest angles at the end of the present step, through later steps.
+        self.by_rest: Array = np.zeros(len(self.rest))
+        # Which rest angles (n,) are at first those of the input, and not set by the yield angle.
+        self.follows_input = np.ones(len(self.rest), dtype=bool)
 
     def vectors(self, q: Array) -> Array:
         """X (n, 3, 3), dimensionless, at positions q (n, D) [m] of the nodes of n points.
@@ -277,6 +347,7 @@ class _Points:
         # X (n, 3, 3): vectors along the fold and into both panels; θ and θ1 (n,) [rad]: fold angles
         # at the start and the end of the last step.
         X = self.vectors(q)
+        self._exchanged = None
         if self._begun:
             θ1 = self._end(X)
             self.rest = self.rest + self._slipped(θ1)
@@ -285,6 +356,7 @@ class _Points:
             self.θ = self._principal(X)
             # No fold starts beyond its yield angle: it would have slipped before.
             self.rest = np.clip(self.rest, self.θ - self._slip, self.θ + self._slip)
+            self.follows_input = self.rest == self._first_rest
             self._begun = True
         self._X = X
 
@@ -303,7 +375,8 @@ class _Points:
         X = self._strained(self.vectors(q))
         n = len(X)
         θ1 = self._end(X)
-        moment, slope = self._moment(θ1)
+        # In a reversed step both are those of the step.
+        moment, slope = self._exchanged or self._moment(θ1)
         G = self._direction(X, θ1).reshape(n, 9)
         gradient = dihedral_angle.gradient(X).reshape(n, 9)
         K = slope[:, None, None] * G[:, :, None] * gradient[:, None, :]
@@ -327,10 +400,45 @@ class _Points:
         start. `stiffness` is that of the term per length, to which forces are proportional."""
         X = self.vectors(q)
         θ1 = self._end(X)
-        moment = -self._k
+        # While a fold slips, its moment does not depend on the rest angle.
+        moment = -self._k * (1 - self._slipping_share(θ1))
         if key == "stiffness":
             moment = self._moment(θ1)[0] / stiffness
         return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
+
+    def exchange_ends(self, q: Array) -> None:
+        """Let a step start where it ended, for gradients of a run.
+
+        A fold that slips has another moment on the way back.  Its moment, and the derivative by the
+        angle at the start, ½ k (1 - s²) for the share s of the path on which it slips, are kept for
+        the tangent.
+        """
+        X = self.vectors(q)
+        θ1 = self._end(X)
+        moment, _ = self._moment(θ1)
+        by_start = self._k * (1 - self._slipping_share(θ1) ** 2) / 2
+        self._exchanged = moment, by_start
+        self._X = X
+        self.θ = θ1
+
+    def forgotten_share(self, q: Array) -> Array:
+        """1 (n,) for points that slip in a step to the positions q (n, D) [m], else 0.
+
+        The rest angle of a fold that slips follows the angle at the end: θr = θ1 ∓ φ.
+        """
+        return np.asarray(self._slipped(self._end(self.vectors(q))) != 0, dtype=float)
+
+    def slip_products(self, q: Array) -> Array:
+        """Derivative (n, D) of the later steps by the positions q (n, D) at the end of a step,
+        through the rest angles of folds that slip in it."""
+        weight = self.by_rest * self.forgotten_share(q)
+        gradient = np.asarray(dihedral_angle.gradient(self.vectors(q)))
+        return self._to_nodes(weight[:, None, None] * gradient)
+
+    def energy_slope(self) -> Array:
+        """Derivative k (θ - θr) (n,) [N m/rad] of the stored energy at the start of a step by the
+        angle; by the rest angle it has the opposite sign."""
+        return self._k * (self.θ - self.rest)
 
     def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
         """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] at the end of a step, with the

@@ -15,6 +15,7 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     step_forces      forces and tangents of the active pairs of a step
     contact_set      one contact in a step, which calls the stages; `compiled` adds what gradients
                      and outputs ask
+    contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
     pair_table       the table of pairs that the stages hand on, one row a pair
     stencils         what is different from one kind of pair to the next: distance, derivatives,
                      range of the energy

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, Self, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Protocol, Self, cast
 
 import numpy as np
 from petsc4py import PETSc
@@ -20,7 +21,7 @@ from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
-from gossamer_fx.mechanics.contact.potential import ContactLaw, add_product_through_origins
+from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Assembly,
@@ -29,6 +30,10 @@ from gossamer_fx.mechanics.terms.assembly import (
     Differentiable,
     Shown,
 )
+
+if TYPE_CHECKING:
+    # A run without a gradient does not load it.
+    from gossamer_fx.mechanics.contact.contact_gradient import ContactGradient
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -111,12 +116,22 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
 
     # ---- sensitivities ---------------------------------------------------------------------------
 
+    @cached_property
+    def _gradient(self) -> ContactGradient:
+        """Derivatives of the forces; made for gradients only."""
+        from gossamer_fx.mechanics.contact.contact_gradient import ContactGradient
+
+        return ContactGradient(self)
+
     def without_gradient(self) -> str:
-        """Return in one sentence why the contact has no gradient; empty if it has one: a stiffness
-        that follows from closing speeds or loads is not differentiated."""
-        if self.pair_stiffness.given is not None:
+        """Return in one sentence why the contact has no gradient; empty if it has one. In a run it
+        has one.  At an equilibrium it takes a given stiffness."""
+        if not self.system.rule.is_static or self.pair_stiffness.given is not None:
             return ""
-        return f"'{self.item.name}' derives its stiffness, without a gradient; give it a stiffness"
+        return (
+            f"'{self.item.name}' derives its stiffness from the loads of the equilibrium, without "
+            "a gradient; give it a stiffness"
+        )
 
     def gradient_notes(self) -> list[str]:
         return [
@@ -144,40 +159,29 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         self.history.restored += 1
 
     def work_by_number(self, term: ContactEnergy, key: str, w: PETSc.Vec) -> Array:
-        on_points = self._on_points(w)
-        if self.pairs is None or (key == FRICTION and self.friction is None):
-            return np.zeros(1)
-        x1 = self.end_points()
-        if key == FRICTION and self.friction is not None:
-            return np.array([self.friction.work_by_coefficient(self.x0, x1, on_points)])
-        # All forces are proportional to the stiffness, those of friction included.
-        self.forces.compute(self.x0, x1)
-        return np.array([np.sum(on_points * self.forces.point_forces)]) / self.get_number(term, key)
+        if key == FRICTION:
+            return np.array([self._gradient.work_by_friction(w)])
+        return np.array([self._gradient.work_by_stiffness(w)])
 
     def energy_by_number(self, term: ContactEnergy, key: str) -> Array:
-        energy = 0.0 if key == FRICTION else self.stored_energy()
-        return energy / self.get_number(term, key)
+        return np.array([0.0 if key == FRICTION else self._gradient.energy_by_stiffness()])
+
+    def start_adjoint(self) -> None:
+        self._gradient.start_adjoint()
 
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add (∂f/∂q0)ᵀ μ of friction, and of the origins of pairs' vectors; collective."""
-        on_points = self._on_points(μ)
-        found = np.zeros((self.points.count, 3))
-        if self.pairs is not None:
-            x1 = self.end_points()
-            alpha = self.system.rule.alpha
-            add_product_through_origins(self.pairs, self.x0, x1, self.law, alpha, on_points, found)
-            if self.friction is not None:
-                self.friction.add_product_with_start_derivative(self.x0, x1, on_points, found)
-        self.points.add(found, by_position)
+        self._gradient.add_product_with_start_derivative(μ, by_position, by_velocity)
 
-    def _on_points(self, w: PETSc.Vec) -> Array:
-        """Return a displacement w of the system at the points (m, 3); collective."""
-        return np.asarray(self.points.weights @ self.points.of_block_rows(w))
+    def add_energy_by_history(self, share: float) -> None:
+        self._gradient.add_energy_by_stiffness(share)
 
     def masses_changed(self) -> None:
         self.pair_stiffness.masses_changed()
+
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        return self._gradient.derivatives_by_mass()
 
     # ---- outputs ---------------------------------------------------------------------------------
 

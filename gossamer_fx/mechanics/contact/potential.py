@@ -65,12 +65,7 @@ from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields
-from gossamer_fx.mechanics.contact.stencils import (
-    ROUNDING,
-    is_boundary,
-    parameter_derivatives_of,
-    stencils_of,
-)
+from gossamer_fx.mechanics.contact.stencils import ROUNDING, is_boundary, stencils_of
 from gossamer_fx.mechanics.terms.discrete_gradient import acts_at_end
 
 # Stiffness by which pairs that passed through are pushed back, over their own: more than the
@@ -183,6 +178,19 @@ def energy_of_pairs(
     return float(energy), scaled_distance
 
 
+def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -> Array:
+    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness."""
+    c = library()
+    count = len(pairs)
+    energy = np.empty(count)
+    c.lib.unit_energies(
+        _active_pairs(pairs, None, law).pointer,
+        c.array("scaled_distance", scaled_distance, "float64", (count,)),
+        c.array("energy", energy, "float64", (count,), writable=True),
+    )
+    return energy
+
+
 def evaluate(
     pairs: ActivePairs,
     x0: Array,
@@ -290,23 +298,3 @@ def forces_by_origin(
             found[:, parameter] += sign * forces / (2 * ORIGIN_DIFFERENCE)
     found[is_boundary(pairs.kind)] = 0.0
     return found
-
-
-def add_product_through_origins(
-    pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
-) -> None:
-    """Add (∂F/∂(u0, v0) ∂(u0, v0)/∂x0)ᵀ μ of the forces F of all pairs to `found` (m, 3).
-
-    The reversed step of a gradient keeps the origin (u0, v0) of the vectors of pairs, the closest
-    points at the start of the step.  The energy of a pair does not depend on it, its force does
-    slightly, by the correction (3): 1e-9 of a gradient where films touch slowly, and up to 1e-2 of
-    the derivative of a single pair that crosses much of its activation distance in a step."""
-    state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
-    pairs = pairs.rows((state == PairState.TOUCHES) & ~is_boundary(pairs.kind))
-    if not len(pairs):
-        return
-    assert pairs.start is not None, "a step has the starts of its pairs"
-    by_origin = forces_by_origin(pairs, x0, x1, law, alpha)
-    by_parameters = np.einsum("nikc,nkc->ni", by_origin, μ[pairs.points])
-    of_points = parameter_derivatives_of(pairs, x0[pairs.points], pairs.start[:, :2])
-    np.add.at(found, pairs.points, np.einsum("ni,nikc->nkc", by_parameters, of_points))

@@ -99,7 +99,7 @@ class PairStencil:
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
         """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for
         boundaries."""
-        from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
+        from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
             parameter_derivatives,
         )
 
@@ -260,6 +260,17 @@ def gap_weights_of(kind: ByteArray, parameters: Array) -> Array:
     for stencil, rows in stencils_of(kind):
         weights[rows] = stencil.gap_weights(parameters[rows])
     return weights
+
+
+def derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> tuple[Array, Array]:
+    """Return the distances (n,) [m] of pairs, and their derivatives (n, 4, 3) by their points x."""
+    distance = np.empty(len(pairs), dtype=x.dtype)
+    gradient = np.empty_like(x)
+    for stencil, rows in stencils_of(pairs.kind):
+        distance[rows], gradient[rows] = stencil.derivatives(
+            x[rows], parameters[rows], pairs.shapes[rows]
+        )
+    return distance, gradient
 
 
 def parameter_derivatives_of(pairs: Pairs, x: Array, parameters: Array) -> Array:

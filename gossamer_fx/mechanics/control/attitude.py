@@ -187,26 +187,94 @@ class _ControlTorque(Couple):
         self._control = control
         self._reference = reference
 
+    def get_number(self, key: str) -> Array:
+        return np.array(getattr(self._control, key))
+
+    def with_number(self, key: str, value: Array) -> Self:
+        setattr(self._control, key, np.array(value))
+        return self
+
 
 class _SampledTorque(_ControlTorque, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between."""
 
-    depends_on_position_only = False
+    # The force follows the position, by a torque that is a history variable.
+    depends_on_position_only = True
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__(control, reference)
         self._next_sample: float | None = None  # time [s]; None before the first sample
+        # Vectors and rates of the sample that the present step has taken; None: it took none.
+        self._sampled: tuple[Array, Array] | None = None
+        # Of a backward pass: sum of w·∂force/∂torque (3,) over the later steps with this torque.
+        self._by_torque: Array = np.zeros(3)
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step, and compute a new torque (3,) [N m] if a sample is due."""
+        # The reversed step of a gradient has the torque of the step.
+        if lag < 0:
+            return
         control = self._control
+        self._sampled = None
         if self._next_sample is None:
             self._next_sample = t
         if t >= self._next_sample - SAMPLE_ROUND_OFF * control.period:
             # From the time at which it was due, so that lateness does not accumulate.
             self._next_sample += control.period
             self.torque = control.sample(X, V, self._reference)
+            self._sampled = X, V
+
+    def start_adjoint(self) -> None:
+        self._by_torque = np.zeros(3)
+
+    def work_by_number(self, key: str, X: Array, w: Array) -> Array:
+        """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.  A
+        backward pass calls it in every step: the step that took the sample gives all of it, the
+        others zero."""
+        if self._sampled is None:
+            return np.zeros(3)
+        control = self._control
+        angles, rates = control.angles_and_rates(*self._sampled, self._reference)
+        by_gain = -rates
+        if key == "stiffness":
+            by_gain = wrapped(control.target - angles)
+        axes = euler_axes(angles) @ control.axes.T
+        by_torque = self._by_torque + self.forces_by_torque(X).T @ w
+        return (axes @ by_torque) * by_gain
+
+    def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
+        """Derivatives of the work w·force of all steps with one sampled torque by the frame's
+        vectors and rates at the start of a step.  A backward pass calls it in each step: the sum
+        over the steps is kept here, and is reset in the step that took the sample."""
+        self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
+        if self._sampled is None:
+            return np.zeros(X.size), np.zeros(X.size)
+        by_position, by_rate = self._torque_derivatives(*self._sampled)
+        by_torque = self._by_torque
+        # Steps before have another torque.
+        self.start_adjoint()
+        return by_position.T @ by_torque, by_rate.T @ by_torque
+
+    def _torque_derivatives(self, X: Array, V: Array) -> tuple[Array, Array]:
+        """Derivatives (3, 3k) of the sampled torque [N m] by the frame's vectors X (3k,) at the
+        sample and by their rates V (3k,) [1/s]."""
+        # dt [s] is the time over which the angles are differenced for their rates.
+        control = self._control
+        angles, rates = control.angles_and_rates(X, V, self._reference)
+        torques = control.law(angles, rates)
+        dt = short_time(X, V)
+        of_ahead = control.angles_by_vectors(X + dt * V, self._reference)
+        of_behind = control.angles_by_vectors(X - dt * V, self._reference)
+        of_angles = control.angles_by_vectors(X, self._reference)
+        of_torques = -control.stiffness[:, None] * of_angles
+        of_torques -= control.damping[:, None] * (of_ahead - of_behind) / (2 * dt)
+        by_position = control.torque_derivative(angles, torques, of_angles, of_torques)
+        # Rates turn no axes.
+        by_rates = -control.damping[:, None] * (of_ahead + of_behind) / 2
+        nothing = np.zeros_like(of_angles)
+        by_rate = control.torque_derivative(angles, torques, nothing, by_rates)
+        return by_position, by_rate
 
     def get_history(self) -> dict[str, Any]:
         control = self._control
@@ -237,13 +305,6 @@ class _ContinuousTorque(_ControlTorque):
         self._h = 1.0
         self._X0: Array = reference.ravel()
         self._has_begun = False
-
-    def get_number(self, key: str) -> Array:
-        return np.array(getattr(self._control, key))
-
-    def with_number(self, key: str, value: Array) -> Self:
-        setattr(self._control, key, np.array(value))
-        return self
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         # Length of the step [s], and vectors (3k,) at its start.
@@ -297,6 +358,11 @@ class _ContinuousTorque(_ControlTorque):
             by_gain = -self._torques(X)[1]
         axes = euler_axes(angles) @ control.axes.T
         return self.forces_by_torque(X) @ (axes.T * by_gain)
+
+
+def short_time(X: Array, V: Array) -> float:
+    """Time [s] in which vectors X (3k,) with the rates V hardly change."""
+    return float(RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY))
 
 
 def wrapped(angles: Array) -> Array:
@@ -445,7 +511,7 @@ class AttitudeControl:
         """Angles (3,) [rad] and their rates [rad/s] in a state of the frame, see `sample`."""
         # Rates of angles by central differences over a time dt [s] in which the vectors hardly
         # change.
-        dt = RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY)
+        dt = short_time(X, V)
         ahead = self.angles_of(X + dt * V, reference)
         behind = self.angles_of(X - dt * V, reference)
         return self.angles_of(X, reference), wrapped(ahead - behind) / (2 * dt)

@@ -172,6 +172,12 @@ class Actuators(PointLoads):
             "leave the feedback out of this scene."
         )
 
+    def without_gradient(self) -> str:
+        return (
+            f"'{self._terms[0].name}' is an actuator of a feedback, "
+            "whose law has no known derivatives; leave the feedback out of the scene"
+        )
+
     def supplied(self) -> float:
         """Work of the step [J] on bodies and wheels, this rank's share."""
         t = self._system.time

@@ -429,6 +429,11 @@ class Differentiable:
         """UFL forms of its stored energy at q1."""
         return []
 
+    def expressions(self) -> dict[fem.Function, Any]:
+        """UFL expressions of functions that it fills with values at quadrature points, so that
+        forms with them can be derived."""
+        return {}
+
     def parameters_changed(self) -> None:
         """Forget what was computed with coefficients that have other values now."""
 
@@ -455,6 +460,11 @@ class Differentiable:
     def masses_changed(self) -> None:
         """Forget what was computed from the mass matrix, which has other values now."""
 
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        """Derivative of the result by the mass [kg] of bodies, after a backward pass; the same on
+        every rank."""
+        return {}
+
     # ---- a backward pass over the steps of a run -------------------------------------------------
 
     def add_start_derivatives(
@@ -465,8 +475,17 @@ class Differentiable:
         The system stands at the solution of the step, which has the adjoint vector μ.
         """
 
-    # History variables that one step leaves to later ones are restored with its state.  They have
-    # no derivatives: forces that depend on parameters through them are without gradient.
+    # History variables s that are set in one step act in later ones: Σ μ·∂f/∂s is summed up from
+    # the last step to the first, and `add_start_derivatives` takes it to the step that set s.
+
+    def start_adjoint(self) -> None:
+        """Forget all sums: a backward pass begins."""
+
+    def add_energy_by_history(self, share: float) -> None:
+        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
+
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        """Add what later steps give for the end of the solved step, of which s is a function."""
 
     def save_history(self) -> Any:
         """The history variables of the accepted state on this rank, as an object that does not

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
@@ -33,6 +33,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     CompiledTerms,
     Compiler,
     Differentiable,
+    HistoryVariables,
 )
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
@@ -240,8 +241,8 @@ class PointForce(Protocol):
 
 
 @runtime_checkable
-class ForceWithNumbers(Protocol):
-    """A force with numbers that are parameters of its load, and its derivatives by them."""
+class NumberedForce(Protocol):
+    """A force with numbers that are parameters of its load."""
 
     def get_number(self, key: str) -> Array:
         """The present value (m,) of a number or vector."""
@@ -251,8 +252,40 @@ class ForceWithNumbers(Protocol):
         """The force with another value (m,)."""
         ...
 
+
+@runtime_checkable
+class ForceWithNumbers(NumberedForce, Protocol):
+    """A force that knows its derivatives by these numbers."""
+
     def force_by_number(self, key: str, X: Array) -> Array:
         """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
+        ...
+
+
+@runtime_checkable
+class ForceOfStart(Protocol):
+    """A force that depends also on the vectors and rates at the start of a step: of this step, or
+    of an earlier one, by numbers that it holds.
+
+    In the reversed step, which begins with a negative `lag`, it holds these numbers.  In each step
+    of a backward pass `work_by_number` is asked first: `products_at_start` adds the step to what
+    `work_by_number` of earlier steps takes into account.
+    """
+
+    def start_adjoint(self) -> None:
+        """Forget all sums: a backward pass begins."""
+        ...
+
+    def work_by_number(self, key: str, X: Array, w: Array) -> Array:
+        """Derivative (m,) of w·force by a number, of this step and of later ones."""
+        ...
+
+    def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
+        """Derivatives (3k,) of w·force by the vectors and by the rates at the start of the step.
+
+        X (3k,) is the configuration in which forces act, w (3k,) a displacement; the dependence on
+        X is left out.
+        """
         ...
 
 
@@ -272,6 +305,7 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
     - X0)."""
 
     is_external_load = True
+    reversible = False
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
@@ -351,21 +385,63 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         # Collective, so asked for on all ranks.
         vectors = P @ self._gather(w)[k]
         X = self._middle()[k]
-        work: Array = -self._with_numbers(term).force_by_number(key, X).T @ vectors
+        law = self._laws[k]
+        if isinstance(law, ForceOfStart):
+            work: Array = -law.work_by_number(key, X, vectors)
+        else:
+            assert isinstance(law, ForceWithNumbers), "a load with parameters derives by them"
+            work = -law.force_by_number(key, X).T @ vectors
         return work if self._mine[k] else np.zeros(len(work))
 
-    def _with_numbers(self, term: PointLoad) -> ForceWithNumbers:
+    def _with_numbers(self, term: PointLoad) -> NumberedForce:
         law = self._laws[self._terms.index(term)]
-        assert isinstance(law, ForceWithNumbers), "a load with parameters has them"
+        assert isinstance(law, NumberedForce), "a load with parameters has them"
         return law
+
+    def start_adjoint(self) -> None:
+        for law in self._laws:
+            if isinstance(law, ForceOfStart):
+                law.start_adjoint()
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Derivatives of loads that depend on the start of the step, e.g. sampled torques of a
+        control."""
+        displacements = self._gather(μ)
+        middle = self._middle()
+        for k, law in enumerate(self._laws):
+            if not isinstance(law, ForceOfStart):
+                continue
+            # All ranks, as all of them have the sums of the law.  P maps unknowns to vectors.
+            P, _ = self._maps[k]
+            by_vectors, by_rates = law.products_at_start(middle[k], P @ displacements[k])
+            if not self._mine[k]:
+                continue
+            # Loads are subtracted from the residual.
+            for vector, values in ((by_position, by_vectors), (by_velocity, by_rates)):
+                entries = -P.T @ values
+                vector.setValues(self._indices[k], entries, addv=PETSc.InsertMode.ADD_VALUES)
+        by_position.assemble()
+        by_velocity.assemble()
+
+    def save_history(self) -> list[dict[str, Any]]:
+        return [law.get_history() for law in self._laws if isinstance(law, HistoryVariables)]
+
+    def load_history(self, saved: list[dict[str, Any]]) -> None:
+        laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
+        for law, state in zip(laws, saved, strict=True):
+            law.set_history(state)
 
     def without_gradient(self) -> str:
         """A load that depends on velocities or on its history has none."""
         for term in self._terms:
-            if not _is_of_position(term.law):
+            if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
                 return (
                     f"'{term.name}' depends on more than positions and time, "
-                    "and has no gradient; leave it out of the scene"
+                    "without derivatives by the start of a step; "
+                    "give its law those of `gossamer_fx.extend.ForceOfStart`, "
+                    "or leave it out of the scene"
                 )
         return ""
 

@@ -137,6 +137,19 @@ class Friction:
             work += float(work_by_coefficient(group, step, μ)[is_shared].sum())
         return work
 
+    def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
+        """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
+        of each."""
+        from gossamer_fx.mechanics.contact.friction.start_derivative import work_by_coefficient
+
+        step = self._step(x0, x1)
+        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
+        works: list[Array] = [np.zeros(0)]
+        for group in self._groups:
+            identifiers.append(group.pairs.identifier)
+            works.append(group.coefficient * work_by_coefficient(group, step, μ))
+        return np.concatenate(identifiers), np.concatenate(works)
+
     @property
     def coefficient(self) -> float:
         """Coefficient of bodies with each other, and with obstacles that do not have one."""

@@ -15,7 +15,7 @@ Algorithm.
 
     1. ∂W/∂x0 at constant weights, from w = m(x1) - m(x0) and from the middle of the step.
     2. ∂W/∂N ∂N/∂x0: the normal force is that of the contact potential, whose derivative by the
-       start is the tangent of its reversed step, and `potential.add_product_through_origins`.
+       start is the tangent of its reversed step, and `contact.contact_gradient`.
     3. ∂W/∂(weights, normal): they are functions of the start, differentiated by complex steps.
 
 Limits: friction is piecewise smooth.  Where a pair changes between sticking and sliding, or presses

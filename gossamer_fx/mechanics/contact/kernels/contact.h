@@ -92,6 +92,9 @@ ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step,
 double stored_energy(const active_pairs *pairs, const double *x, const double *parameters,
                      double *scaled_distance);
 
+/* Energies (n) of pairs with the scaled distances x (n), over their stiffness. */
+void unit_energies(const active_pairs *pairs, const double *scaled_distance, double *energy);
+
 /* Straight motion of pairs from x0 to x1, on which they shall keep a least gap. */
 typedef struct {
     const double *x0;     /* (m, 3) */

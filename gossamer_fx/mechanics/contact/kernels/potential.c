@@ -410,3 +410,11 @@ double stored_energy(const active_pairs *pairs, const double *x, const double *p
     }
     return sum;
 }
+
+void unit_energies(const active_pairs *pairs, const double *scaled_distance, double *energy)
+{
+    for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {
+        const contact_energy b = {pairs->law, STENCILS[pairs->list.kind[i]].is_linear};
+        energy[i] = energy_of(b, scaled_distance[i]);
+    }
+}
