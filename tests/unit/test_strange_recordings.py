@@ -319,11 +319,12 @@ def test_damaged_tables_are_refused_in_a_sentence(
     path = tmp_path / "run" / name
     rows = path.read_text().splitlines()
     head = rows[0].split(",")
-    for k in range(min(len(head), 6)):
+    # The columns that every report reads.
+    for column in {"time", "kinetic", "iterations"} & set(head):
+        k = head.index(column)
         cut = [",".join(word for i, word in enumerate(row.split(",")) if i != k) for row in rows]
         path.write_text("\n".join(cut))
-        said = use(tmp_path / "run", tmp_path)
-        assert said or head[k] not in ("time", "kinetic", "iterations", "energy_error")
+        assert use(tmp_path / "run", tmp_path)
     for content in ("time\nx\n", "time,step\n1,2,3\n4\n", "a,b\n1,2\n", "\x00", "time\n" * 3):
         path.write_text(content)
         said = use(tmp_path / "run", tmp_path)
