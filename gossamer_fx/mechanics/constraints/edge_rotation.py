@@ -183,7 +183,7 @@ class EdgeRotation:
         start = fem.Function(self.plate.space)
         positions, _ = self.plate.initial_state()
         self.plate.reconstruct(start, positions)
-        slope = ufl.dot(ufl.grad(start), ufl.FacetNormal(self.plate.mesh.domain))
+        slope = self.plate.bending.slope(start)
         return slope / ufl.sqrt(ufl.dot(slope, slope))
 
 
