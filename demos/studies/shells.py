@@ -30,8 +30,8 @@ from gossamer_fx.meshes.sheet import sheet
 
 Points = npt.NDArray[np.float64]
 
-# Loads over the tabled ones: deflections are a hundredth of the thickness or less.
-FACTORS = {"roof": 1e-2, "cylinder": 1e3, "hemisphere": 3e-3}
+# Loads over the tabled ones: deflections are a twentieth of the thickness or less.
+FACTORS = {"roof": 1e-2, "cylinder": 1e3, "hemisphere": 3e-2}
 # Deflections under the tabled loads; of the hemisphere the middle of the published ones.
 TABLED = {"roof": 0.3024, "cylinder": 1.8248e-5, "hemisphere": 0.0932}
 

@@ -45,8 +45,9 @@ and H0 = n0·D²x0.  Three changes make x0, wherever it is turned, free of energ
 with F = ∂x and the pseudo-inverse F0⁺ of F0 = ∂x0.  While lengths are those of x0, ∇²x is the
 curvature times the normal (the Christoffel symbols belong to the metric, not to the shape).  For
 kinks (6) is a multiple of the two products of `rest_at_edges`, whose derivatives vanish at x0.
-Last, ½ M0:H0 (|n|² - 1) with n = x,1 × x,2/|x0,1 × x0,2| makes the energy in cells the square
-½ |∇²x - H0 n|², so that M0 leaves no membrane stress at x0.
+The products of M0 with n = x,1 × x,2/|x0,1 × x0,2| grow with the area.  So that this leaves no
+membrane stress at x0, M0:H0 times half the trace of the metric of x in that of x0 is added, the
+same in cells and at kinks.
 
 Limits.  Positions of order 1 leave only the angles between cells.  The usual energy of such hinges,
 ½ D Σ 3 l²/(A₊ + A₋) θ², converges to a value that depends on the pattern of the mesh: the tip of a
@@ -226,6 +227,9 @@ class Bending:
         for i in range(3):
             M = self._moment(H[i, :, :])
             densities.append(ufl.inner(M, G[i, :, :]))
+        if self._shape is not None:
+            stretch = ufl.dot(self._gradient(x), ufl.inv(self._metric))
+            densities.append(self._bent_shape() * ufl.inner(stretch, self._gradient(w)))
         return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
@@ -240,7 +244,10 @@ class Bending:
         work_of_moments = ufl.dot(moment_x, jump_w)
         # The transposed term makes the form symmetric.
         work_of_test_moments = ufl.dot(moment_w, jump_x)
-        return (penalty_term - work_of_moments - work_of_test_moments) * dS
+        form = penalty_term - work_of_moments - work_of_test_moments
+        if self._shape is not None:
+            form += self._stretch_at_kinks(x, w)
+        return form * dS
 
     def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
         """Integral over boundary edges where the plate is tangent to a unit vector d (3,), with
@@ -294,19 +301,19 @@ class Bending:
             third /= ufl.sqrt(ufl.det(self._metric))
         return F[:, 0], F[:, 1], third
 
-    def rest_at_edges(self, x: Expr, here: str = "+") -> tuple[Expr, Expr, Expr]:
+    def rest_at_edges(self, x: Expr) -> tuple[Expr, Expr, Expr]:
         """Three vectors whose triple product is {m0} n·[x,n], the energy of a rest curvature at
-        edges: x,n and x,t (3,) [-] of the cell `here`, and {m0} x,n (3,) [N] of the other one.
+        edges: x,n and x,t (3,) [-] of the cell "+", and {m0} x,n (3,) [N] of the cell "-".
 
         {m0} is the mean of both sides of the moment m0 [N] of the rest curvature across the edge,
         [x,n] the jump of the slope.  The normal n = x,n × x,t of either cell gives the same
-        product.  At the kinks of a curved plate it does not, and the mean of both is the energy:
-        with T0 = n0·[x0,ν] = sin θ0 it is ({m0} - s T0) n·[x,ν]/cos θ0 + 2 tan(½θ0) n·{m(x)}.
+        product.  With the kinks θ0 of a curved plate the product is
+
+            ({m0} - s sin θ0) n·[x,ν]/cos θ0 + 2 tan(½θ0) n·{m(x)}.
         """
-        there = "-" if here == "+" else "+"
-        n_here = self.slope(x)(here)
-        t_here = self._along(x)(here)
-        n_there = self.slope(x)(there)
+        n_here = self.slope(x)("+")
+        t_here = self._along(x)("+")
+        n_there = self.slope(x)("-")
         m0 = mean(self._across, self.rest_moment)
         if self._shape is None:
             return n_here, t_here, m0 * n_there
@@ -315,19 +322,11 @@ class Bending:
         of_moment = 2 * sine / (1 + cosine) * mean(self._edge_moment, x)
         return n_here, t_here, of_jump + of_moment
 
-    def kink_energy(self, dS: ufl.Measure) -> ufl.Form:
-        """The energy [J] of the kinks of a curved plate that is held flat there, so that it has
-        none in its shape."""
-        sine, cosine = self._kink()
-        m0 = mean(self._across, self.rest_moment)
-        return (self._edge_penalty() * (1 - cosine) - m0 * sine) / cosine * dS
-
-    def stretched_rest(self, e: Expr) -> Expr:
-        """½ M0:H0 (|n|² - 1) [J/m²] of a curved plate with the Green-Lagrange strain e from its
-        plane triangles."""
-        area_square = (1 + 2 * e[0]) * (1 + 2 * e[1]) - e[2] ** 2
-        H0 = curvature(self._shape, self._B)
-        return ufl.inner(self._moment(H0), H0) / 2 * (area_square / ufl.det(self._metric) - 1)
+    def shape_energy(self, dx: ufl.Measure, dS: ufl.Measure) -> ufl.Form:
+        """The constant [J] that `cells`, `edges` and the rest curvature of a curved plate leave in
+        its shape, with the opposite sign and without `rest_energy`."""
+        _, cosine = self._kink()
+        return -self._bent_shape() * dx + self._kink_energy() * (1 / cosine - 2) * dS
 
     # ---- in a cell -------------------------------------------------------------------------------
 
@@ -340,6 +339,11 @@ class Bending:
         """Metric (2, 2) of the shape of a curved plate in the cell axes."""
         F0 = self._gradient(self._shape)
         return ufl.dot(F0.T, F0)
+
+    def _bent_shape(self) -> Expr:
+        """M0:H0 [J/m²] of the shape of a curved plate."""
+        H0 = curvature(self._shape, self._B)
+        return ufl.inner(self._moment(H0), H0)
 
     def _second_gradient(self, x: Expr) -> Expr:
         """D²x (3, 2, 2) [1/m] in the cell axes, of a curved plate ∇²x by (4)."""
@@ -396,6 +400,27 @@ class Bending:
         n_there = self.slope(x0)("-")
         sine = ufl.dot(self.edge_normal(x0)("+"), n_there)
         return sine, -ufl.dot(self.slope(x0)("+"), n_there)
+
+    def _stretch_at_kinks(self, x: Expr, w: Expr) -> Expr:
+        """What removes the membrane stress that the other terms of the kinks leave in the shape of
+        a curved plate: stretches of x,ν on both sides and of x,t, each with its factor [N]."""
+        sine, cosine = self._kink()
+        m0 = self._across(self.rest_moment)
+        of_penalty = self._edge_penalty() * (1 - cosine)
+        # `rest_at_edges` has the normal of the cell "+" only.
+        here = of_penalty - sine * (m0("+") + m0("-") / 2)
+        there = of_penalty - sine * m0("-") / 2
+        along = 2 * of_penalty - sine * (m0("+") + m0("-"))
+        slope_x = self.slope(x)
+        slope_w = self.slope(w)
+        of_slopes = here * ufl.dot(slope_x, slope_w)("+") + there * ufl.dot(slope_x, slope_w)("-")
+        return of_slopes + along * ufl.dot(self._along(x), self._along(w))("+")
+
+    def _kink_energy(self) -> Expr:
+        """½ s θ0² - {m0} θ0 [J/m] for small kinks θ0 of a curved plate."""
+        sine, cosine = self._kink()
+        m0 = mean(self._across, self.rest_moment)
+        return self._edge_penalty() * (1 - cosine) - m0 * sine
 
     def _edge_moment(self, x: Expr) -> Expr:
         """Bending moment m(x) (3,) [N] across the edge, for each component of the positions."""

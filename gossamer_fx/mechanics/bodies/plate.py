@@ -29,7 +29,7 @@ from gossamer_fx.core.forms.bending import (
     curvature,
 )
 from gossamer_fx.core.forms.compilation import compile_expression, constant
-from gossamer_fx.core.forms.kinematics import Expr, green_lagrange
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.mesh.mesh import Mesh
@@ -43,7 +43,6 @@ from gossamer_fx.mechanics.bodies.meshed import PointFunction
 from gossamer_fx.mechanics.bodies.properties import Property, cell_normals, cellwise, owned_values
 from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
 from gossamer_fx.mechanics.materials.film import FilmLaw
-from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 if TYPE_CHECKING:
@@ -265,15 +264,6 @@ class Plate(Membrane):
         if bending.rest is None and not self.has_thermal_curvature:
             return
         yield self._rest_energy(name, dx, dS)
-        if self.shape is not None:
-            yield StoredEnergy(
-                name,
-                self,
-                lambda x: green_lagrange(self.deformation(x)),
-                bending.stretched_rest,
-                dx,
-                quadratic=True,
-            )
 
     @property
     def has_thermal_curvature(self) -> bool:
@@ -328,7 +318,7 @@ class Plate(Membrane):
         ]
         constant_energy = bending.rest_energy(dx)
         if self.shape is not None:
-            constant_energy += bending.kink_energy(dS)
+            constant_energy += bending.shape_energy(dx, dS)
         return TripleProductEnergy(name, self, products, constant_energy, varying)
 
     def _bending_about(self, rest: Expr | None) -> Bending:

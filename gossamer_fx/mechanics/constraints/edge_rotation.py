@@ -97,9 +97,7 @@ class EdgeRotation:
             )
             given = fem.Constant(self.plate.mesh.domain, direction)
             d = ufl.sign(ufl.dot(slope, given)) * given
-        yield QuadraticEnergy(
-            name, self.plate, lambda x, w: self.plate.bending.clamp(x, w, d, ds)
-        )
+        yield QuadraticEnergy(name, self.plate, lambda x, w: self.plate.bending.clamp(x, w, d, ds))
         if self.plate.has_thermal_curvature:
             yield self._thermal_moment(name, d, ds)
 
