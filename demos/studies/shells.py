@@ -25,13 +25,13 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.studies.engine.study import WITHOUT_UNITS, Measure, Study, search_figures
+from demos.studies.engine.study import ROUND_OFF, WITHOUT_UNITS, Measure, Study, search_figures
 from gossamer_fx.meshes.sheet import sheet
 
 Points = npt.NDArray[np.float64]
 
 # Loads over the tabled ones: deflections are a twentieth of the thickness or less.
-FACTORS = {"roof": 1e-2, "cylinder": 1e3, "hemisphere": 3e-2}
+FACTORS = {"roof": 3e-3, "cylinder": 1e3, "hemisphere": 3e-2}
 # Deflections under the tabled loads; of the hemisphere the middle of the published ones.
 TABLED = {"roof": 0.3024, "cylinder": 1.8248e-5, "hemisphere": 0.0932}
 
@@ -148,8 +148,10 @@ STUDY = Study(
     problem,
     {"shell": list(SHELLS), "cells": [4, 8, 16, 32]},
     lambda case: 1 / case["cells"],
+    # Under a point force the cylinder converges slowly.
     (Measure("deflection/tabled", 1.0, 0.01, quick_tolerance=0.1),),
+    finer=[{"shell": "cylinder", "cells": 64}],
     quick={"cells": [8]},
     columns="deflection, iterations, seconds",
-    expected_warnings=WITHOUT_UNITS,
+    expected_warnings=WITHOUT_UNITS | ROUND_OFF,
 )

@@ -358,6 +358,7 @@ class Plate(Membrane):
         limit = FLAT
         if self.shape is not None:
             limit = CLOSE
+            sines[np.einsum("ni,ni->n", left, right) < 0] = 1.0
             advice = "neighbours in its curved mesh are at more than 45 degrees; use smaller cells."
         check_on_all(self.comm, bool((sines < limit).all()), f"Plate '{self.name}': {advice}")
 
