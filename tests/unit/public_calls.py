@@ -375,6 +375,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tie", a=film, group_a="left", b=plate, group_b="left")
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
+    add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
