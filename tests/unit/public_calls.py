@@ -474,6 +474,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         first_step=0.1,
         max_steps=2,
         probes={"energy": gx.analysis.Energy()},
+        branch="energy",
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])

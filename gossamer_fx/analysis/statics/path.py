@@ -26,12 +26,15 @@ Algorithm, for each step from a point of the path.
 4. If the load's part τ changes its sign in the step, there is a limit point; if only the number of
    negative eigenvalues changes, a branch point.  Either is located by bisection of s, and becomes a
    point of the path.
-5. The last step ends at the wanted load exactly.
+5. At the first branch point a path may turn.  There the matrix of Newton's iteration has a null
+   vector, which is normal to the tangent by (1) and found by inverse iteration; the next step is
+   predicted along it, and ends on the other path.
+6. The last step ends at the wanted load exactly.
 
 Cost.  Each iteration evaluates the residual twice more than that of `find`; each point costs two
 factorisations, and a located point about 14 solutions.
 
-Limits.  A path goes straight through a branch point, and does not switch to the branch.  Friction
+Limits.  Where more than two paths cross in a point, one of them is taken as the branch.  Friction
 and contact are refused, as a solution is repeated from one state.
 """
 
@@ -57,6 +60,7 @@ from gossamer_fx.analysis.vibration.spectrum import Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
@@ -81,8 +85,21 @@ KINK_STEP_RATIO = 1e-2
 # Length of a step over the first one, below which the path is given up.
 MIN_STEP_RATIO = 1e-6
 
+# Change of the load in the first step on a branch, over that of a step times the tolerance: the
+# branch begins where its load does not change, and the branch point is known to the tolerance.
+BRANCH_LOAD_CHANGE = 10.0
+# Growth of this step until the load has changed so much.
+BRANCH_GROWTH = 4.0
+
+# Inverse iterations for a branch: the eigenvalue that vanishes is smaller than the others by a
+# factor like the tolerance of the branch point.
+INVERSE_ITERATIONS = 4
+
 # Pseudo-time of a step [s]: so long that dampers do not resist.
 DURATION = 1e3
+
+# Change of a probe along a branch over its value, below which it is round-off.
+ROUND_OFF = 1e-9
 
 # What `EquilibriumPath.unstable` has where the stiffness is not symmetric.
 UNKNOWN = -1
@@ -103,7 +120,8 @@ class EquilibriumPath:
             stable equilibrium.  -1 where it is not known: loads that follow an open film make the
             stiffness unsymmetric, and openings let gas flow.
         limit_points: indices of the points at which the load has a maximum or minimum.
-        branch_points: indices of the points at which another path crosses this one.
+        branch_points: indices of the points at which another path crosses this one; where a branch
+            was asked for, the points behind the first of them lie on it.
         iterations: Newton iterations of all solutions.
         complete: whether the path has reached the wanted load.
 
@@ -138,6 +156,7 @@ def path(
     first_step: Annotated[float, positive()] | None = None,
     max_steps: Annotated[int, positive()] = 200,
     probes: Mapping[str, Measure] | None = None,
+    branch: str = "",
     tolerance: Annotated[float, positive(), Range(0.0, 0.1)] = 1e-4,
 ) -> EquilibriumPath:
     """Follow the equilibria of a scene from a load to another one, also where the load falls.
@@ -159,11 +178,13 @@ def path(
         max_steps: number of points after which the path ends in any case.
         probes: what is measured at each point, by name: `gx.probes.Position(port, "z")` or any
             function of the equilibrium.
+        branch: name of the probe that grows on the path to which this one turns at its first branch
+            point; "": it goes straight on.
         tolerance: length within which limit and branch points are located, over that of the step.
 
     Raises:
-        InputError: a name that the scene does not have, a scene with contact, or `until` equal
-            to `start`.
+        InputError: a name that the scene does not have, a scene with contact, `until` equal to
+            `start`, or a probe for the branch that does not change along it.
         NoEquilibrium: at the first point, or the path cannot be followed.
 
     Example:
@@ -184,6 +205,12 @@ def path(
         "path: the scene has contact, which a path does not follow; leave it out, "
         "or find equilibria at increasing loads.",
     )
+    measures = dict(probes or {})
+    check(
+        not branch or branch in measures,
+        f"path: branch is {branch!r}, which is not the name of a probe; "
+        f"those are: {', '.join(measures) or 'none'}.",
+    )
     step = first_step or abs(until - start) / 20
     load = _Load(system, by)
     if by:
@@ -192,7 +219,7 @@ def path(
     else:
         equilibrium.find(at=start)
     follower = _Follower(equilibrium, load, start=start, until=until, first_step=step)
-    return follower.follow(max_steps, probes or {}, tolerance)
+    return follower.follow(max_steps, measures, tolerance, branch)
 
 
 class _Load:
@@ -384,14 +411,39 @@ class _PathNewton(Newton):
         self._moved.zeroEntries()
         self._composite.join(self._moved, right, self._F)
         self.ksp.solve(self._F, self._x)
+        # A factorisation that lacks workspace is repeated with more.
+        while factorisation.enlarge(self._preconditioner):
+            J.assemble()
+            self.ksp.solve(self._F, self._x)
         dq, dy = self._composite.split(self._x)
         return dq.copy(), float(dy[-1])
+
+    def null_direction(self) -> tuple[PETSc.Vec, float]:
+        """The null vector (dq, dλ), of any length, of the matrix of the last `direction`, which was
+        at a branch point: its coordinates as a new vector, and its load factor.  Collective."""
+        # Any vector that has a part along the null vector will do.
+        generator = np.random.default_rng(self.system.comm.rank)
+        dq = self._moved.copy()
+        with dq as values:
+            values[:] = generator.standard_normal(values.size)
+        right = np.zeros(self._scalar_count)
+        for _ in range(INVERSE_ITERATIONS):
+            self.system.M.mult(dq, self._moved)
+            with self._moved as values:
+                values[self.system.supports.held] = 0.0
+            self._moved.normalize()
+            self._composite.join(self._moved, right, self._F)
+            self.ksp.solve(self._F, self._x)
+            solved, dy = self._composite.split(self._x)
+            solved.copy(dq)
+        return dq, float(dy[-1])
 
 
 @dataclass
 class _Point:
     """A solution: length s of its step, load factor, tangent (direction t, slope τ) with <t, t> +
-    (τ/Λ)² = 1, and number of negative eigenvalues."""
+    (τ/Λ)² = 1, and number of negative eigenvalues.  At a branch point at which the path turns, the
+    tangent is that of the branch."""
 
     length: float
     factor: float
@@ -399,6 +451,7 @@ class _Point:
     slope: float
     unstable: int
     iterations: int = 0
+    turns: bool = False
 
 
 class _Follower:
@@ -549,10 +602,11 @@ class _Follower:
 
     def _has_event(self, point: _Point) -> bool:
         """Whether a limit or branch point lies between the last point and another one."""
-        return self._is_past_limit(point) or point.unstable != self._last.unstable
+        has_branch = not self._last.turns and point.unstable != self._last.unstable
+        return has_branch or self._is_past_limit(point)
 
     def _is_past_limit(self, point: _Point) -> bool:
-        return point.slope * self._last.slope < 0
+        return not self._last.turns and point.slope * self._last.slope < 0
 
     def _locate(self, end: _Point, tolerance: float) -> _Point:
         """The point just behind the first limit or branch point before a point `end`."""
@@ -579,6 +633,47 @@ class _Follower:
         self._equilibrium.take_over(self._load.time(point.factor))
         self._last.direction.destroy()
         self._last = point
+
+    def _turn(self, measure: Measure, name: str) -> None:
+        """Let the path go on from its last point, a branch point, along the branch on which a probe
+        grows.  Collective."""
+        last = self._last
+        system = self._system
+        direction, slope = self._newton.null_direction()
+        branch = _Point(0.0, last.factor, direction, slope, last.unstable, turns=True)
+        self._unit(branch)
+        # Central difference of the probe along the branch.
+        here = system.q0.array_r.copy()
+        values = []
+        for sign in (1, -1):
+            system.restore(here + sign * direction.array_r, system.v0.array_r, system.time)
+            values.append(float(measure(self._equilibrium)))
+        system.restore(here, system.v0.array_r, system.time)
+        grown = values[0] - values[1]
+        check(
+            abs(grown) > ROUND_OFF * max(map(abs, values)),
+            f"path: the probe '{name}' does not change along the branch at the load factor "
+            f"{last.factor:.6g}; give one that does.",
+        )
+        if grown < 0:
+            direction.scale(-1.0)
+            branch.slope = -branch.slope
+        last.direction.destroy()
+        self._last = branch
+
+    def _first_length(self, length: float, tolerance: float) -> float:
+        """Length of the first step on a branch, at least the given one, in which the load changes
+        noticeably.  Collective."""
+        change = BRANCH_LOAD_CHANGE * tolerance * self._first_step
+        while True:
+            try:
+                point = self._solve(length)
+            except NotConverged:
+                return length
+            point.direction.destroy()
+            if abs(point.factor - self._last.factor) > change:
+                return length
+            length *= BRANCH_GROWTH
 
     def _next(self, length: float, shortest: float, tolerance: float) -> _Point:
         """The next point of the path, by a step of at most a length.  Collective."""
@@ -617,9 +712,10 @@ class _Follower:
         return along + point.slope * self._last.slope / self._first_step**2
 
     def follow(
-        self, max_steps: int, probes: Mapping[str, Measure], tolerance: float
+        self, max_steps: int, probes: Mapping[str, Measure], tolerance: float, branch: str
     ) -> EquilibriumPath:
-        """Follow the path to the wanted load.  Collective."""
+        """Follow the path to the wanted load, and at its first branch point to the branch on which
+        a probe grows.  Collective."""
         points = [self._last]
         measured = {name: [float(probe(self._equilibrium))] for name, probe in probes.items()}
         limit_points = []
@@ -640,6 +736,9 @@ class _Follower:
                 measured[name].append(float(probe(self._equilibrium)))
             growth = math.sqrt(WANTED_ITERATIONS / max(point.iterations, 1))
             length = max(point.length, length / 8) * min(max(growth, 0.5), MAX_GROWTH)
+            if branch and branch_points == [len(points) - 1]:
+                self._turn(probes[branch], branch)
+                length = self._first_length(first, tolerance)
         return EquilibriumPath(
             np.array([point.factor for point in points]),
             columns={name: np.array(values) for name, values in measured.items()},

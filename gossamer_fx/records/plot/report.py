@@ -85,6 +85,10 @@ _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 _LEDGER_HEAD = ("", "start", "end", "largest magnitude")
 _EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
+_SUPPLIED_NOTE = (
+    "Supplied is the work of loads and supports from state to state. In a search a load acts in full "
+    "on the whole way; what it supplies and nothing stores was dissipated by the search."
+)
 # Rows of the table of equilibria, which are evenly spread over a longer path.
 _MAX_EQUILIBRIA = 12
 _PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
@@ -184,6 +188,7 @@ def _page(run: RunReader) -> Iterable[str]:
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
     if run.kind == "equilibrium":
         yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
+        yield f"<p>{_SUPPLIED_NOTE}</p>"
     elif run.kind == "run":
         yield "<h2>Ledger</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
     prestress = run.about.get("prestress", {})
