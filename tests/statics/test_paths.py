@@ -185,7 +185,9 @@ def test_the_branch_of_a_higher_arch_is_unstable(comm):
     (lowest,) = found.limit_points
     end = made.exact(-math.sqrt(6.0**2 - 16) * equilibrium_paths.GYRATION)
     assert found.loads[lowest] == pytest.approx(end, abs=0.01)
-    assert not found.unstable[:branch].any() and found.unstable[branch:].all()
+    # There the eigenvalue of the sway vanishes again, so that its sign is that of round-off.
+    assert not found.unstable[:branch].any()
+    assert (found.unstable[branch : lowest - 1] == 1).all()
     heights = found.columns["x"][branch:]
     np.testing.assert_allclose(found.loads[branch:], made.exact(heights), atol=0.01)
     sway = found.columns["branch"] - found.columns["x"] / math.sqrt(2)
