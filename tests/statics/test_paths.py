@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from demos.studies import equilibrium_paths
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+from gossamer_fx.records.plot.curve_panels import run_curves
 
 EA = 1000.0  # N
 RISE = 0.2  # of the apex, over half of the span
@@ -267,6 +269,60 @@ def test_steps_do_not_depend_on_the_mesh(comm):
         loads.append(gx.analysis.path(equilibrium, 1.0).loads)
     assert len(loads[0]) == len(loads[1])
     np.testing.assert_allclose(loads[0], loads[1], rtol=0.1)
+
+
+@pytest.mark.mpi
+def test_a_path_is_continued_as_if_it_had_not_ended(comm):
+    """From a point before the branch, from the branch, and behind the limit point of an arch."""
+    whole = equilibrium_paths.arch(comm, 8, rise=6.0).follow(0.3)
+    made = equilibrium_paths.arch(comm, 8, rise=6.0)
+    part = replace(made, max_steps=2).follow(0.3)
+    assert not part.complete
+    loads = [*part.loads]
+    unstable = [*part.unstable]
+    while len(loads) < len(whole.loads):
+        part = gx.analysis.path(
+            made.equilibrium, made.until, probes=made.probes, max_steps=3, resume=True
+        )
+        loads += [*part.loads[1:]]
+        unstable += [*part.unstable[1:]]
+    count = len(whole.loads)
+    np.testing.assert_allclose(loads[:count], whole.loads, atol=1e-8)
+    np.testing.assert_array_equal(unstable[:count], whole.unstable)
+    made.equilibrium.find()
+    with pytest.raises(gx.InputError, match="resume continues the path that was found last"):
+        gx.analysis.path(made.equilibrium, 1.0, resume=True)
+
+
+@pytest.mark.mpi
+def test_a_path_is_recorded_over_its_load(comm, folder):
+    """Points in their order, curves over a load that falls between the limit points."""
+    bars, supports = truss(comm)
+    apex = bars.port("point 1")
+    push = gx.loads.Force(apex, lambda t: (0.0, 0.0, -t * LIMIT_LOAD))
+    probes = {"height z [m]": gx.probes.Position(apex, "z")}
+    recording = gx.Recording(folder / "snap", probes=probes, every=1)
+    found = gx.analysis.path(
+        gx.Equilibrium(gx.Scene(*supports, push)), 1.5, probes=probes, outputs=[recording]
+    )
+    comm.barrier()
+    reader = gx.plot.RunReader(folder / "snap")
+    assert reader.times.tolist() == [*range(len(found.loads))]
+    ledger = reader.table("ledger.csv")
+    np.testing.assert_array_equal(ledger["load factor"], found.loads)
+    np.testing.assert_array_equal(ledger["unstable"], found.unstable)
+    assert (ledger["residual"][1:] < 1e-8).all()
+    heights = reader.table("probes.csv")["height z [m]"]
+    np.testing.assert_array_equal(heights, found.columns["height z [m]"])
+    (limit, _) = found.limit_points
+    assert reader.caption(limit, None) == "load factor = 1, unstable"
+    curves = run_curves(reader)
+    assert curves.label == "load factor"
+    assert (curves.start, curves.end) == (found.loads.min(), found.loads.max())
+    if comm.rank == 0:
+        gx.write_report(reader, folder / "snap.html")
+        assert "load factor = 1.5, stable" in (folder / "snap.html").read_text()
+    comm.barrier()
 
 
 def test_refused_paths(comm):

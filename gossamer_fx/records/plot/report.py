@@ -31,7 +31,7 @@ from gossamer_fx.records.plot.page import WIDTH, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import RunView
-from gossamer_fx.solve.view import Axis
+from gossamer_fx.solve.view import LOAD_FACTOR, Axis
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
@@ -308,7 +308,8 @@ def _image(draw: Callable[[Path, float], None], words: str) -> str:
 def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
     """Load, unbalanced force over the load, iterations, work of loads and supports, and stored
     energy of all parts, in states of a path."""
-    loads = run.along(dict(ledger))
+    axis = LOAD_FACTOR if LOAD_FACTOR.column in ledger else run.axis
+    loads = ledger[axis.column]
     stored = sum(values for name, values in ledger.items() if name.startswith(STORED))
     energy = np.broadcast_to(stored, loads.shape)
     # Older records do not have it.
@@ -316,7 +317,7 @@ def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str
     for row in np.unique(np.linspace(0, len(loads) - 1, _MAX_EQUILIBRIA).astype(int)):
         residual = f"{residuals[row]:.1e}" if np.isfinite(residuals[row]) else ""
         yield (
-            run.axis.words(float(loads[row]), digits=4),
+            axis.words(float(loads[row]), digits=4),
             residual,
             f"{ledger['iterations'][row]:.0f}",
             f"{ledger['supplied'][row]:.6g}",
