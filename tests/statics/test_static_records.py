@@ -55,7 +55,7 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
         gx.write_report(reader, folder / "drum.html")
         page = (folder / "drum.html").read_text()
         assert escape(result.summary()) in page
-        assert "dissipated by the search" in page
+        assert "by the jumps of the load" in page
     comm.barrier()
 
 

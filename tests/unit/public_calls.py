@@ -475,6 +475,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         max_steps=2,
         probes={"energy": gx.analysis.Energy()},
         branch="energy",
+        outputs=[gx.Series({"energy": gx.analysis.Energy()})],
+        resume=False,
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])

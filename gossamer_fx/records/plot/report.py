@@ -86,8 +86,8 @@ _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 _LEDGER_HEAD = ("", "start", "end", "largest magnitude")
 _EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
 _SUPPLIED_NOTE = (
-    "Supplied is the work of loads and supports from state to state. In a search a load acts in full "
-    "on the whole way; what it supplies and nothing stores was dissipated by the search."
+    "Supplied is the work of loads and supports from state to state, with the loads of the later "
+    "one: it differs from what is stored by the jumps of the load, and is no error of the states."
 )
 # Rows of the table of equilibria, which are evenly spread over a longer path.
 _MAX_EQUILIBRIA = 12
