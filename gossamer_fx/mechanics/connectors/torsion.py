@@ -12,9 +12,10 @@ exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -90,6 +91,44 @@ class AngularSpring:
         return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
 
 
+@dataclass(frozen=True, eq=False)
+class AngularTable:
+    """dψ/dφ [N m] linear between points of a table, constant beyond them; ψ = 0 at φ = 0, |φ| <
+    π."""
+
+    angle: Array
+    moment: Array
+
+    def _integral(self, low: Array, high: Array) -> Array:
+        """∫ dψ/dφ dφ [J], (n,), between two angles (n,); exact, without cancellation."""
+        ends = np.concatenate([[-np.inf], self.angle, [np.inf]])
+        total = np.zeros(len(low))
+        for first, last in pairwise(ends):
+            begin = np.clip(low, first, last)
+            end = np.clip(high, first, last)
+            total += (end - begin) * self._moment((begin + end) / 2)
+        return total
+
+    def _moment(self, φ: Array) -> Array:
+        return np.interp(φ, self.angle, self.moment)
+
+    def energy(self, e: Array) -> Array:
+        φ = np.arctan2(e[:, 1], e[:, 0])
+        return self._integral(np.zeros(len(φ)), φ)
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        is_small = np.abs(Δφ) < SMALL_ANGLE**2
+        safe = np.where(is_small, SMALL_ANGLE**2, Δφ)
+        m0 = self._moment(φ0)
+        m1 = self._moment(φ0 + safe)
+        # The mean moment of the step, and its derivative by the angle at the end.
+        mean = self._integral(φ0, φ0 + safe) / safe
+        moment = np.where(is_small, m0, mean)
+        slope = np.where(is_small, (m1 - m0) / (2 * safe), (m1 - mean) / safe)
+        return stress(moment, slope, φ0, Δφ, e1)
+
+
 @dataclass(frozen=True)
 class AngularStop:
     """ψ = ½ k x², x the angle φ beyond [low, high], |φ| < π."""
@@ -146,6 +185,15 @@ class AboutHinge(Between):
         return across(self.axis, self.a), across(self.axis, self.b)
 
 
+def check_rest_angle(spring: TorsionSpring | TabulatedTorsion) -> None:
+    """Check that a rest angle is one that a spring can measure."""
+    check(
+        abs(spring.rest_angle) < math.pi,
+        f"{type(spring).__name__} '{spring.name}': rest_angle is {spring.rest_angle!r} rad; "
+        "stay within half a turn.",
+    )
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(AboutHinge):
@@ -185,11 +233,7 @@ class TorsionSpring(AboutHinge):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(
-            abs(self.rest_angle) < math.pi,
-            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
-            "stay within half a turn.",
-        )
+        check_rest_angle(self)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield PointStoredEnergy(
@@ -200,6 +244,77 @@ class TorsionSpring(AboutHinge):
                 Parameter("stiffness", "N m/rad", "k"),
                 Parameter("rest_angle_change", "rad", "change"),
             ),
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class TabulatedTorsion(AboutHinge):
+    """A torsional spring about the axis of a hinge by a table of moments, e.g. those of a tape
+    spring.
+
+    φ is the angle of b against a from the rest angle, within half a turn.  Its moments may fall,
+    as those of a tape spring behind its snap; the energy is their integral.
+
+    Args:
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length; angles count in its right-handed
+            sense.
+        angle: angles φ [rad] of the table, rising, between -π and π.
+        moment: [N m] that hold b at these angles, as many; linear between them, constant beyond.
+        rest_angle: angle of b against a [rad], from the start, at which φ is zero; between -π and
+            π.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, columns of different length,
+            angles that do not rise or lie beyond half a turn.
+
+    Example:
+        >>> y = (0.0, 1.0, 0.0)
+        >>> hinge = gx.constraints.RevoluteJoint(gx.ground_frame(), hub.frame(), axis=y)
+        >>> tape = gx.connectors.TabulatedTorsion(
+        ...     gx.ground_frame(),
+        ...     hub.frame(),
+        ...     axis=y,
+        ...     angle=[-0.5, -0.2, 0.0, 0.2, 0.5],
+        ...     moment=[-0.1, -1.0, 0.0, 1.0, 0.1],
+        ...     rest_angle=1.5,
+        ... )
+        >>> run = gx.Simulation(gx.Scene(hinge, tape), gx.Midpoint(0.01))
+        >>> round(run.totals.stored["tabulated torsion"], 12)
+        0.365
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis: Vector
+    angle: Sequence[float] | Array
+    moment: Sequence[float] | Array
+    rest_angle: float = 0.0
+    name: str = "tabulated torsion"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_rest_angle(self)
+        check(
+            len(self.angle) == len(self.moment) > 1,
+            f"TabulatedTorsion '{self.name}': it has {len(self.angle)} angles and "
+            f"{len(self.moment)} moments; give two or more, and as many of both.",
+        )
+        φ = np.asarray(self.angle, dtype=float)
+        check(
+            bool((np.diff(φ) > 0).all()) and bool((np.abs(φ) <= math.pi).all()),
+            f"TabulatedTorsion '{self.name}': angle is {self.angle!r}; give rising angles [rad] "
+            "between -π and π.",
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield PointStoredEnergy(
+            self.name,
+            hinge_angle(*self._sides, self.axis, self.rest_angle),
+            AngularTable(np.asarray(self.angle, float), np.asarray(self.moment, float)),
         )
 
 
