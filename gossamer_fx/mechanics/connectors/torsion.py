@@ -93,11 +93,12 @@ class AngularSpring:
 
 @dataclass(frozen=True, eq=False)
 class AngularTable:
-    """dψ/dφ [N m] linear between points of a table, constant beyond them; ψ = 0 at φ = 0, |φ| <
-    π."""
+    """dψ/dφ [N m] linear between points of a table, constant beyond them, |φ| < π; ψ is zero at the
+    angle `zero` [rad]."""
 
     angle: Array
     moment: Array
+    zero: float
 
     def _integral(self, low: Array, high: Array) -> Array:
         """∫ dψ/dφ dφ [J], (n,), between two angles (n,); exact, without cancellation."""
@@ -114,7 +115,7 @@ class AngularTable:
 
     def energy(self, e: Array) -> Array:
         φ = np.arctan2(e[:, 1], e[:, 0])
-        return self._integral(np.zeros(len(φ)), φ)
+        return self._integral(np.full(len(φ), self.zero), φ)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
@@ -185,15 +186,6 @@ class AboutHinge(Between):
         return across(self.axis, self.a), across(self.axis, self.b)
 
 
-def check_rest_angle(spring: TorsionSpring | TabulatedTorsion) -> None:
-    """Check that a rest angle is one that a spring can measure."""
-    check(
-        abs(spring.rest_angle) < math.pi,
-        f"{type(spring).__name__} '{spring.name}': rest_angle is {spring.rest_angle!r} rad; "
-        "stay within half a turn.",
-    )
-
-
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(AboutHinge):
@@ -233,7 +225,11 @@ class TorsionSpring(AboutHinge):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_rest_angle(self)
+        check(
+            abs(self.rest_angle) < math.pi,
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
+            "stay within half a turn.",
+        )
 
     def terms(self, start: State) -> Iterable[Term]:
         yield PointStoredEnergy(
@@ -253,22 +249,22 @@ class TabulatedTorsion(AboutHinge):
     """A torsional spring about the axis of a hinge by a table of moments, e.g. those of a tape
     spring.
 
-    φ is the angle of b against a from the rest angle, within half a turn.  Its moments may fall,
-    as those of a tape spring behind its snap; the energy is their integral.
+    φ is the angle of b against a from the rest angle, within half a turn of the middle of the
+    table.  Moments may fall, as those of a tape spring behind its snap; the energy is their
+    integral from φ = 0.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
         axis: direction in space at the start, of any length; angles count in its right-handed
             sense.
-        angle: angles φ [rad] of the table, rising, between -π and π.
+        angle: angles φ [rad] of the table, rising, over less than a turn.
         moment: [N m] that hold b at these angles, as many; linear between them, constant beyond.
-        rest_angle: angle of b against a [rad], from the start, at which φ is zero; between -π and
-            π.
+        rest_angle: angle of b against a [rad], from the start, at which φ is zero.
         name: name in messages and output.
 
     Raises:
         InputError: two frames of the ground, an axis of length zero, columns of different length,
-            angles that do not rise or lie beyond half a turn.
+            angles that do not rise or are a turn apart.
 
     Example:
         >>> y = (0.0, 1.0, 0.0)
@@ -297,7 +293,6 @@ class TabulatedTorsion(AboutHinge):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_rest_angle(self)
         check(
             len(self.angle) == len(self.moment) > 1,
             f"TabulatedTorsion '{self.name}': it has {len(self.angle)} angles and "
@@ -305,16 +300,20 @@ class TabulatedTorsion(AboutHinge):
         )
         φ = np.asarray(self.angle, dtype=float)
         check(
-            bool((np.diff(φ) > 0).all()) and bool((np.abs(φ) <= math.pi).all()),
+            bool((np.diff(φ) > 0).all()) and bool(φ[-1] - φ[0] < 2 * math.pi),
             f"TabulatedTorsion '{self.name}': angle is {self.angle!r}; give rising angles [rad] "
-            "between -π and π.",
+            "over less than a turn.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
+        # Angles from the middle: their jump by a turn is farthest from both ends.
+        middle = (self.angle[0] + self.angle[-1]) / 2
         yield PointStoredEnergy(
             self.name,
-            hinge_angle(*self._sides, self.axis, self.rest_angle),
-            AngularTable(np.asarray(self.angle, float), np.asarray(self.moment, float)),
+            hinge_angle(*self._sides, self.axis, self.rest_angle + middle),
+            AngularTable(
+                np.asarray(self.angle, float) - middle, np.asarray(self.moment, float), -middle
+            ),
         )
 
 
