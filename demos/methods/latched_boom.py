@@ -168,7 +168,7 @@ def main(
         run.run(until=min(run.time + 50 * dt, until))
     latched = run.time
     if output is not None and comm.rank == 0:
-        draw(series, bars, latched, Path(output) / "latched_boom.png")
+        draw(series, bars, hinges, latched, Path(output) / "latched_boom.png")
     return {
         "latched": sum(latch.is_engaged(run) for latch in boom.latches),
         "time": latched,
@@ -182,7 +182,7 @@ def main(
     }
 
 
-def draw(series: gx.Series, bars: int, end: float, path: Path) -> None:
+def draw(series: gx.Series, bars: int, hinges: Hinges, end: float, path: Path) -> None:
     """Shapes of the boom, and the energies over the time."""
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)
@@ -194,11 +194,11 @@ def draw(series: gx.Series, bars: int, end: float, path: Path) -> None:
         color = str(0.8 * (1 - share))
         left.plot(x, y, "o-", color=color, ms=3, label=f"{times[k]:.1f} s")
     left.set_aspect("equal")
-    finish(left, "x [m]", "y [m]")
+    finish(left, "x [m]", "y [m]", loc="lower right")
     for name, color in (("stored", BLUE), ("kinetic", GREY), ("latches", RED)):
         right.plot(times, series[f"{name} [J]"], color=color, label=name)
     finish(right, "t [s]", "energy [J]")
-    save(figure, path, TITLE)
+    save(figure, path, f"{TITLE}: {hinges}")
 
 
 if __name__ == "__main__":
