@@ -173,6 +173,7 @@ OF_ANY_SIGN = {
     "analysis.convergence": "exact",
     "analysis.path": "until start",
     "connectors.Crease": "rest_angle",
+    "connectors.TabulatedTorsion": "angle moment rest_angle",
     "connectors.TorsionSpring": "rest_angle",
     "constraints.Latch": "angle",
     "control.ReactionWheel": "spin",
