@@ -22,6 +22,7 @@ from contestants import Clock, words
 from gradient_cost import gradient
 from mpi4py import MPI
 from newton_times import limit, profile
+from rank_counts import rank_counts
 from shared_problems import CASES, MODULI
 from stopwatch import Stopwatch
 
@@ -282,7 +283,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
 
 SOLVERS: tuple[Callable[..., Figures], ...] = (
     *(sheet, tube, antenna, pendulum, airbag, plate, contact, orthotropic),
-    *(limit, profile, gradient, contact_cost),
+    *(limit, profile, rank_counts, gradient, contact_cost),
 )
 
 
