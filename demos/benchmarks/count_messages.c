@@ -1,5 +1,5 @@
-/* Counts what a process sends through MPI.  It is loaded before the MPI library, and hands each call
-   on by MPI's profiling interface.
+/* Counts what a process sends through MPI.  It is loaded before the MPI library, and hands each
+   call on by MPI's profiling interface.
 
    `counts` are messages and their bytes, then collective operations and the bytes that this process
    gives to each; first those of C, Python and C++, then those of Fortran, which is MUMPS here. */
@@ -21,7 +21,10 @@ static void message(double bytes, int caller) {
   counts[caller + MESSAGE_BYTES] += bytes;
 }
 
-static void collective(double bytes, int caller) {
+static void collective(double bytes, MPI_Comm c, int caller) {
+  int ranks;
+  PMPI_Comm_size(c, &ranks);
+  if (ranks == 1) return;
   counts[caller + COLLECTIVES] += 1;
   counts[caller + COLLECTIVE_BYTES] += bytes;
 }
@@ -70,7 +73,8 @@ static void start(MPI_Request request) {
   if (k < request_count && bytes_of[k] != RECEIVES) message(bytes_of[k], OF_C);
 }
 
-int MPI_Send_init(const void *b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c, MPI_Request *r) {
+int MPI_Send_init(const void *b, int n, MPI_Datatype t, int to, int tag, MPI_Comm c,
+                  MPI_Request *r) {
   int code = PMPI_Send_init(b, n, t, to, tag, c, r);
   remember(*r, size_of(n, t));
   return code;
@@ -116,59 +120,69 @@ int MPI_Ineighbor_alltoallv(const void *s, const int *sn, const int *sd, MPI_Dat
 /* ---- collective operations ---- */
 
 int MPI_Allreduce(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Allreduce(s, r, n, t, o, c);
 }
 
 int MPI_Reduce(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, int root, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Reduce(s, r, n, t, o, root, c);
 }
 
 int MPI_Bcast(void *b, int n, MPI_Datatype t, int root, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Bcast(b, n, t, root, c);
 }
 
 int MPI_Exscan(const void *s, void *r, int n, MPI_Datatype t, MPI_Op o, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Exscan(s, r, n, t, o, c);
 }
 
-int MPI_Allgather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+int MPI_Allgather(const void *s, int n, MPI_Datatype t, void *r, int m, MPI_Datatype u,
+                  MPI_Comm c) {
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Allgather(s, n, t, r, m, u, c);
 }
 
 int MPI_Allgatherv(const void *s, int n, MPI_Datatype t, void *r, const int *m, const int *d,
                    MPI_Datatype u, MPI_Comm c) {
-  collective(size_of(n, t), OF_C);
+  collective(size_of(n, t), c, OF_C);
   return PMPI_Allgatherv(s, n, t, r, m, d, u, c);
 }
 
+int MPI_Iallgatherv(const void *s, int n, MPI_Datatype t, void *r, const int *m, const int *d,
+                    MPI_Datatype u, MPI_Comm c, MPI_Request *request) {
+  collective(size_of(n, t), c, OF_C);
+  return PMPI_Iallgatherv(s, n, t, r, m, d, u, c, request);
+}
+
 int MPI_Barrier(MPI_Comm c) {
-  collective(0, OF_C);
+  collective(0, c, OF_C);
   return PMPI_Barrier(c);
 }
 
 /* ---- the same, called by Fortran, whose arguments are addresses ---- */
 
-#define FORTRAN(NAME, COUNT, N, T, DECLARED, GIVEN)                                \
-  void pmpi_##NAME##_ DECLARED;                                                    \
-  void mpi_##NAME##_ DECLARED {                                                    \
-    COUNT(size_of(*(MPI_Fint *)N, PMPI_Type_f2c(*(MPI_Fint *)T)), OF_FORTRAN);      \
-    pmpi_##NAME##_ GIVEN;                                                          \
+#define SIZE size_of(*(MPI_Fint *)n, PMPI_Type_f2c(*(MPI_Fint *)t))
+#define RANKS PMPI_Comm_f2c(*(MPI_Fint *)c)
+#define FORTRAN(NAME, COUNT, DECLARED, GIVEN) \
+  void pmpi_##NAME##_ DECLARED;               \
+  void mpi_##NAME##_ DECLARED {               \
+    COUNT;                                    \
+    pmpi_##NAME##_ GIVEN;                     \
   }
 
-FORTRAN(send, message, n, t, (void *b, void *n, void *t, void *to, void *tag, void *c, void *e),
+FORTRAN(send, message(SIZE, OF_FORTRAN),
+        (void *b, void *n, void *t, void *to, void *tag, void *c, void *e),
         (b, n, t, to, tag, c, e))
-FORTRAN(isend, message, n, t,
+FORTRAN(isend, message(SIZE, OF_FORTRAN),
         (void *b, void *n, void *t, void *to, void *tag, void *c, void *r, void *e),
         (b, n, t, to, tag, c, r, e))
-FORTRAN(allreduce, collective, n, t,
+FORTRAN(allreduce, collective(SIZE, RANKS, OF_FORTRAN),
         (void *s, void *r, void *n, void *t, void *o, void *c, void *e), (s, r, n, t, o, c, e))
-FORTRAN(reduce, collective, n, t,
+FORTRAN(reduce, collective(SIZE, RANKS, OF_FORTRAN),
         (void *s, void *r, void *n, void *t, void *o, void *root, void *c, void *e),
         (s, r, n, t, o, root, c, e))
-FORTRAN(bcast, collective, n, t, (void *b, void *n, void *t, void *root, void *c, void *e),
-        (b, n, t, root, c, e))
+FORTRAN(bcast, collective(SIZE, RANKS, OF_FORTRAN),
+        (void *b, void *n, void *t, void *root, void *c, void *e), (b, n, t, root, c, e))
