@@ -27,18 +27,19 @@ Algorithm.
        z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
-6. If it has more than `MAX_UNKNOWNS_FACTORISED` unknowns, its inverse is replaced by one V-cycle of
-   PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They are linear
-   combinations of those on the small patches, so that Pᵀ P2 takes one level to the other.
+6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
+   V-cycle of PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They
+   are linear combinations of those on the small patches, so that Pᵀ P2 takes one level to the
+   other.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
 without smoothing; large patches with affine functions replace the hierarchy of levels.
 
 Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
-matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks, and
-MUMPS on several ranks makes a hundred collective operations in each application: 1520 of the 1680 of
-a step of a sheet with 20 thousand unknowns.  Therefore each rank has all of it, and an application
-gathers one vector.  The V-cycle divides.
+matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks, and one
+by MUMPS on several ranks makes a hundred collective operations in each solution, 1520 of the 1680
+of a step of a sheet with 20 thousand unknowns.  Therefore every rank factorises the whole matrix,
+and a solution gathers one vector.  The V-cycle divides, except for its coarse level.
 
 Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
 number.
@@ -64,9 +65,10 @@ Indices = npt.NDArray[np.integer]
 # solve.
 NODES_PER_PATCH = 100
 
-# Coarse unknowns up to which the coarse matrix is factorised.  With 17 thousand (300 thousand
-# unknowns) a step of a sheet takes 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle
-# on one rank, 10.7 and 9.1 s on two.
+# Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
+# among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) a step of a sheet takes
+# 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle on one rank, 10.7 and 9.1 s on
+# two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a patch of the V-cycle's coarse level.
@@ -103,7 +105,7 @@ class CoarseSpace:
         self._coarse_matrix: PETSc.Mat | None = None
         self._to_large_patches: PETSc.Mat | None = None
         coarse_unknowns = self._P.getSize()[1]
-        if coarse_unknowns > MAX_UNKNOWNS_FACTORISED:
+        if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
             large = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
             self._to_large_patches = self._P.transposeMatMult(large)
         self._own_matrix: PETSc.Mat | None = None
