@@ -3,8 +3,8 @@
 Parts of an iteration of the free sheet are timed on one core at two sizes.  Laws, forms, incomplete
 factorisations and vectors are linear functions of the unknowns of a rank; the constant is what the
 interpreter needs.  A rank also factorises what its part overlaps of others.  The coarse matrix is
-factorised on every rank, and its costs are power laws of its size; beyond
-`MAX_UNKNOWNS_FACTORISED`, it is smoothed in parts, and each rank factorises the large patches.
+factorised on every rank, and its costs are power laws of its size; where it has a V-cycle, it is
+smoothed in parts, and each rank factorises the matrix of the large patches.
 
 Messages and reductions are those that `rank_counts` counts in a Krylov iteration.  Cores are taken
 to be as fast together as one alone: the memory of a node that all its cores use is not modelled.
@@ -13,7 +13,7 @@ to be as fast together as one alone: the memory of a node that all its cores use
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from newton_times import profile
 
@@ -30,24 +30,22 @@ Figures = dict[str, float]
 COARSE_UNKNOWNS_OF_PATCH = 9
 UNKNOWNS_OF_NODE = 3
 BYTES_OF_NUMBER = 8
-# Halving boxes of nodes leaves patches between this share of the largest size and all of it.
-FILLED = 0.75
 
 # What a rank with neighbours on all sides needs for a Krylov iteration and its share of Newton's,
 # as `./gossamer bench rank_counts` counts: messages to each neighbour and reductions, where the
 # coarse matrix is factorised and where it has a V-cycle.
 NEIGHBOURS = 8
-MESSAGES_TO_NEIGHBOUR = {"factorised": 6.0, "V-cycle": 18.0}
-REDUCTIONS = {"factorised": 6.0, "V-cycle": 10.0}
+MESSAGES_TO_NEIGHBOUR = {"factorised": 6.0, "V-cycle": 17.0}
+REDUCTIONS = {"factorised": 7.0, "V-cycle": 11.0}
 # Krylov iterations for one of Newton's on one rank, and the factor on eight ranks or more.
 KRYLOV = 5.0
 KRYLOV_GROWTH = 1.3
 # Smoothing of the coarse level: sweeps of an incomplete factorisation in a V-cycle.
 SWEEPS = 4
 
-# A cluster.  Latency between nodes [s] and bandwidth of a node [bytes/s] of 200 Gbit/s InfiniBand
-# (vendor's sheets of ConnectX-6), shared by 64 ranks.  A reduction takes ⌈log2 ranks⌉ latencies
-# (recursive doubling: Thakur, Rabenseifner & Gropp, IJHPCA 19 (2005) 49).
+# A cluster, assumed: latency between nodes [s], and bandwidth of a node [bytes/s], 200 Gbit/s of
+# HDR InfiniBand, that its ranks share.  A reduction takes ⌈log2 ranks⌉ latencies (doubling:
+# Thakur, Rabenseifner & Gropp, IJHPCA 19 (2005) 49).
 LATENCY = 2e-6
 RANKS_OF_NODE = 64
 BANDWIDTH = 25e9 / RANKS_OF_NODE
@@ -56,26 +54,21 @@ CORES = (2, 16, 128, 1024)
 SIZES = (1e5, 1e6, 1e7)
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """Seconds that grow linearly with the unknowns."""
 
     constant: float
     slope: float
 
-    def __call__(self, unknowns: float) -> float:
-        return self.constant + self.slope * unknowns
 
-
-@dataclass(frozen=True)
-class Power:
-    """Seconds that grow with a power of the unknowns."""
+class Power(NamedTuple):
+    """Seconds that grow with a power of the coarse unknowns."""
 
     factor: float
     exponent: float
 
-    def __call__(self, unknowns: float) -> float:
-        return self.factor * unknowns**self.exponent
+    def __call__(self, coarse_unknowns: float) -> float:
+        return self.factor * coarse_unknowns**self.exponent
 
 
 class Model:
@@ -108,8 +101,9 @@ class Model:
 
     def _power(self, part: str, per_krylov: bool = False) -> Power:
         small, large = self._seconds((part,), per_krylov)
-        exponent = math.log(large / small) / math.log(self._sizes[1] / self._sizes[0])
-        return Power(large / self._sizes[1] ** exponent, exponent)
+        of_small, of_large = (_coarse_unknowns(size, 1, NODES_PER_PATCH) for size in self._sizes)
+        exponent = math.log(large / small) / math.log(of_large / of_small)
+        return Power(large / of_large**exponent, exponent)
 
     def parts(self, unknowns: float, ranks: int) -> dict[str, float]:
         """Seconds of the parts of an iteration of a sheet on some ranks."""
@@ -147,29 +141,28 @@ class Model:
         }
 
     def _coarse(self, unknowns: float, ranks: int) -> tuple[float, float]:
-        """Seconds of the set-up and of one solution of the coarse space."""
+        """Seconds of the factors of the coarse space, and of one solution."""
+        coarse = _coarse_unknowns(unknowns, ranks, NODES_PER_PATCH)
         if _is_factorised(unknowns, ranks):
-            return self.coarse_factors(unknowns), self.coarse_solution(unknowns)
-        coarse = _coarse_unknowns(unknowns, NODES_PER_PATCH)
-        # As many large patches as there are ranks, at least; they count as the sheet that has as
-        # many coarse unknowns.
-        large = _coarse_unknowns(unknowns, NODES_PER_LARGE_PATCH)
-        large = max(large, ranks * COARSE_UNKNOWNS_OF_PATCH)
-        as_many = unknowns * large / coarse
+            return self.coarse_factors(coarse), self.coarse_solution(coarse)
+        large = _coarse_unknowns(unknowns, ranks, NODES_PER_LARGE_PATCH)
         own = coarse / ranks
-        set_up = self.factors.slope * own + self.coarse_factors(as_many)
+        factors = self.factors.slope * own + self.coarse_factors(large)
         smoothing = SWEEPS * self.applications.slope * own
-        return set_up, smoothing + self.coarse_solution(as_many)
+        return factors, smoothing + self.coarse_solution(large)
 
 
-def _coarse_unknowns(unknowns: float, nodes_of_patch: int) -> float:
-    nodes = unknowns / UNKNOWNS_OF_NODE
-    return COARSE_UNKNOWNS_OF_PATCH * nodes / (FILLED * nodes_of_patch)
+def _coarse_unknowns(unknowns: float, ranks: int, nodes_of_patch: int) -> int:
+    """Coarse unknowns of a sheet, whose nodes of a rank are halved until patches are small
+    enough."""
+    nodes = unknowns / UNKNOWNS_OF_NODE / ranks
+    halvings = max(math.ceil(math.log2(nodes / nodes_of_patch)), 0)
+    return ranks * 2**halvings * COARSE_UNKNOWNS_OF_PATCH
 
 
 def _is_factorised(unknowns: float, ranks: int) -> bool:
     """Whether the coarse matrix is factorised; else it has a V-cycle."""
-    return _coarse_unknowns(unknowns, NODES_PER_PATCH) * ranks <= MAX_UNKNOWNS_FACTORISED
+    return _coarse_unknowns(unknowns, ranks, NODES_PER_PATCH) * ranks <= MAX_UNKNOWNS_FACTORISED
 
 
 def _neighbours(ranks: int) -> tuple[float, int]:
