@@ -31,6 +31,8 @@ Where the values come from:
     ./gossamer run demos/sails/ikaros.py until=8.0 --output out/ikaros
     ./gossamer report out/ikaros
     ./gossamer run demos/sails/ikaros.py pitch=0.32 until=8.0
+
+The picture of the angular momentum by component is of `main("out/tilted", until=4.0, tilt=1.0)`.
 """
 
 from __future__ import annotations
@@ -52,6 +54,8 @@ from demos.common.spinning import (
     Disturbance,
     attitude_probes,
     drum,
+    momentum_probes,
+    plot_momentum,
     plot_spins,
     radii_of_tips,
     spin_figures,
@@ -183,6 +187,7 @@ def build(
         "largest stress [Pa]": gx.probes.LargestStress(film),
         "largest tension of tapes [N]": largest_tension(strips),
         **attitude_probes(hub, tips),
+        **momentum_probes(hub),
     }
     if contact:
         touching = gx.Contact(
@@ -433,6 +438,9 @@ def main(
     run, series = run_case(case, output, "ikaros", parts, VIEW)
     if output is not None and comm.rank == 0:
         draw(series, Path(output) / "ikaros_spin.png")
+        figure = new_figure(12.0, 3.8)
+        plot_momentum(figure.subplots(1, 3), series)
+        save(figure, Path(output) / "ikaros_momentum.png", TITLE)
     hub_inertia = float(given.get("hub_inertia", HUB_INERTIA[2]))  # type: ignore[arg-type]
     inertia = hub_inertia + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(run.first.angular_momentum[2]) / inertia
