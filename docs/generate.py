@@ -525,8 +525,7 @@ def options() -> str:
 
 def presets() -> str:
     """Films, fibres, gases and surfaces with their figures and sources."""
-    from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
-    from gossamer_fx.mechanics.gas.polynomial_gas import PolynomialGas
+    from gossamer_fx.mechanics.gas.ideal_gas import IdealGas, PolynomialGas
     from gossamer_fx.mechanics.orbit import optics
     from gossamer_fx.presets import fibres, films, gases
 

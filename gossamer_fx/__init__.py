@@ -9,8 +9,8 @@ The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and 
 
 import sys
 
+from gossamer_fx.core.checks.ending import watch_uncaught_errors
 from gossamer_fx.core.checks.lazy_names import NamespaceFinder, lazy_names
-from gossamer_fx.core.checks.lone_errors import watch_uncaught_errors
 from gossamer_fx.version import VERSION
 
 __version__ = VERSION

@@ -38,11 +38,11 @@ from .mechanics.bodies.rigid_body import RigidBody as RigidBody
 from .mechanics.bodies.tabulated_cable import TabulatedCable as TabulatedCable
 from .mechanics.constraints.fixed import Fixed as Fixed
 from .mechanics.constraints.rigid_region import RigidRegion as RigidRegion
-from .mechanics.constraints.seam import Seam as Seam
+from .mechanics.constraints.tie import Seam as Seam
 from .mechanics.constraints.tie import Tie as Tie
 from .mechanics.contact.contact import Contact as Contact
 from .mechanics.gas.ideal_gas import IdealGas as IdealGas
-from .mechanics.gas.orifice import Orifice as Orifice
+from .mechanics.gas.openings import Orifice as Orifice
 from .mechanics.gas.volumes import Chamber as Chamber
 from .mechanics.gas.volumes import Tank as Tank
 from .mechanics.loads.body_forces import Gravity as Gravity

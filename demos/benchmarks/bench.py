@@ -15,8 +15,14 @@ from mpi4py import MPI
 from problems import ERROR_PROBLEMS, ErrorProblem, Figures, Problem, Words
 
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement, run_cases
-from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves
-from gossamer_fx.analysis.cases.results import Result, markdown_table, read_results, write_results
+from gossamer_fx.analysis.cases.results import (
+    ErrorCurve,
+    Result,
+    draw_error_curves,
+    markdown_table,
+    read_results,
+    write_results,
+)
 
 STORED = HERE / "results"
 PAGE = HERE.parent.parent / "docs" / "benchmark.md"

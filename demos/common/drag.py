@@ -9,7 +9,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, coefficients
+from gossamer_fx.mechanics.orbit.optics import Rows, coefficients
 
 EARTH = 6378137.0  # equatorial radius [m], WGS 84
 

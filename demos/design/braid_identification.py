@@ -187,7 +187,7 @@ def shape_change(test: Test, film: gx.Membrane, factors: Sequence[float], number
         logarithms.append(np.log(tube_of(test, changed).stretches()))
     along, around = (logarithms[0] - logarithms[1]) / (2 * STRETCH_STEP)
     # The nodes of the mesh, which is of order 1, in the order of the derivative by the shape.
-    from gossamer_fx.analysis.sensitivity.form_derivative import MeshNodes
+    from gossamer_fx.analysis.sensitivity.variables import MeshNodes
 
     X = MeshNodes(film.mesh.domain).get().reshape(-1, 3)
     change: Array = -X * np.array([along, around, around])

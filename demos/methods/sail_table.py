@@ -50,8 +50,7 @@ from demos.common.figures import (
     triangles,
 )
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE, Rows, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 
 # Side of the frame, and its centre, about which the torque acts.

@@ -50,8 +50,8 @@ from demos.common.flight_picture import FlightPicture
 from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.orbit.optics import Rows, light_force
 from gossamer_fx.mechanics.orbit.sky import AU
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 from gossamer_fx.meshes.sails import trapezoids
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]

@@ -19,7 +19,7 @@ from demos.common.crease_identification import HangingStrip
 from demos.studies.engine.study import ROUND_OFF, Measure, Study
 from demos.studies.plate import positions
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.records.probes.crease_angle import FoldAngle
+from gossamer_fx.records.probes.lines import FoldAngle
 
 # Length of a panel, width and thickness [m]; Young's modulus [Pa].
 LENGTH = 0.05

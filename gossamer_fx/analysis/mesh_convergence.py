@@ -27,12 +27,13 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.cases.error_curves import (
+from gossamer_fx.analysis.cases.results import (
     ErrorCurve,
     draw_error_curves,
+    markdown_table,
+    number_text,
     observed_order,
 )
-from gossamer_fx.analysis.cases.results import markdown_table, number_text
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.mesh.mesh import Mesh

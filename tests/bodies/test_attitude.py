@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.control.rotation import (
+from gossamer_fx.mechanics.control.attitude import (
     euler_angles,
     euler_axes,
     position_gradient,

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mechanics.bodies.edge_lines import edge_line
-from gossamer_fx.mechanics.constraints.seam import Seam
+from gossamer_fx.mechanics.constraints.tie import Seam
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.sheet import sheet
 from tests.small_scenes import run_until

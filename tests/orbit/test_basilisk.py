@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from gossamer_fx.mechanics.orbit.harmonics import egm2008
-from gossamer_fx.mechanics.orbit.optics import Optics
+from gossamer_fx.mechanics.orbit.optics import Optics, Rows, light_force
 from gossamer_fx.mechanics.orbit.sky import AU
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 
 # Points [m] and accelerations [m/s²], copied from Basilisk with all its digits.
 GRAVITY = [

@@ -13,17 +13,20 @@ from gossamer_fx.extend import InitialState
 from gossamer_fx.mechanics.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.mechanics.orbit.flying_loads import _ByComplexSteps, axes_of
 from gossamer_fx.mechanics.orbit.magnetic_dipole import MagneticDipole
-from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
-from gossamer_fx.mechanics.orbit.shadow_map import lit_fractions
-from gossamer_fx.mechanics.orbit.solar_pressure import SolarPressure
-from gossamer_fx.mechanics.orbit.surface_forces import (
+from gossamer_fx.mechanics.orbit.optics import (
+    JPL_SAIL,
+    MIRROR,
+    PRESSURE,
     Accommodation,
     Air,
+    Optics,
     Rows,
     Surface,
     flow_force,
     light_force,
 )
+from gossamer_fx.mechanics.orbit.shadow_map import lit_fractions
+from gossamer_fx.mechanics.orbit.solar_pressure import SolarPressure
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.orbit.test_flight import drift

@@ -12,7 +12,7 @@ from scipy import integrate, special
 import gossamer_fx as gx
 from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
 from gossamer_fx.mechanics.orbit.harmonics import MU, RADIUS
-from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics, coefficients
 from gossamer_fx.mechanics.orbit.sky import (
     AU,
     MU_MOON,
@@ -23,7 +23,6 @@ from gossamer_fx.mechanics.orbit.sky import (
     third_body,
     third_body_gradient,
 )
-from gossamer_fx.mechanics.orbit.surface_forces import coefficients
 
 # Ellipses, a hyperbola, and orbits without inclination or eccentricity, whose angles are
 # conventions.

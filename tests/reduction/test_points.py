@@ -9,7 +9,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.reduction.mode_gradients import (
+from gossamer_fx.analysis.reduction.points import (
+    Points,
     mode_gradients,
     own_cells,
     points_and_areas,
@@ -17,7 +18,6 @@ from gossamer_fx.analysis.reduction.mode_gradients import (
     strain_operator,
     stress_derivatives,
 )
-from gossamer_fx.analysis.reduction.points import Points
 from gossamer_fx.core.forms.backend import evaluate, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.forms.strain_path import with_derivative

@@ -15,8 +15,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.analysis import modes
-from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
 from gossamer_fx.analysis.statics import remedies
+from gossamer_fx.analysis.statics.continuation import SearchProgress, SearchState
 from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
@@ -179,7 +179,7 @@ SEARCH = SearchState(
 
 
 def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
-    monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
+    monkeypatch.setattr("gossamer_fx.analysis.statics.continuation.QUIET_SECONDS", -1.0)
     progress = SearchProgress(comm, unknowns=870, is_wanted=True)
     progress.update(SEARCH)
     progress.update(SEARCH)  # too early for a second line
@@ -191,7 +191,7 @@ def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
 
 
 def test_before_the_first_pseudo_step_progress_tells_no_residual(comm, capsys, monkeypatch):
-    monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
+    monkeypatch.setattr("gossamer_fx.analysis.statics.continuation.QUIET_SECONDS", -1.0)
     progress = SearchProgress(comm, unknowns=870, is_wanted=True)
     progress.update(replace(SEARCH, iterations=25, residual=math.inf))
     progress.close()

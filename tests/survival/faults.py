@@ -13,7 +13,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.checks import errors, lone_errors
+from gossamer_fx.core.checks import ending, errors
 from tests.survival.scenes import DT, fluttering_sheet
 from tests.survival.small_disk import NOT_ALLOWED, made_read_only
 
@@ -58,7 +58,7 @@ class Trouble:
                 errors.WRITE_PATIENCE = 1.0
                 errors.write_on_all(COMM, self.out / "fields", fail_on_first_rank)
             case "one rank" if COMM.rank == COMM.size - 1:
-                lone_errors.PATIENCE = 1.0
+                ending.PATIENCE = 1.0
                 raise ZeroDivisionError("of this rank alone")
             case "every rank":
                 raise ZeroDivisionError("of all ranks")

@@ -15,8 +15,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.records.outputs.arguments import describe
-from gossamer_fx.records.run.same_scene import differences
+from gossamer_fx.records.outputs.output import describe
+from gossamer_fx.records.run.checkpoint import differences
 from tests.survival.scenes import DT, GAS, LAW
 
 COMM = MPI.COMM_WORLD

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.records.outputs.arguments import of_item
-from gossamer_fx.records.run.same_scene import differences
+from gossamer_fx.records.outputs.output import of_item
+from gossamer_fx.records.run.checkpoint import differences
 from tests.unit.public_calls import make_inputs, valid_calls
 
 # Compared otherwise: names identify items, meshes have their own comparison, ranks may change.

@@ -11,7 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.core.checks import lone_errors
+from gossamer_fx.core.checks import ending
 from tests.survival.scenes import DT, GAS, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -36,7 +36,7 @@ def main() -> None:
         return value
 
     if what == "scene" and rank in (-1, COMM.rank):
-        lone_errors.PATIENCE = 1.0
+        ending.PATIENCE = 1.0
         raise gx.InputError("This scene is refused.")
     film = next(iter(fluttering_sheet(COMM, 2).items))
     bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")

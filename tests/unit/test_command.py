@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gossamer_fx.app.cli import demo, doctor, launch
-from gossamer_fx.app.cli.mpi_messages import RULE, MessageFilter
+from gossamer_fx.app.cli.launch import RULE, MessageFilter
 
 ROOT = Path(__file__).resolve().parents[2]
 

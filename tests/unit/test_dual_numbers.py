@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.core.algebra.dual_numbers import Dual, jacobian, variables
-from gossamer_fx.mechanics.gas.orifice import isentropic_flow
+from gossamer_fx.mechanics.gas.openings import isentropic_flow
 from gossamer_fx.presets.gases import NITROGEN
 
 FORMULAS = [

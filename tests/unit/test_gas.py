@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.gas.orifice import isentropic_flow
+from gossamer_fx.mechanics.gas.openings import isentropic_flow
 from tests.rates import observed_order
 from tests.small_scenes import AIR, WRINKLING
 

@@ -12,8 +12,7 @@ from scipy.integrate import solve_ivp
 import gossamer_fx as gx
 from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
 from gossamer_fx.core.mesh.quality import area_vectors
-from gossamer_fx.mechanics.gas.orifice import isentropic_flow
-from gossamer_fx.mechanics.gas.pipe import friction_parameter
+from gossamer_fx.mechanics.gas.openings import friction_parameter, isentropic_flow
 from gossamer_fx.meshes.sphere import sphere
 from tests.small_scenes import AIR
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.optimize import minimize
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.reduction.mode_gradients import own_cells
+from gossamer_fx.analysis.reduction.points import own_cells
 from gossamer_fx.core.forms.backend import evaluate
 from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression

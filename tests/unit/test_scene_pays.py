@@ -71,7 +71,6 @@ ABSENT_PARTS = {
     "terms.loads",
     "terms.point_constraints",
     "terms.point_energies",
-    "terms.point_loads",
     "terms.quadratic_energies",
     "materials.thermal",
     "terms.thermal_strain",

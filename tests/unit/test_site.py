@@ -20,7 +20,7 @@ import pytest
 import gossamer_fx
 from gossamer_fx.app.cli.command import _parser
 from gossamer_fx.app.cli.demo import demos_of
-from gossamer_fx.core.checks.interruption import SIGNALS
+from gossamer_fx.core.checks.ending import SIGNALS
 from gossamer_fx.core.checks.lazy_names import public_names
 
 ROOT = Path(__file__).parents[2]

@@ -18,8 +18,14 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx.analysis.cases.case_set import CaseSet, Judgement
-from gossamer_fx.analysis.cases.error_curves import ErrorCurve, draw_error_curves, observed_order
-from gossamer_fx.analysis.cases.results import Result, number_text, values_text
+from gossamer_fx.analysis.cases.results import (
+    ErrorCurve,
+    Result,
+    draw_error_curves,
+    number_text,
+    observed_order,
+    values_text,
+)
 from gossamer_fx.analysis.statics.result import EquilibriumResult
 from gossamer_fx.core.checks.errors import check
 

@@ -50,8 +50,8 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Port
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.terms.loads import PointLoad
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
-from gossamer_fx.mechanics.terms.point_loads import PointLoad
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.
@@ -301,7 +301,7 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
 class Cable:
     """A cable from a point of the torus over a fixed pulley to an end that is drawn in by t [m].
 
-    It plays `terms.point_loads.PointForce`.  With the length ℓ from the point X to the pulley, and
+    It plays `terms.loads.PointForce`.  With the length ℓ from the point X to the pulley, and
     n the direction there, the force on the point is F = T n,
 
         T = T_0 + k (t + ℓ - ℓ_0),    dF/dX = -T/ℓ (1 - n nᵀ) - k n nᵀ                           (3)

@@ -4,6 +4,18 @@ SciPy and of PETSc.
 The parameters are divided by their size, so that their changes are comparable.  In each evaluation
 of an equilibrium the parameters of the compiled scene are set, the equilibrium is found again from
 the last one, and one transposed system is solved for the result and one for each constraint.
+
+Minimisation by PETSc's TAO: bounded quasi-Newton methods for fields that are distributed over
+ranks.
+
+Each rank has the numbers of its part of the fields; numbers that all ranks share belong to rank 0.
+Nothing is gathered: a method exchanges scalar products only.
+
+Sources: S. Benson, J. Moré, A limited-memory variable-metric algorithm for bound-constrained
+minimization, Argonne preprint ANL/MCS-P909-0901 (2001): `blmvm`.  `bqnls` is the bounded
+quasi-Newton line search of the TAO users manual.
+
+Gradients of results with respect to parameters: the public entry.
 """
 
 from __future__ import annotations
@@ -13,7 +25,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from gossamer_fx.analysis.design.design_problem import (
     TINY,
@@ -23,10 +37,188 @@ from gossamer_fx.analysis.design.design_problem import (
 )
 from gossamer_fx.analysis.sensitivity.objectives import Objective
 from gossamer_fx.analysis.sensitivity.results import Gradient
+from gossamer_fx.analysis.sensitivity.static import StaticGradients
+from gossamer_fx.analysis.sensitivity.tape import RunTape
+from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
+
+# The search also ends where the scaled gradient is round-off of its size at the start.
+GRADIENT_REDUCTION = 1e-14
+
+# Number that TAO takes as infinite, of bounds that are not given.
+UNBOUNDED = PETSc.INFINITY
+
+
+class _Layout:
+    """Copies numbers between the array of a rank, which has those that all ranks share, and a
+    distributed vector, which has each number once."""
+
+    def __init__(self, problem: DesignProblem) -> None:
+        self._comm = problem.comm
+        shared = []
+        for variable in problem.variables:
+            shared.append(np.full(variable.size, not variable.is_distributed))
+        self._is_shared = np.concatenate(shared)
+        self._is_own = ~self._is_shared | (self._comm.rank == 0)
+
+    def vector(self, numbers: Array) -> PETSc.Vec:
+        """A distributed vector of numbers."""
+        own = numbers[self._is_own]
+        vector = PETSc.Vec().createMPI((len(own), PETSc.DETERMINE), comm=self._comm)
+        vector.setArray(own)
+        return vector
+
+    def fill(self, vector: PETSc.Vec, numbers: Array) -> None:
+        """Copy numbers of this rank to a distributed vector."""
+        vector.setArray(numbers[self._is_own])
+
+    def numbers(self, vector: PETSc.Vec) -> Array:
+        """All numbers that this rank needs.  Collective."""
+        found = np.zeros(len(self._is_own))
+        found[self._is_own] = vector.array_r
+        shared = found[self._is_shared]
+        # A few numbers; fields are not exchanged.
+        self._comm.Bcast(shared, root=0)
+        found[self._is_shared] = shared
+        return found
+
+
+def tao_minimise(
+    problem: DesignProblem,
+    bounds: tuple[Array, Array],
+    method: str,
+    iterations: int,
+    tolerance: float,
+) -> tuple[Array, int, bool, str]:
+    """Minimise from `problem.start` by the bounded quasi-Newton method "blmvm" or "bqnls", with
+    bounds (n,), (n,) of this rank's scaled numbers, up to a change of the scaled result.  A search
+    that ends at the limit of iterations is not an error.  Collective.
+
+    Returns scaled numbers (n,) of this rank, iterations, whether it ended by its tolerance, and how
+    it ended, in words of TAO.
+    """
+    layout = _Layout(problem)
+    low, high = bounds
+    tao = PETSc.TAO().create(problem.comm)
+    x = layout.vector(problem.start)
+
+    def evaluate(tao: PETSc.TAO, at: PETSc.Vec, gradient: PETSc.Vec) -> float:
+        value, slope = problem.scaled(layout.numbers(at))
+        layout.fill(gradient, slope)
+        return value
+
+    # Of all iterations, as TAO itself keeps the last ones only.
+    values: list[float] = []
+    norms: list[float] = []
+
+    def has_converged(tao: PETSc.TAO) -> None:
+        """End where the result stands still, as SciPy's L-BFGS-B does."""
+        values.append(tao.getObjectiveValue())
+        reason = PETSc.TAO.ConvergedReason.CONTINUE_ITERATING
+        if len(values) > 1:
+            change = values[-2] - values[-1]
+            if change <= tolerance * max(abs(values[-2]), abs(values[-1]), 1.0):
+                reason = PETSc.TAO.ConvergedReason.CONVERGED_USER
+        # Of the projected gradient: at a bound its outward part does not count.
+        norms.append(tao.getSolutionStatus()[2])
+        if norms[-1] <= GRADIENT_REDUCTION * norms[0]:
+            reason = PETSc.TAO.ConvergedReason.CONVERGED_GTTOL
+        if reason == PETSc.TAO.ConvergedReason.CONTINUE_ITERATING and len(values) > iterations:
+            reason = PETSc.TAO.ConvergedReason.DIVERGED_MAXITS
+        tao.setConvergedReason(reason)
+
+    def monitor(tao: PETSc.TAO) -> None:
+        # The start is known before the search.
+        if tao.getIterationNumber() > 0:
+            problem.note(layout.numbers(tao.getSolution()))
+
+    tao.setType(method)
+    tao.setObjectiveGradient(evaluate, None)
+    tao.setVariableBounds(
+        (
+            layout.vector(np.where(np.isfinite(low), low, -UNBOUNDED)),
+            layout.vector(np.where(np.isfinite(high), high, UNBOUNDED)),
+        )
+    )
+    tao.setMaximumIterations(iterations)
+    tao.setConvergenceTest(has_converged)
+    tao.setMonitor(monitor)
+    tao.solve(x)
+    reason = tao.getConvergedReason()
+    solution = layout.numbers(tao.getSolution())
+    used = int(tao.getIterationNumber())
+    tao.destroy()
+    return solution, used, reason > 0, f"{method}: {_name_of(reason)}"
+
+
+def _name_of(reason: int) -> str:
+    """Name of a reason of TAO."""
+    for name, value in vars(PETSc.TAO.ConvergedReason).items():
+        if name.isupper() and value == reason:
+            return name.lower().replace("_", " ")
+    return str(reason)
+
+
+@check_arguments
+def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str]) -> Gradient:
+    """The exact gradient of a result with respect to any number of parameters.
+
+    Of an equilibrium it takes one solve with the transposed tangent, Kᵀ λ = ∂J/∂q, and
+    dJ/dθ = ∂J/∂θ - λ·∂r/∂θ for each parameter θ.  Of a run it takes one such solve for each step of
+    its `RunTape`, from the last to the first.  The lengths of the steps count as given.
+
+    Parameters are named "item.parameter".  They are numbers and fields of the laws of films and
+    cables (E, nu, thickness, density, EA, ...), "shape", the stress-free places of the nodes of a
+    mesh, constant loads (pressure, force, g), stiffness and length of springs and ropes, stiffness
+    and rest angle of creases and torsion springs.  Fixed coordinates do not move when the
+    stress-free shape changes. Of a run, "body.initial_position" and "body.initial_velocity" are
+    parameters, too; so are the gains of attitude control, and friction and stiffness of contact.
+    Friction and yielding are piecewise smooth: the gradient is that of what slips in this run, as
+    `Gradient.notes` says. Of gas they are pressure, temperature and volume of chambers and tanks at
+    the start of the tape ("tank.pressure", "tank.volume", "bag.dead_volume"), area and
+    discharge_coefficient of orifices, conductance and temperature of walls (coefficient of
+    `FilmHeat`), pressure and temperature of reservoirs and surroundings.
+
+    In a run the derivative of fluttering or touching films grows exponentially, as the distance of
+    neighbouring motions does.  A warning tells for how long it predicts finite changes.
+
+    Args:
+        source: an equilibrium that was found, or the tape of a run that stands at its last step.
+        of: a probe with derivatives (`probes.Position`, `probes.Displacement`, `probes.Velocity`),
+            an `Integral`, an `EnclosedVolume`, the `Energy`, or a `Functional`; of a run, at its
+            end.
+        by: names of the parameters.
+
+    Raises:
+        InputError: no equilibrium was found, a parameter that the scene has not, a part of the
+            scene that has no gradient, or a singular tangent.
+        StepFailure: a step of the run cannot be repeated.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> height = gx.probes.Position(mass.port(), "z")
+        >>> found = gx.analysis.gradient(equilibrium, of=height, by=["spring.length"])
+        >>> found["spring.length"].values.round(6), found["spring.length"].unit
+        (array([-1.]), 'm/m')
+    """
+    check(
+        isinstance(of, Objective),
+        f"gradient: of is {of!r}, which has no derivative; give a Position, Integral, "
+        "EnclosedVolume, Energy or Functional.",
+    )
+    if isinstance(source, RunTape):
+        return TransientGradients(source, by).of(of)
+    gradients = StaticGradients(source, by)
+    gradients.factorise()
+    return gradients.of(of)
+
 
 # Methods of SciPy, and the bounded quasi-Newton methods of PETSc's TAO.
 Method = Literal["L-BFGS-B", "SLSQP", "blmvm", "bqnls"]
@@ -241,7 +433,7 @@ def _search(
     # Two libraries, since SciPy's methods need the whole vector on each rank.
     if with_tao:
         # Loaded here: SciPy does without.
-        from gossamer_fx.analysis.design.tao_minimisation import tao_minimise
+        from gossamer_fx.analysis.design.optimisation import tao_minimise
 
         ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)
         return _optimum(problem, *ended)

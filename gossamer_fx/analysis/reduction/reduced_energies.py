@@ -24,12 +24,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from gossamer_fx.analysis.reduction.mode_gradients import (
+from gossamer_fx.analysis.reduction.points import (
+    Points,
     mode_gradients,
     own_cells,
     points_and_areas,
 )
-from gossamer_fx.analysis.reduction.points import Points
 from gossamer_fx.core.algebra.numbering import NumberedBlock
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array

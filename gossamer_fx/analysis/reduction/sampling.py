@@ -42,7 +42,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.analysis.reduction.basis import Basis
-from gossamer_fx.analysis.reduction.mode_gradients import (
+from gossamer_fx.analysis.reduction.points import (
     mode_gradients,
     own_cells,
     points_and_areas,

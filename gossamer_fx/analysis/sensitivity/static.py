@@ -18,7 +18,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
+from gossamer_fx.analysis.sensitivity.backward import TransposedSolver
 from gossamer_fx.analysis.sensitivity.objectives import (
     Energy,
     FormObjective,
@@ -27,10 +27,10 @@ from gossamer_fx.analysis.sensitivity.objectives import (
     chambers_of,
 )
 from gossamer_fx.analysis.sensitivity.results import Gradient, collected
-from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
 from gossamer_fx.analysis.sensitivity.variables import (
     SHAPE,
     AdjointFields,
+    FormDerivative,
     FormVariable,
     PointVariable,
     find_variables,

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from gossamer_fx.analysis.sensitivity.backward import BackwardSteps
-from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
 from gossamer_fx.analysis.sensitivity.objectives import (
     CrossingTime,
     Energy,
@@ -30,6 +29,7 @@ from gossamer_fx.analysis.sensitivity.results import Gradient, collected
 from gossamer_fx.analysis.sensitivity.tape import RecordedState, RunTape
 from gossamer_fx.analysis.sensitivity.variables import (
     AdjointFields,
+    FormDerivative,
     FormVariable,
     PointVariable,
     find_variables,

@@ -30,17 +30,21 @@ Cost.  A spinning film takes 5 pseudo-steps of one iteration each, a clamped pla
 with 36 iterations in all; plates that wrinkle take many more.
 
 Progress.  A search of more than three seconds writes lines on the standard error
-(`search_progress`). SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state
+(`SearchProgress`). SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state
 is then that of the system.
 
 Limits.  The path passes through states that are not in equilibrium, so that of several equilibria
 the one that is found depends on the first guess and on the pseudo-steps.
+
+Progress of a search for an equilibrium, on the standard error.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+import sys
+import time
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -48,7 +52,6 @@ from typing import Annotated
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
 from gossamer_fx.analysis.statics.prestress import PrestressOfScene, likely_tensions
 from gossamer_fx.analysis.statics.remedies import (
     PressedFilm,
@@ -57,13 +60,62 @@ from gossamer_fx.analysis.statics.remedies import (
     remedies,
 )
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.ending import Interrupted, Listener
 from gossamer_fx.core.checks.errors import Inadmissible, NoEquilibrium, NotConverged, check
-from gossamer_fx.core.checks.interruption import Interrupted, Listener
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.records.outputs.progress import TERMINAL_INTERVAL, StatusLine
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
+
+# Wall time [s] before the first line: a search that is shorter says nothing.
+QUIET_SECONDS = 3.0
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """Where a search stands after a pseudo-step: Newton iterations so far and at most,
+    pseudo-steps, the length of the next one [s], the sum of those that succeeded [s], the
+    unbalanced force over the load, and the value that it must reach."""
+
+    iterations: int
+    limit: int
+    steps: int
+    step: float
+    pseudo_time: float
+    residual: float
+    tolerance: float
+
+
+class SearchProgress:
+    """Writes lines about a search that takes more than a few seconds, on rank 0."""
+
+    def __init__(self, comm: MPI.Intracomm, unknowns: int, is_wanted: bool) -> None:
+        self._writes = is_wanted and comm.rank == 0
+        self._unknowns = unknowns
+        self._line = StatusLine(sys.stderr, TERMINAL_INTERVAL, QUIET_SECONDS)
+
+    def update(self, state: SearchState) -> None:
+        """Write a line if enough time has passed."""
+        if not self._writes or not self._line.is_due():
+            return
+        elapsed = time.monotonic() - self._line.started
+        remaining = elapsed / max(state.iterations, 1) * max(state.limit - state.iterations, 0)
+        residual = f"residual {state.residual:.1e} of {state.tolerance:.0e}"
+        if math.isinf(state.residual):
+            residual = "no pseudo-step has converged yet"
+        self._line.write(
+            f"equilibrium of {self._unknowns} unknowns: {residual}, "
+            f"iteration {state.iterations} of at most {state.limit}, "
+            f"pseudo-step {state.steps} of {state.step:.1e} s, "
+            f"pseudo-time {state.pseudo_time:.1e} s, "
+            f"{elapsed:.0f} s so far, at most {remaining:.0f} s left"
+        )
+
+    def close(self) -> None:
+        self._line.close()
+
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
 # moves farther with every pseudo-step.

@@ -20,7 +20,7 @@ Algorithm, for each step from a point of the path.
    ∂r/∂λ, in which prescribed coordinates move along, is a central difference: exact for loads that
    are linear in λ.
 2. Solve with the tangent matrix for the tangent of the path, and count the negative eigenvalues of
-   the stiffness by its inertia (`vibration.spectrum`), less one for each Lagrange multiplier.
+   the stiffness by its inertia (`vibration.natural_modes`), less one for each Lagrange multiplier.
 3. A step that fails, or in which the tangent turns by more than 60°, is repeated with half of its
    length.  The next step is longer after few iterations and shorter after many.
 4. If the load's part τ changes its sign in the step, there is a limit point; if only the number of
@@ -53,7 +53,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
 )
 from gossamer_fx.analysis.statics.continuation import FINAL_REDUCTION, FINAL_TOLERANCE
 from gossamer_fx.analysis.statics.equilibrium import Equilibrium
-from gossamer_fx.analysis.vibration.spectrum import Spectrum, is_symmetric
+from gossamer_fx.analysis.vibration.natural_modes import Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices

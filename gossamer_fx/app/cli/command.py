@@ -96,8 +96,8 @@ def main(words: Sequence[str]) -> int:
         return 1
 
     from gossamer_fx.app.cli.user_files import end_program
+    from gossamer_fx.core.checks.ending import abort_on_lone_error
     from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
-    from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
     if comm.size > 1:
@@ -377,8 +377,8 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         StepFailure: a time step did not converge.
         OutputFailure: a file could not be written.
     """
+    from gossamer_fx.core.checks.ending import Interrupted
     from gossamer_fx.core.checks.errors import check
-    from gossamer_fx.core.checks.interruption import Interrupted
     from gossamer_fx.records.outputs.output import Output
     from gossamer_fx.records.outputs.progress import Progress
     from gossamer_fx.records.run.checkpoint import Checkpoints

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from gossamer_fx.core.checks.ending import Interrupted
 from gossamer_fx.core.checks.errors import InputError, check
-from gossamer_fx.core.checks.interruption import Interrupted
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -1,5 +1,5 @@
 from .arms import Ikaros as Ikaros
 from .parallelograms import Miura as Miura
-from .pinwheel import Star as Star
+from .parallelograms import Star as Star
 from .polyline import Roll as Roll
 from .polyline import Zigzag as Zigzag

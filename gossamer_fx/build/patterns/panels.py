@@ -35,7 +35,7 @@ from gossamer_fx.core.mesh.gmsh_reader import check_cells
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.constraints.seam import Seam
+from gossamer_fx.mechanics.constraints.tie import Seam
 
 # Radius at an end, over the largest one, below which the gore ends in a point.
 POINT = 1e-9

@@ -8,8 +8,7 @@ H(298.15 K) - H(0) [J/mol] and molar masses: McBride, Zehe and Gordon, NASA/TP-2
 
 from __future__ import annotations
 
-from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
-from gossamer_fx.mechanics.gas.polynomial_gas import PolynomialGas
+from gossamer_fx.mechanics.gas.ideal_gas import IdealGas, PolynomialGas
 
 MOLAR = 8.314462618  # J/(mol K)
 

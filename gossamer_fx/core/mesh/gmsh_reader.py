@@ -32,8 +32,8 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.core.checks.ending import end_with_launcher
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.lone_errors import end_with_launcher
 
 Integers = npt.NDArray[np.int64]
 

@@ -98,7 +98,7 @@ class Beam(Curve):
         self._take_expansion(thermal)
         self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self._frames: dict[int, Frame] = {}
-        # A restart compares this argument, see `outputs.arguments`.
+        # A restart compares this argument, see `outputs.output`.
         self._normal = tuple(normal)
         self._take_prestress(initial_tension, initial_strain)
         self._reference = self._stress_free(np.asarray(normal, dtype=float))

@@ -190,7 +190,7 @@ class Curve(Meshed):
 
     def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
         """Add an initial axial force [N] or Green-Lagrange strain to the constants of the body."""
-        # A restart compares these arguments, see `outputs.arguments`.
+        # A restart compares these arguments, see `outputs.output`.
         self._initial_tension = tension
         self._initial_strain = strain
         check_one_given(self.name, strain, tension, "initial_tension")

@@ -111,7 +111,7 @@ class Membrane(Meshed):
         )
         self.law = law
         self.constants = constants(law, domain)
-        self._properties = properties  # a restart compares them, see `outputs.arguments`
+        self._properties = properties  # a restart compares them, see `outputs.output`
         if properties:
             from gossamer_fx.mechanics.bodies.properties import vary
 
@@ -119,7 +119,7 @@ class Membrane(Meshed):
         self._frame = cell_axes(domain)
         self._orient()
         self._take_expansion(thermal)
-        # A restart compares these arguments, see `outputs.arguments`.
+        # A restart compares these arguments, see `outputs.output`.
         self._initial_stress = initial_stress
         self._initial_strain = initial_strain
         self._prestress()

@@ -146,7 +146,7 @@ class Plate(Membrane):
             f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; "
             "give it once.",
         )
-        # A restart compares this argument, see `outputs.arguments`.
+        # A restart compares this argument, see `outputs.output`.
         self._rest_curvature = rest_curvature
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]

@@ -148,7 +148,7 @@ class RigidBody(OneNode):
         self.mass = mass
         self.name = name
         self.comm = comm
-        # Arguments that a restart compares, see `outputs.arguments`.
+        # Arguments that a restart compares, see `outputs.output`.
         self._inertia = tensor
         self._position = np.asarray(position, dtype=float)
         self._attitude = R
@@ -232,7 +232,7 @@ class PointMass(OneNode):
         self.mass = mass
         self.name = name
         self.comm = comm
-        # Arguments that a restart compares, see `outputs.arguments`.
+        # Arguments that a restart compares, see `outputs.output`.
         self._position = np.asarray(position, dtype=float)
         self._velocity = np.asarray(velocity, dtype=float)
         self._q = self._position

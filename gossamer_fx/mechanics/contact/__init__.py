@@ -6,13 +6,13 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
                      parts
     broad_phase/     bounds of trajectories, a tree of boxes, candidate pairs
     narrow_phase/    closest points and gaps, continuous collision detection, intersections
-    active_set       candidates that take part in a step, and their activation distances
+    active_set       candidates that take part in a step, their activation distances, and what is
+                     taken over from step to step
     pair_stiffness   how stiff a pair is when it begins to touch
     potential        energy, forces and tangents: barrier or penalty
     friction/        Coulomb friction of the active pairs
     assembly         blocks of the tangent
     step_forces      forces and tangents of the active pairs of a step
-    history          what is taken over from step to step
     contact_set      one contact in a step, which calls the stages; `compiled` adds what gradients
                      and outputs ask
     contact_gradient derivatives of forces and energy, for gradients of runs and equilibria

@@ -19,10 +19,9 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.forms.c_source import check_indices
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 # Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner
 # needs it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42

@@ -16,13 +16,12 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
-from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
+from gossamer_fx.mechanics.contact.active_set import ContactHistory
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.mechanics.contact.potential import ContactLaw
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 from gossamer_fx.mechanics.terms.assembly import (
     ActiveSet,
     Assembly,

@@ -29,7 +29,7 @@ from gossamer_fx.core.algebra.rotations import perpendicular_pair
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Vector
-from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.contract import Array
 from gossamer_fx.mechanics.contact.obstacles import (
     DrawnSurface,
     Obstacle,

@@ -44,8 +44,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs

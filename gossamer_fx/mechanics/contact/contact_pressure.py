@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gossamer_fx.core.model.body import Body
-from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array
 from gossamer_fx.mechanics.contact.potential import evaluate
 
 

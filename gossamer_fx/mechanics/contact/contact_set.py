@@ -26,25 +26,23 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import Inadmissible
-from gossamer_fx.mechanics.contact.active_set import FAR, Activation, StepDistances
-from gossamer_fx.mechanics.contact.arrays import Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.active_set import FAR, Activation, ContactHistory, StepDistances
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
     CandidateSearch,
     StepPoints,
     nearest_gaps,
 )
+from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
-from gossamer_fx.mechanics.contact.history import ContactHistory
 from gossamer_fx.mechanics.contact.kernels.library import library
-from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP
+from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP, LargeTurns
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     refuse_coincident,
     refuse_intersections,
     refuse_points_inside,
 )
-from gossamer_fx.mechanics.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.mechanics.contact.pair_stiffness import PairStiffness
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs
 from gossamer_fx.mechanics.contact.potential import (
@@ -56,7 +54,6 @@ from gossamer_fx.mechanics.contact.potential import (
 )
 from gossamer_fx.mechanics.contact.stencils import is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.

@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array
+from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int32Array
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.mechanics.contact.stencils import stencils_of
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 LOG = logging.getLogger("gossamer_fx")
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from gossamer_fx.core.forms.c_source import CStruct, check_indices
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array, Sides
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array, Sides
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.stencils import SIDES, STENCILS
 

@@ -61,7 +61,7 @@ from enum import IntEnum
 import numpy as np
 
 from gossamer_fx.core.forms.c_source import CStruct
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array
 from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, pair_list_fields

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray, Sides
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, MaskArray, Sides
 
 # A table of pairs, `pair_table.PairTable`, whose module stands on this one.
 type Pairs = Any
@@ -99,7 +99,7 @@ class PairStencil:
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
         """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for
         boundaries."""
-        from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
+        from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
             parameter_derivatives,
         )
 

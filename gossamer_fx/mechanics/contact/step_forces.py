@@ -17,8 +17,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.mechanics.contact.active_set import between_bodies
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.assembly import BlockAssembly
+from gossamer_fx.mechanics.contact.contract import (
+    Array,
+    ByteArray,
+    ContactAssembly,
+    Int32Array,
+    Int64Array,
+)
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import (
@@ -28,7 +34,6 @@ from gossamer_fx.mechanics.contact.potential import (
     evaluate,
     reversed_pairs,
 )
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.

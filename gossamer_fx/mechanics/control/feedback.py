@@ -23,7 +23,7 @@ from gossamer_fx.core.model.state import HasSystem, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import Frame, along, bodies_of, check_axis
 from gossamer_fx.mechanics.terms.assembly import Compiler, HistoryVariables
-from gossamer_fx.mechanics.terms.point_loads import Couple, PointLoad, PointLoads
+from gossamer_fx.mechanics.terms.loads import Couple, PointLoad, PointLoads
 
 # Fraction of a period by which a sample may be early, or a step too long: round-off of times.
 SAMPLE_ROUND_OFF = 1e-9

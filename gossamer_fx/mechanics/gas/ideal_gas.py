@@ -1,13 +1,17 @@
-"""The calorically perfect ideal gas: p V = m R T with constant specific heats."""
+"""Ideal gases, p V = m R T: with constant specific heats, or with heats that are NASA polynomials
+of the temperature.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated
 
-from gossamer_fx.core.algebra.dual_numbers import Number
+from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
+from gossamer_fx.core.checks.errors import check
 
 
 @check_arguments
@@ -72,3 +76,145 @@ class IdealGas:
     def enthalpy(self, T: Number) -> Number:
         """c_p T [J/kg]."""
         return self.cp * T
+
+
+# Powers of the temperature in c_p/R: those of the seven coefficients of NASA/TP-2002-211556.
+LOWEST_POWER = -2
+COEFFICIENTS = 7
+
+
+@check_arguments
+@dataclass(frozen=True)
+class PolynomialGas:
+    """A gas with p V = m R T and a specific heat that is a NASA polynomial in each range of T:
+
+        c_p/R = a_1 T^-2 + a_2 T^-1 + a_3 + a_4 T + a_5 T² + a_6 T³ + a_7 T⁴                   (1)
+
+    (McBride, Zehe and Gordon, NASA/TP-2002-211556, equation 1.)  The five coefficients of the older
+    form of seven, a_1 + a_2 T + ..., are a_3 to a_7.  The enthalpy is the integral of (1) from
+    298.15 K on, where it is `enthalpy_298`, without heats of formation.  Outside of the ranges c_p
+    is constant.
+
+    Args:
+        R: specific gas constant [J/(kg K)], > 0.
+        temperatures: ends [K] of the ranges, rising; one more than there are ranges.
+        coefficients: a_1 to a_7 of each range.
+        enthalpy_298: H(298.15 K) - H(0) [J/kg], > 0; the table of the source has it per mole.
+        name: of the species; gases of one scene that differ need different names.
+
+    Raises:
+        InputError: temperatures do not rise or do not belong to the ranges, a range has another
+            number of coefficients, or c_v is not positive at the end of one.
+
+    Example:
+        >>> constant = gx.gas.PolynomialGas(
+        ...     287.0, (200.0, 6000.0), ((0.0, 0.0, 3.5, 0.0, 0.0, 0.0, 0.0),), 299489.0
+        ... )
+        >>> round(constant.heat_ratio(300.0), 12)
+        1.4
+    """
+
+    R: Annotated[float, positive("J/(kg K)")]
+    temperatures: tuple[Annotated[float, positive("K")], ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    enthalpy_298: Annotated[float, positive("J/kg")]
+    name: str = "gas"
+    # All of its mass is of one species.
+    fractions = (1.0,)
+
+    def __post_init__(self) -> None:
+        limits = self.temperatures
+        check(
+            len(limits) == len(self.coefficients) + 1 > 1,
+            f"Gas '{self.name}': {len(limits)} temperatures with {len(self.coefficients)} ranges; "
+            "give the ends of all ranges, one more than there are ranges.",
+        )
+        check(
+            all(low < high for low, high in pairwise(limits)),
+            f"Gas '{self.name}': the ends of its ranges are {limits} K; give rising temperatures.",
+        )
+        for a in self.coefficients:
+            check(
+                len(a) == COEFFICIENTS,
+                f"Gas '{self.name}': a range has {len(a)} coefficients; give a_1 to a_7.",
+            )
+        for T in limits:
+            check(
+                self.heat_capacity(T) > 0,
+                f"Gas '{self.name}': c_v is {self.heat_capacity(T):.4g} J/(kg K) at {T:.6g} K; "
+                "check the coefficients.",
+            )
+
+    @property
+    def species(self) -> tuple[PolynomialGas]:
+        """The gas itself."""
+        return (self,)
+
+    @property
+    def constant_heat_ratio(self) -> None:
+        """γ changes with the temperature."""
+        return
+
+    def heat_ratio(self, T: Number) -> Number:
+        """γ = 1 + R/c_v."""
+        return 1 + self.R / self.heat_capacity(T)
+
+    def heat_capacity(self, T: Number) -> Number:
+        """c_v = c_p - R [J/(kg K)]."""
+        return self.R * (_polynomial(self._range(T), self._inside(T)) - 1)
+
+    def energy(self, T: Number) -> Number:
+        """u = h - R T [J/kg]."""
+        return self.enthalpy(T) - self.R * T
+
+    def enthalpy(self, T: Number) -> Number:
+        """h [J/kg], the integral of c_p."""
+        inside = self._inside(T)
+        excess = (T - inside) * _polynomial(self._range(T), inside)
+        return self.enthalpy_298 + self.R * (self._integral(inside) + excess)
+
+    def _inside(self, T: Number) -> Number:
+        """The temperature, or the nearest end of the ranges if it is outside of them."""
+        if T.real < self.temperatures[0]:
+            return self.temperatures[0]
+        if T.real > self.temperatures[-1]:
+            return self.temperatures[-1]
+        return T
+
+    def _range(self, T: Number) -> tuple[float, ...]:
+        """The coefficients at a temperature."""
+        number = sum(T.real >= limit for limit in self.temperatures[1:-1])
+        return self.coefficients[number]
+
+    def _integral(self, T: Number) -> Number:
+        """∫ c_p/R dT from 298.15 K to a temperature inside the ranges, [K]."""
+        reference = self._inside(298.15)
+        result: Number = 0.0
+        for (low, high), a in zip(pairwise(self.temperatures), self.coefficients, strict=True):
+            # The part of the way that lies in this range; its sign is that of the way.
+            first = min(max(reference, low), high)
+            last = T
+            if T.real < low:
+                last = low
+            elif T.real > high:
+                last = high
+            result = result + _primitive(a, last) - _primitive(a, first)
+        return result
+
+
+def _polynomial(a: tuple[float, ...], T: Number) -> Number:
+    """The polynomial (1) at a temperature."""
+    result: Number = 0.0
+    for coefficient in reversed(a):
+        result = result * T + coefficient
+    return result * T**LOWEST_POWER
+
+
+def _primitive(a: tuple[float, ...], T: Number) -> Number:
+    """A primitive of (1)."""
+    result: Number = a[1] * log(T)
+    for position, coefficient in enumerate(a):
+        power = position + LOWEST_POWER + 1
+        if power:
+            result = result + coefficient / power * T**power
+    return result

@@ -1,9 +1,9 @@
-from .air_drag import AirDrag as AirDrag
+from .body_forces import AirDrag as AirDrag
 from .body_forces import Centrifugal as Centrifugal
 from .edge_load import EdgeLoad as EdgeLoad
 from .edge_load import EdgeMoment as EdgeMoment
-from .fluid_pressure import FluidPressure as FluidPressure
-from .fluid_pressure import StandardAtmosphere as StandardAtmosphere
-from .fluid_pressure import UniformFluid as UniformFluid
 from .force import Force as Force
 from .force import Torque as Torque
+from .pressure import FluidPressure as FluidPressure
+from .pressure import StandardAtmosphere as StandardAtmosphere
+from .pressure import UniformFluid as UniformFluid

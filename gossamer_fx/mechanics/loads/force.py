@@ -17,7 +17,7 @@ from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
-from gossamer_fx.mechanics.terms.point_loads import Couple, PointForce, PointLoad
+from gossamer_fx.mechanics.terms.loads import Couple, PointForce, PointLoad
 
 History = Callable[[float], Sequence[float]]
 

@@ -3,13 +3,13 @@ from .drag import Drag as Drag
 from .drag import ExponentialAtmosphere as ExponentialAtmosphere
 from .elements import Elements as Elements
 from .magnetic_dipole import MagneticDipole as MagneticDipole
+from .optics import Accommodation as Accommodation
+from .optics import Air as Air
 from .optics import Optics as Optics
+from .optics import Surface as Surface
 from .orbit import Orbit as Orbit
 from .solar_heating import HeatBalance as HeatBalance
 from .solar_heating import SolarHeating as SolarHeating
 from .solar_heating import ThermalProperties as ThermalProperties
 from .solar_pressure import SolarPressure as SolarPressure
 from .solar_pressure import Sunlight as Sunlight
-from .surface_forces import Accommodation as Accommodation
-from .surface_forces import Air as Air
-from .surface_forces import Surface as Surface

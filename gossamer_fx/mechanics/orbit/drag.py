@@ -34,9 +34,7 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
     FlyingPointLoad,
     axes_of,
 )
-from gossamer_fx.mechanics.orbit.orbit import Orbit
-from gossamer_fx.mechanics.orbit.solar_pressure import check_surfaces, geometry, surface_measure
-from gossamer_fx.mechanics.orbit.surface_forces import (
+from gossamer_fx.mechanics.orbit.optics import (
     Accommodation,
     Air,
     Rows,
@@ -44,6 +42,8 @@ from gossamer_fx.mechanics.orbit.surface_forces import (
     Symbolic,
     flow_force,
 )
+from gossamer_fx.mechanics.orbit.orbit import Orbit
+from gossamer_fx.mechanics.orbit.solar_pressure import check_surfaces, geometry, surface_measure
 
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 

@@ -65,7 +65,7 @@ class Environment:
         self.radius = radius
         self.pressure = pressure
         self.following = following
-        # arguments that a restart compares, see `outputs.arguments`
+        # arguments that a restart compares, see `outputs.output`
         self._start = start
         self._gravity = gravity
         self._epoch = epoch

@@ -33,10 +33,17 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
     FlyingPointLoad,
     axes_of,
 )
-from gossamer_fx.mechanics.orbit.optics import MIRROR, PRESSURE, Optics
+from gossamer_fx.mechanics.orbit.optics import (
+    MIRROR,
+    PRESSURE,
+    Optics,
+    Rows,
+    Surface,
+    Symbolic,
+    light_force,
+)
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
 # Largest number of pixels across the map of shadows: their square has to fit in memory on every
 # rank.

@@ -1,26 +1,39 @@
-"""Loads on mesh bodies: their force at q_mid and their work over a step."""
+"""Loads on mesh bodies, points and directors: their force at q_mid and their work over a step.
+
+Loads on points are known on every rank and entered by the one that owns the first port.
+
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from gossamer_fx.core.algebra.point_measures import (
+    Gather,
+    attach,
+    is_evaluated_here,
+    refuse_ports_outside,
+    translation_weight,
+)
+from gossamer_fx.core.algebra.rotations import cross_matrices
 from gossamer_fx.core.forms.backend import add_to_vector
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.body import Array, Body, MeshBody
+from gossamer_fx.core.model.body import Array, Attached, Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
     Compiler,
     Differentiable,
+    HistoryVariables,
 )
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 
@@ -202,3 +215,329 @@ class LoadForces:
         α.value = 1.0
         self.force.array[:] = end
         return average
+
+
+class PointForce(Protocol):
+    """Force on attached vectors, evaluated alike on every rank."""
+
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Start a step from the state at its beginning.
+
+        Args:
+            t: time [s] at the start of the step.
+            lag: time [s] from there to the one at which forces act.
+            X: k attached vectors (3k,), points [m] or directors [-], one after the other.
+            V: their rates (3k,), [m/s] or [1/s].
+        """
+        ...
+
+    def force(self, X: Array) -> Array:
+        """Forces (3k,) at the configuration X (3k,) in which forces act."""
+        ...
+
+    def tangent(self, X: Array) -> Array:
+        """Their derivatives (3k, 3k)."""
+        ...
+
+
+@runtime_checkable
+class NumberedForce(Protocol):
+    """A force with numbers that are parameters of its load."""
+
+    def get_number(self, key: str) -> Array:
+        """The present value (m,) of a number or vector."""
+        ...
+
+    def with_number(self, key: str, value: Array) -> PointForce:
+        """The force with another value (m,)."""
+        ...
+
+
+@runtime_checkable
+class ForceWithNumbers(NumberedForce, Protocol):
+    """A force that knows its derivatives by these numbers."""
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
+        ...
+
+
+@runtime_checkable
+class ForceOfStart(Protocol):
+    """A force that depends also on the vectors and rates at the start of a step: of this step, or
+    of an earlier one, by numbers that it holds.
+
+    In the reversed step, which begins with a negative `lag`, it holds these numbers.  In each step
+    of a backward pass `work_by_number` is asked first: `products_at_start` adds the step to what
+    `work_by_number` of earlier steps takes into account.
+    """
+
+    def start_adjoint(self) -> None:
+        """Forget all sums: a backward pass begins."""
+        ...
+
+    def work_by_number(self, key: str, X: Array, w: Array) -> Array:
+        """Derivative (m,) of w·force by a number, of this step and of later ones."""
+        ...
+
+    def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
+        """Derivatives (3k,) of w·force by the vectors and by the rates at the start of the step.
+
+        X (3k,) is the configuration in which forces act, w (3k,) a displacement; the dependence on
+        X is left out.
+        """
+        ...
+
+
+@runtime_checkable
+class ForceOfPosition(Protocol):
+    """Marks a force that depends on the configuration and on the time at which forces act, only."""
+
+    depends_on_position_only: bool
+
+
+def _is_of_position(law: PointForce) -> bool:
+    return isinstance(law, ForceOfPosition) and law.depends_on_position_only
+
+
+class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
+    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1
+    - X0)."""
+
+    is_external_load = True
+    reversible = False
+    has_shape_derivative = True
+
+    def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
+        """Compile all loads on points and directions of bodies, in the same order on all ranks:
+        maps and indices that stay the same in a run.  Collective."""
+        tuples = [(term.name, [term.ports]) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
+        self._system = system
+        self._terms = terms
+        self._laws = [term.law for term in terms]
+        attached = [attach(system.numbering, system.bodies, term.ports) for term in terms]
+        # The vectors X (3k,) of a load are P q + o: a map P, its unknowns q, and an offset o
+        # (ground).
+        self._indices = [indices for indices, _, _ in attached]
+        self._maps = [(P, o) for _, P, o in attached]
+        # Every rank asks the laws, which may be functions of users; one rank adds the force.
+        self._mine = [is_evaluated_here(term.ports) for term in terms]
+        # Vectors at the start of the step; `begin_step` sets them.
+        self._X0 = [o for _, o in self._maps]
+        self._gather = Gather(system.numbering, self._indices)
+
+    def _vectors(self, q: PETSc.Vec) -> list[Array]:
+        return [P @ values + o for (P, o), values in zip(self._maps, self._gather(q), strict=True)]
+
+    def _middle(self) -> list[Array]:
+        """Vectors (3k,) of each load in the configuration in which forces act.  Collective."""
+        α = self._system.rule.alpha
+        ends = zip(self._X0, self._vectors(self._system.q1), strict=True)
+        return [(1 - α) * X0 + α * X1 for X0, X1 in ends]
+
+    def begin_step(self, t: float) -> None:
+        """Give every load the vectors that it acts on, and their rates, at the start of the step.
+        Collective."""
+        system = self._system
+        self._X0 = self._vectors(system.q0)
+        # The vectors are X = P q + o with maps P and offsets o, and have the rates V = P dq/dt:
+        # rates of the ports have no offset, as the ground does not move.
+        rates = []
+        for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True):
+            rates.append(P @ values)
+        for law, X, V in zip(self._laws, self._X0, rates, strict=True):
+            law.begin(system.time, system.rule.alpha * system.h, X, V)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Subtract the forces Pᵀ f [N] of all loads from r."""
+        for k, X in enumerate(self._middle()):
+            if self._mine[k]:
+                force = self._maps[k][0].T @ self._laws[k].force(X)
+                r.setValues(self._indices[k], -force, addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of the loads from A."""
+        for k, X in enumerate(self._middle()):
+            if self._mine[k]:
+                P, _ = self._maps[k]
+                # The force acts at (1 - α) X0 + α X1, of which the derivative by X1 is α.
+                K = -self._system.rule.alpha * P.T @ self._laws[k].tangent(X) @ P
+                indices = self._indices[k]
+                A.setValues(indices, indices, K, addv=PETSc.InsertMode.ADD_VALUES)
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def get_number(self, term: PointLoad, key: str) -> Array:
+        return np.array(self._with_numbers(term).get_number(key), dtype=float)
+
+    def set_number(self, term: PointLoad, key: str, value: Array) -> None:
+        # Laws are values that scenes share: a changed number needs another law.
+        changed = self._with_numbers(term).with_number(key, np.array(value, dtype=float))
+        self._laws[self._terms.index(term)] = changed
+
+    def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
+        """Loads are subtracted from the residual, hence the sign of -w·Pᵀ ∂f/∂number, with the
+        forces f (3k,) on the vectors X = P q + o of the load."""
+        k = self._terms.index(term)
+        P, _ = self._maps[k]
+        # Collective, so asked for on all ranks.
+        vectors = P @ self._gather(w)[k]
+        X = self._middle()[k]
+        law = self._laws[k]
+        if isinstance(law, ForceOfStart):
+            work: Array = -law.work_by_number(key, X, vectors)
+        else:
+            assert isinstance(law, ForceWithNumbers), "a load with parameters derives by them"
+            work = -law.force_by_number(key, X).T @ vectors
+        return work if self._mine[k] else np.zeros(len(work))
+
+    def _with_numbers(self, term: PointLoad) -> NumberedForce:
+        law = self._laws[self._terms.index(term)]
+        assert isinstance(law, NumberedForce), "a load with parameters has them"
+        return law
+
+    def start_adjoint(self) -> None:
+        for law in self._laws:
+            if isinstance(law, ForceOfStart):
+                law.start_adjoint()
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Derivatives of loads that depend on the start of the step, e.g. sampled torques of a
+        control."""
+        displacements = self._gather(μ)
+        middle = self._middle()
+        for k, law in enumerate(self._laws):
+            if not isinstance(law, ForceOfStart):
+                continue
+            # All ranks, as all of them have the sums of the law.  P maps unknowns to vectors.
+            P, _ = self._maps[k]
+            by_vectors, by_rates = law.products_at_start(middle[k], P @ displacements[k])
+            if not self._mine[k]:
+                continue
+            # Loads are subtracted from the residual.
+            for vector, values in ((by_position, by_vectors), (by_velocity, by_rates)):
+                entries = -P.T @ values
+                vector.setValues(self._indices[k], entries, addv=PETSc.InsertMode.ADD_VALUES)
+        by_position.assemble()
+        by_velocity.assemble()
+
+    def save_history(self) -> list[dict[str, Any]]:
+        return [law.get_history() for law in self._laws if isinstance(law, HistoryVariables)]
+
+    def load_history(self, saved: list[dict[str, Any]]) -> None:
+        laws = [law for law in self._laws if isinstance(law, HistoryVariables)]
+        for law, state in zip(laws, saved, strict=True):
+            law.set_history(state)
+
+    def without_gradient(self) -> str:
+        """A load that depends on velocities or on its history has none."""
+        for term in self._terms:
+            if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
+                return (
+                    f"'{term.name}' depends on more than positions and time, "
+                    "without derivatives by the start of a step; "
+                    "give its law those of `gossamer_fx.extend.ForceOfStart`, "
+                    "or leave it out of the scene"
+                )
+        return ""
+
+    def supplied(self) -> float:
+        """Work [J] of the loads in the step, this rank's share."""
+        total = 0.0
+        ends = zip(self._X0, self._vectors(self._system.q1), self._middle(), strict=True)
+        for k, (X0, X1, X) in enumerate(ends):
+            if self._mine[k]:
+                total += float(np.dot(self._laws[k].force(X), X1 - X0))
+        return total
+
+    def resultants(self) -> dict[str, Array]:
+        """Resultants in the configuration in which the forces of the last step acted."""
+        found: dict[str, Array] = {}
+        for k, X in enumerate(self._middle()):
+            if self._mine[k]:
+                # Vectors r and forces f on them, (k, 3).
+                term = self._terms[k]
+                r = X.reshape(-1, 3)
+                f = self._laws[k].force(X).reshape(-1, 3)
+                # A force on a director is a couple: it has a moment, but pushes no point.
+                pushed = np.array([translation_weight(port) for port in term.ports])
+                total = np.array([pushed @ f, np.cross(r, f).sum(axis=0)])
+                found[term.name] = found.get(term.name, 0.0) + total
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class PointLoad:
+    """A load on attached vectors; its work counts as supplied."""
+
+    name: str
+    ports: tuple[Attached, ...]
+    law: PointForce
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = PointLoads
+
+
+# ---- torques -------------------------------------------------------------------------------------
+
+
+class Couple:
+    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i
+    with
+
+        (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
+
+    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum
+    grows by exactly hT also at the middle of a step, where directors are shorter than 1.  One
+    vector alone takes the torque across it, f = T × r/|r|².
+    """
+
+    depends_on_position_only = True
+
+    def __init__(self) -> None:
+        self.torque: Array = np.zeros(3)
+
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Nothing to prepare: the torque is constant."""
+
+    def _spread(self, r: Array) -> tuple[Array, Array]:
+        """The matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] of the k attached vectors r (k, 3) [m], or
+        directors without a unit, and its product F (3,) [N/m] with the torque.  `LinAlgError`: a
+        single vector has no length, or several are parallel."""
+        S = r.T @ r
+        matrix = np.trace(S) * np.eye(3)
+        # With one vector the matrix would be singular: S is left out, which gives T × r/|r|².
+        if len(r) > 1:
+            matrix = matrix - S
+        inverse = np.linalg.inv(matrix)
+        return inverse, inverse @ self.torque
+
+    def forces_by_torque(self, X: Array) -> Array:
+        """The matrix (3k, 3) of the forces on the vectors X (3k,), which are linear in the
+        torque."""
+        r = X.reshape(-1, 3)
+        inverse, _ = self._spread(r)
+        arms = np.hstack(tuple(cross_matrices(r)))
+        return arms.T @ inverse
+
+    def force(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        return np.cross(self._spread(r)[1], r).ravel()
+
+    def tangent(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        inverse, F = self._spread(r)
+        # Of f_i = F × r_i with F constant; the change of F follows.
+        K: Array = np.kron(np.eye(len(r)), cross_matrices(F))
+        for j, d in enumerate(r):
+            # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
+            change = 2 * np.outer(F, d)
+            if len(r) > 1:
+                change -= (d @ F) * np.eye(3) + np.outer(d, F)
+            dF = -inverse @ change
+            for i, other in enumerate(r):
+                K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrices(other) @ dF
+        return K

@@ -20,9 +20,9 @@ from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.assembly import Shown
 from gossamer_fx.records.fields.units import with_decimals
-from gossamer_fx.records.outputs.file_locks import FileLocks
 from gossamer_fx.records.outputs.output import Output, Writing, begin
 from gossamer_fx.records.outputs.recording import Recording
+from gossamer_fx.records.outputs.run_file import FileLocks
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import TIME, Account, Axis, StateView
 

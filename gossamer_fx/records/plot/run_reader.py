@@ -24,8 +24,8 @@ from gossamer_fx.core.mesh.quality import ALIKE
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.materials.film import SLACK
 from gossamer_fx.records.fields.units import LINE_FIELDS, NAMES, scaled_axis, with_unit
+from gossamer_fx.records.outputs.recording import REST, placed
 from gossamer_fx.records.outputs.run_file import file_name, read_run_file
-from gossamer_fx.records.outputs.solid_poses import REST, placed
 from gossamer_fx.records.outputs.vtu import FieldRecords, read_records
 from gossamer_fx.records.outputs.vtu_format import Grid, read_vtu
 from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals

@@ -4,7 +4,6 @@ from .contact import ContactGap as ContactGap
 from .contact import ContactPressure as ContactPressure
 from .contact import Crossings as Crossings
 from .contact import Penetrations as Penetrations
-from .crease_angle import FoldAngle as FoldAngle
 from .films import AreaFraction as AreaFraction
 from .films import LargestStress as LargestStress
 from .films import StateArea as StateArea
@@ -14,6 +13,7 @@ from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState
 from .flight import SunAngle as SunAngle
 from .lines import AxialStrain as AxialStrain
+from .lines import FoldAngle as FoldAngle
 from .lines import Length as Length
 from .lines import Tension as Tension
 from .points import AngularVelocity as AngularVelocity

@@ -11,7 +11,7 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
+from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
 from gossamer_fx.mechanics.contact.compiled import CompiledContact
 from gossamer_fx.mechanics.contact.contact import Contact
 from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures

@@ -1,18 +1,122 @@
-"""Probes of films: areas by state, accuracy of the surface, largest stress."""
+"""Probes of films: areas by state, accuracy of the surface, largest stress against its limit."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
+from mpi4py import MPI
+
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Vector
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.fields.best_surface import Z_AXIS, Surface, best_surface
+from gossamer_fx.records.fields.best_surface import Z_AXIS, Surface, best_surface, cells_of
 from gossamer_fx.records.fields.body_shape import At
+from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
-from gossamer_fx.records.fields.largest_stress import StressSearch
+from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
+
+
+@check_arguments
+@dataclass(frozen=True)
+class StressPeak:
+    """The largest principal stress of a film.
+
+    Attributes:
+        stress: second Piola-Kirchhoff stress [Pa], as the field `stress1`.
+        point: where it is, (3,) [m] on the stress-free shape.
+        ratio: of the stress to the limit that was given; None without one.
+
+    Example:
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film))
+        >>> peak = gx.analysis.largest_stress(equilibrium, film, limit=69e6)
+        >>> abs(peak.ratio) < 1e-9, len(peak.point)
+        (True, 3)
+    """
+
+    stress: float
+    point: tuple[float, float, float]
+    ratio: float | None = None
+
+
+@check_arguments
+def largest_stress(
+    state: HasSystem,
+    film: Membrane,
+    *,
+    limit: Annotated[float, positive("Pa")] | None = None,
+    group: str = "",
+    at: At = "mean",
+) -> StressPeak:
+    """Find the largest principal stress of a film.  Collective.
+
+    At corners and point loads the stress of the continuum has no bound, and the largest one grows
+    as the mesh is refined: leave them out by a group.
+
+    Args:
+        state: a `Simulation` in its current state, or an `Equilibrium`.
+        film: a film of its scene.
+        limit: what the material bears [Pa], e.g. `gx.presets.films.KAPTON_HN.yield_stress`.
+        group: of cells of the film's mesh; empty: the whole film.
+        at: "mean" over the last step, or "end".
+
+    Raises:
+        InputError: the film is not in the scene, the group has no cells, or the limit is not
+            positive.
+
+    Example:
+        >>> from gossamer_fx.presets.films import KAPTON_HN
+        >>> pulled = gx.Membrane(mesh, law, displacement=lambda X: 1e-3 * X)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(pulled))
+        >>> peak = gx.analysis.largest_stress(equilibrium, pulled, limit=KAPTON_HN.yield_stress)
+        >>> f"{peak.stress / 1e6:.2f} MPa, {peak.ratio:.1%} of the limit"
+        '3.79 MPa, 5.5% of the limit'
+    """
+    return StressSearch(film, group, at)(state.system, limit)
+
+
+class StressSearch:
+    """Finds the largest principal stress of a film; its expression is compiled once."""
+
+    def __init__(self, film: Membrane, group: str, at: At) -> None:
+        self._film = film
+        self._group = group
+        self._at: At = at
+        self._fields: FieldFunctions | None = None
+
+    def __call__(self, system: System, limit: float | None) -> StressPeak:
+        """The largest stress in the state of a system.  Collective."""
+        cells = cells_of(self._film, self._group)
+        count = system.comm.allreduce(len(cells))
+        check_on_all(
+            system.comm,
+            count > 0,
+            f"The group '{self._group}' of '{self._film.name}' has no triangles.",
+        )
+        if self._fields is None:
+            self._fields = FieldFunctions(system, self._film, ["stress1"], at=self._at)
+        self._fields.update()
+        function = self._fields.functions[0]
+        nodes = cell_nodes(function.function_space)[cells].ravel()
+        values = function.x.array[nodes]
+        largest = -math.inf
+        point = np.zeros(3)
+        if len(values):
+            highest = int(np.argmax(values))
+            largest = float(values[highest])
+            point = function.function_space.tabulate_dof_coordinates()[nodes[highest]]
+        # Of equal stresses, that of the lowest rank.
+        stress, rank = system.comm.allreduce((largest, system.comm.rank), op=MPI.MAXLOC)
+        x, y, z = system.comm.bcast(point, root=rank)
+        ratio = stress / limit if limit else None
+        return StressPeak(stress, (float(x), float(y), float(z)), ratio)
+
 
 # What `SurfaceError` returns of a `BestSurface`, and its unit
 SURFACE_UNITS = {

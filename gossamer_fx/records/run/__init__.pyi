@@ -1,3 +1,3 @@
-from ...core.checks.interruption import Interrupted as Interrupted
+from ...core.checks.ending import Interrupted as Interrupted
 from .checkpoint import latest_checkpoint as latest_checkpoint
 from .log import log_to as log_to

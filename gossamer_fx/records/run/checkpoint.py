@@ -16,11 +16,30 @@ Algorithm.
 
 `run.json` contains its own checksum and those of all other files: a damaged checkpoint is refused.
 
-A restart may have another number of ranks.  Its nodes are found by the names of `run.node_keys`,
-which do not depend on the partition of the mesh.
+A restart may have another number of ranks.  Its nodes are found by names
+that do not depend on the partition of the mesh.
 
 Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that
-wrote it (see `run.same_scene`).
+wrote it.
+
+Names of nodes that are the same on any number of ranks, for checkpoints.
+
+Problem.  The order of nodes, and the rank that has them, depend on the partition of the mesh.
+
+Idea.  A node of a Lagrange space is named after the vertices of the entity (vertex, edge or cell)
+on which it is, by their indices in the mesh as it was read.  A multiplier is named after the first
+node that its constraint ties, and by the number of constraints before it that tie the same node.  A
+name is a hash of these indices with 64 bits.
+
+Limits.  Spaces with one node at most on an edge or cell, that is up to order 2.
+
+Comparison of a scene with that of the checkpoint from which it is to be restarted.
+
+Problem.  A restart with another mesh, law or load would give wrong results without an error.
+
+Compared are names and kinds of the items, meshes, numbers of unknowns, the stepper, the arguments
+of items and events (see `outputs.output`), and, in the restored state, the energies.  Initial
+conditions are not compared: the state of the checkpoint replaces them.
 """
 
 from __future__ import annotations
@@ -33,24 +52,338 @@ import shutil
 import time
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
+import basix
 import numpy as np
+import numpy.typing as npt
 
-from gossamer_fx.core.algebra.rank_exchange import fetch
+from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
-from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
-from gossamer_fx.records.run.node_keys import all_names, cell_names
-from gossamer_fx.records.run.same_scene import compare, compare_energies
+from gossamer_fx.core.model.body import (
+    Attached,
+    Body,
+    MeshBody,
+    Port,
+    has_nodal_unknowns,
+    is_on_mesh,
+)
+from gossamer_fx.records.outputs.output import (
+    MEASURED,
+    TOLERANCE,
+    Known,
+    Output,
+    arguments_of,
+    cursors_of,
+    make_parent,
+)
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Stepper
+from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
+
+# An entity of triangles has at most this many vertices; fewer are repeated, to give rows of one
+# length.
+MAX_VERTICES = 3
+
+
+def node_names(body: Body) -> Names:
+    """Names (n,) of the n nodes of a body that this rank owns: integers of 64 bits.
+
+    A name is the same on any number of ranks: it is a hash of the vertices of the vertex, edge or
+    cell on which the node is.
+    """
+    start, end = body.block.index_map.local_range
+    if not has_nodal_unknowns(body):
+        # Masses and reduced films have no mesh; their blocks are numbered in the same way
+        # everywhere.
+        return hash_rows(np.arange(start, end)[:, None])
+    layout = body.space.dofmap.dof_layout
+    nodes = body.space.dofmap.list
+    index_map = body.block.index_map
+    node_count = index_map.size_local + index_map.num_ghosts
+    entity_of_node = np.zeros((node_count, MAX_VERTICES), dtype=np.int64)
+    vertices = cell_vertices(body)
+    cell_type = basix.CellType[body.space.mesh.topology.cell_name()]
+    for dim, entities in enumerate(basix.topology(cell_type)):
+        for i, corners in enumerate(entities):
+            nodes_here = layout.entity_dofs(dim, i)
+            if not nodes_here:
+                continue
+            # Two nodes of an edge could not be told apart by its vertices.
+            check(
+                len(nodes_here) == 1,
+                f"'{body.name}' has {len(nodes_here)} nodes on one edge or cell; checkpoints know "
+                "one.",
+            )
+            # Sorted, as neighbouring cells have the vertices of an edge in different orders.
+            vertices_of_entity = np.sort(vertices[:, corners], axis=1)
+            missing = MAX_VERTICES - len(corners)
+            rows = np.pad(vertices_of_entity, ((0, 0), (0, missing)), mode="edge")
+            entity_of_node[nodes[:, nodes_here[0]]] = rows
+    owned = entity_of_node[: end - start]
+    return hash_rows(owned)
+
+
+def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
+    """Vertices (cells, k) of this rank's cells, own and ghost, by their indices in the mesh as it
+    was read."""
+    geometry = body.space.mesh.geometry
+    # The first points of a cell are its corners, also if the geometry is of order 2.
+    corner_count = body.space.mesh.topology.dim + 1
+    corners = geometry.dofmap[:, :corner_count]
+    vertices: npt.NDArray[np.int64] = geometry.input_global_indices[corners]
+    return vertices
+
+
+def cell_names(body: MeshBody) -> Names:
+    """Names (n,) of the n cells that this rank owns."""
+    topology = body.space.mesh.topology
+    own_count = topology.index_map(topology.dim).size_local
+    return hash_rows(np.sort(cell_vertices(body)[:own_count], axis=1))
+
+
+def mesh_name(body: MeshBody) -> int:
+    """A number that depends on the cells of a mesh and not on their order; the same on every
+    rank."""
+    hashes = cell_names(body)
+    # A sum does not depend on the order, nor on the partition.
+    sum_of_rank = int(hashes.sum(dtype=np.uint64))
+    total = sum(body.comm.allgather(sum_of_rank))
+    return total % 2**64
+
+
+def all_names(system: System) -> list[Names]:
+    """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint.
+
+    Returns:
+        an array (n,) of integers of 64 bits for each block, the same on any number of ranks.
+    """
+    names = [node_names(body) for body in system.bodies]
+    tied_ports: list[list[tuple[Attached, ...]]] = []
+    if system.constraints:
+        tied_ports = system.constraints.tied_ports()
+    multiplier_blocks = system.numbering.blocks[len(names) :]
+    for ports, block in zip(tied_ports, multiplier_blocks, strict=True):
+        # A single multiplier needs no name; it may tie the ground only, which has no node.
+        if block.index_map.size_global == 1:
+            names.append(hash_rows(np.zeros((len(ports), 1))))
+        else:
+            names.append(_names_of_multipliers(system, names, ports))
+    return names
+
+
+def _names_of_multipliers(
+    system: System,
+    names: list[Names],
+    constraints: list[tuple[Attached, ...]],
+) -> Names:
+    """Names of Lagrange multipliers (m,), each after the first node that its constraint ties."""
+    rows = []
+    counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node
+    for ports in constraints:
+        port = next(port for port in ports if isinstance(port, Port))
+        k = system.bodies.index(port.body)
+        first_owned = port.body.block.index_map.local_range[0]
+        name = names[k][port.nodes[0] - first_owned]
+        # Names have 64 bits without sign, rows of integers have 63 and a sign.
+        node = (k, int(name >> np.uint64(1)))
+        count = counts.get(node, 0)
+        counts[node] = count + 1
+        rows.append((*node, count))
+    return hash_rows(np.array(rows, dtype=np.int64).reshape(-1, 3))
+
+
+# Relative difference of arguments that counts as round-off: a script that is run again computes the
+# same numbers, on another machine up to the last digits.
+SAME_ARGUMENT = 1e-9
+
+# The same for a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or
+# zero.
+SAME_COMPONENT = 1e-15
+
+# The same for an energy that is computed again from the coordinates: sums over other ranks are in
+# another order, and the strains of a stiff film are small differences.
+SAME_ENERGY = 1e-6
+
+# An energy may differ by this fraction of the largest energy: a small one may be all round-off.
+NEGLIGIBLE_ENERGY = 1e-9
+
+# Characters of a value in a message: an array would fill the screen.
+MAX_SHOWN = 80
+
+Description = dict[str, Any]
+
+
+def scene_of(
+    run: StateView, stepper: Stepper, history: History, events: Mapping[str, Description]
+) -> Description:
+    """Describe a scene for the comparison, as data for JSON that is the same on any number of
+    ranks; `events` by their keys.  Collective.
+    """
+    meshes: dict[str, Any] = {}
+    for body in run.system.bodies:
+        if is_on_mesh(body):
+            geometry = body.space.mesh.geometry
+            x = geometry.x[: geometry.index_map().size_local]
+            # The name covers the cells; the moments of the points notice a mesh of another size.
+            moments = np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])
+            meshes[body.name] = [mesh_name(body), run.comm.allreduce(moments).tolist()]
+    items = run.scene.items
+    blocks = run.system.numbering.blocks
+    return {
+        # Sorted, as the order of items does not matter.
+        "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in items),
+        "meshes": meshes,
+        "unknowns": [block.index_map.size_global * block.size for block in blocks],
+        "stepping": [type(stepper).__name__, sorted(history.vectors)],
+        "arguments": arguments_of(items),
+        "events": events,
+    }
+
+
+def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> None:
+    """Raise `InputError` unless the description of this scene is that of a checkpoint, but for the
+    items and events that are named in `changes`."""
+    refusal = f"The checkpoint '{path}' is of another scene: "
+    # The order of the checks is that of their causes: another item also changes the unknowns.
+    unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
+    check(
+        not unmatched,
+        f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote "
+        "it.",
+    )
+    for body, mesh in here["meshes"].items():
+        check(
+            next(differences(there["meshes"].get(body), mesh), None) is None,
+            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was "
+            "written.",
+        )
+    check(
+        there["unknowns"] == here["unknowns"],
+        f"{refusal}it has {sum(there['unknowns'])} unknowns, this one {sum(here['unknowns'])}; use "
+        "its order.",
+    )
+    check(
+        there["stepping"] == here["stepping"],
+        f"{refusal}it was stepped by {there['stepping'][0]}, with another control; take the same "
+        "stepper.",
+    )
+    known = [*here["arguments"], *(event["name"] for event in here["events"].values())]
+    # A misspelt name would let a difference pass as an error of the scene.
+    for name in changes:
+        check(
+            name in known,
+            f"changes holds '{name}', but the scene has no such part; it has: {', '.join(known)}.",
+        )
+    for key, arguments in here["arguments"].items():
+        if key not in changes:
+            _refuse_difference(refusal, f"'{key}'", there["arguments"][key], arguments)
+    for key in sorted(there["events"].keys() | here["events"].keys()):
+        one = there["events"].get(key)
+        other = here["events"].get(key)
+        if (other or one)["name"] in changes:
+            continue
+        check(
+            bool(one and other),
+            f"{refusal}the event {key} is only in one of them; restart with the same, or name it "
+            "in changes.",
+        )
+        _refuse_difference(refusal, f"the event {key}", one, other)
+
+
+def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> None:
+    """Raise `InputError` for the first difference between the arguments of an item or event, with
+    both values."""
+    for words, one, other in differences(there, here):
+        check(
+            False,
+            f"{refusal}{' '.join(words)} of {owner} is {_shown(one)} there and {_shown(other)} "
+            "here; restart with the same, or name it in changes.",
+        )
+
+
+def differences(
+    there: Known, here: Known, words: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Known, Known]]:
+    """Yield all differences of two descriptions: the names that lead to them, and both values.
+
+    Numbers count as equal if they differ by less than 1e-9 of their size.
+    """
+    if isinstance(there, dict) and isinstance(here, dict):
+        # A position that was computed has a known error, which its description states.
+        if MEASURED in there and MEASURED in here:
+            if not np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE]):
+                yield words, there[MEASURED], here[MEASURED]
+            return
+        # The class comes first: of objects of two classes, all arguments differ.
+        for key in sorted(there.keys() | here.keys(), key=lambda key: (key != "class", key)):
+            yield from differences(there.get(key), here.get(key), (*words, key))
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        if all(map(_is_number, [*there, *here])):
+            if not _same_numbers(there, here):
+                yield words, there, here
+            return
+        for k, (one, other) in enumerate(zip(there, here, strict=True)):
+            # Only of several objects does the message need the number, from one.
+            is_numbered = isinstance(one, dict) and len(there) > 1
+            yield from differences(one, other, (*words, str(k + 1)) if is_numbered else words)
+    elif _is_number(there) and _is_number(here):
+        if not _same_numbers([there], [here]):
+            yield words, there, here
+    elif there != here:
+        yield words, there, here
+
+
+def _is_number(value: Known) -> bool:
+    """Whether a value is a number; Python counts True and False as integers."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
+    """Whether numbers are equal up to round-off; two NaN are equal."""
+    expected = np.array(there, dtype=float)
+    largest = np.abs(expected[np.isfinite(expected)]).max(initial=0.0)
+    # The tolerance is relative only, since an area may be as small as 1e-13 m².
+    return np.allclose(
+        here, expected, rtol=SAME_ARGUMENT, atol=SAME_COMPONENT * largest, equal_nan=True
+    )
+
+
+def _shown(value: Known) -> str:
+    """A value for a message, of `MAX_SHOWN` characters at most."""
+    text = repr(value)
+    if isinstance(value, float):
+        # As many digits as are compared.
+        text = f"{value:.9g}"
+    if len(text) > MAX_SHOWN:
+        return f"{text[:MAX_SHOWN]}..."
+    return text
+
+
+def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:
+    """Check that this scene has the energies [J] of the checkpoint in the same state.
+
+    This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
+    """
+    ours = {"kinetic": here.kinetic, **here.stored}
+    theirs = {"kinetic": there["kinetic"], **there["stored"]}
+    largest = max(abs(energy) for energy in theirs.values())
+    for name, energy in ours.items():
+        tolerance = SAME_ENERGY * abs(energy) + NEGLIGIBLE_ENERGY * largest
+        check(
+            abs(energy - theirs.get(name, np.inf)) <= tolerance,
+            f"The checkpoint '{path}' is of another scene: the energy '{name}' is "
+            f"{theirs.get(name, 0.0):.6g} J there and {energy:.6g} J here; restart with the same "
+            "materials and gas.",
+        )
+
 
 # Number of the format; it changes with the contents of the files.
 FORMAT = 6

@@ -24,8 +24,7 @@ from typing import Any, Protocol
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.checks.user_functions import ask
-from gossamer_fx.records.outputs.arguments import of_item
-from gossamer_fx.records.outputs.output import Probe, evaluate_probe
+from gossamer_fx.records.outputs.output import Probe, evaluate_probe, of_item
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import Stepper, Stepping
 from gossamer_fx.solve.view import StateView

@@ -30,9 +30,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.ending import (
+    Interrupted,
+    Listener,
+    abort_on_lone_error,
+    agree_on_error,
+)
 from gossamer_fx.core.checks.errors import InputError, NotConverged, OutputFailure, check
-from gossamer_fx.core.checks.interruption import Interrupted, Listener
-from gossamer_fx.core.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.core.model.state import Sampled
 from gossamer_fx.records.outputs.output import Output, Writing, begin, cursors_of
 from gossamer_fx.records.run.log import LOGGER
@@ -51,7 +55,7 @@ from gossamer_fx.solve.view import TIME, Account, ClosingErrors
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import ChamberState
-    from gossamer_fx.records.outputs.file_locks import FileLocks
+    from gossamer_fx.records.outputs.run_file import FileLocks
     from gossamer_fx.records.run.checkpoint import Checkpoints
     from gossamer_fx.records.run.events import Event, EventMonitor
     from gossamer_fx.solve.steppers.step_control import StepControl
@@ -215,7 +219,7 @@ class Simulation:
         if not paths:
             return None
         # Imported here, as in the following functions: a run that writes nothing does not need it.
-        from gossamer_fx.records.outputs.file_locks import FileLocks
+        from gossamer_fx.records.outputs.run_file import FileLocks
 
         return FileLocks(self.comm, paths)
 
@@ -234,8 +238,8 @@ class Simulation:
         return EventMonitor(self, events, self.history)
 
     def describe(self) -> dict[str, Any]:
-        """Description of the scene at the start of the run, see `run.same_scene`.  Collective."""
-        from gossamer_fx.records.run.same_scene import scene_of
+        """Description of the scene at the start of the run, see `run.checkpoint`.  Collective."""
+        from gossamer_fx.records.run.checkpoint import scene_of
 
         events = self._monitor.describe() if self._monitor else {}
         return scene_of(self, self.stepper, self.history, events)
@@ -536,7 +540,7 @@ class Simulation:
         if constraints is None or not constraints.can_switch:
             return
         # Imported here, as scenes without latches must not pay for it.
-        from gossamer_fx.solve.steppers.impact import switch_constraints
+        from gossamer_fx.solve.steppers.stepping import switch_constraints
 
         if switch_constraints(self.system):
             # `totals` compares times only, and the time is that before the impact.

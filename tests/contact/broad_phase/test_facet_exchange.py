@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import GROUP_COUNT, group_boxes
+from gossamer_fx.mechanics.contact.broad_phase.candidates import GROUP_COUNT, group_boxes
 from tests.contact.scenes import ARM, contact_set_of, simulate, two_films
 
 CELLS = 24  # along a side of each film

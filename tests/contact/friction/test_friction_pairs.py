@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
-    FrictionPairs,
-    FrictionStep,
-    parameters_at_start,
-)
-from gossamer_fx.mechanics.contact.friction.sliding_geometry import (
     EDGE_WEIGHTS,
     BetweenBodies,
+    FrictionPairs,
+    FrictionStep,
     SlidingGeometry,
+    parameters_at_start,
 )
 from gossamer_fx.mechanics.contact.friction.start_derivative import (
     add_product_with_start_derivative,

@@ -6,18 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, Sides
+from gossamer_fx.mechanics.contact.contract import (
+    Array,
+    ContactAssembly,
+    Int32Array,
+    Int64Array,
+    Sides,
+)
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
+    BetweenBodies,
     FrictionPairs,
     FrictionStep,
+    WithObstacles,
     parameters_at_start,
 )
-from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, WithObstacles
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
 from gossamer_fx.mechanics.contact.pair_table import ActivePairs
 from gossamer_fx.mechanics.contact.potential import ContactLaw
 from gossamer_fx.mechanics.contact.stencils import SIDES
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 
 
 class Friction:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.contract import Array
 from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     SMALLEST_SLIDING,
     FrictionPairs,

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.core.model.body import Attached, Body, Port
-from gossamer_fx.mechanics.contact.arrays import Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.facets import DistributedRows
 from gossamer_fx.mechanics.contact.geometry.surface_share import SurfacePoints, SurfaceTables
 from gossamer_fx.mechanics.terms.assembly import Assembly

@@ -10,7 +10,14 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.model.body import Attached, MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array, Sides
+from gossamer_fx.mechanics.contact.contract import (
+    Array,
+    ByteArray,
+    ContactAssembly,
+    Int32Array,
+    Int64Array,
+    Sides,
+)
 from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
@@ -25,7 +32,6 @@ from gossamer_fx.mechanics.contact.geometry.surface_share import (
 from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
 from gossamer_fx.mechanics.contact.pair_table import CandidatePairs
 from gossamer_fx.mechanics.contact.stencils import SIDES
-from gossamer_fx.mechanics.contact.system_view import ContactAssembly
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Identifiers of pairs are 4 k + sides: a room for one more kind of sides.
@@ -48,7 +54,7 @@ class CollisionMesh:
     """Bodies and obstacles of one contact as points and primitives, as far as this rank knows them.
 
     A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these,
-    those on their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on
+    those on their boundary, and what other ranks have near them (`broad_phase.candidates`); on
     one rank all. `show` changes which ones are known, and with them the numbers of points.
 
     Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order

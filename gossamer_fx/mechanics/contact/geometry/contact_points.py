@@ -24,7 +24,7 @@ from gossamer_fx.core.algebra.point_measures import Gather
 from gossamer_fx.core.checks.errors import Inadmissible
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Attached, Body, Ground, Port
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.obstacles import PrescribedMotion
 from gossamer_fx.mechanics.terms.assembly import Assembly
 

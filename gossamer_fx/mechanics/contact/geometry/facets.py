@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
 
 
 class DistributedRows:

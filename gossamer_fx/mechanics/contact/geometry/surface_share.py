@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.model.body import MeshBody
-from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.contract import Array, Int32Array, Int64Array
 from gossamer_fx.mechanics.contact.geometry.facets import (
     TRIANGLE_SIDES,
     DistributedRows,

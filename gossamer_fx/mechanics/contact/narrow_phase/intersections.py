@@ -17,8 +17,8 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.c_source import check_indices
-from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, MaskArray
 from gossamer_fx.mechanics.contact.broad_phase.box_tree import BoxTree
+from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.facets import CollisionPrimitives
 from gossamer_fx.mechanics.contact.kernels.library import library

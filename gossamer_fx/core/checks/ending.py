@@ -1,8 +1,10 @@
-"""Handling of errors that occur on one rank only, and of ranks whose launcher is gone.
+"""How a program ends: errors of one rank only, ranks whose launcher is gone, and signals that end a
+run after the step that is being made.
 
-The other ranks would wait for the failed rank for ever.  So a rank with an error asks the others
+The other ranks would wait for a failed rank for ever.  So a rank with an error asks the others
 whether they have an error of the same kind.  If all have, the error is raised on each of them;
 otherwise the program ends on all ranks.
+
 """
 
 from __future__ import annotations
@@ -11,15 +13,19 @@ import ctypes
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import TYPE_CHECKING
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0
@@ -115,3 +121,69 @@ def watch_uncaught_errors() -> None:
             agree_on_error(MPI.COMM_WORLD, error)
 
     sys.excepthook = uncaught
+
+
+# mpirun passes SIGUSR1 and SIGUSR2 on to its ranks; after the other two it kills them before a long
+# step ends.
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
+
+# The exit code of a program that a signal ends is this number plus that of the signal.
+EXIT_CODE_OFFSET = 128
+
+
+class Interrupted(SystemExit):
+    """A run ended because of a signal, with all its files closed.
+
+    If it is not caught, it ends the program with the code 128 + number of the signal.
+
+    Attributes:
+        signal: the signal.  SIGUSR2, by which the launcher hands on Ctrl-C, is a SIGINT.
+
+    Example:
+        >>> import signal
+        >>> gx.run.Interrupted(signal.SIGINT).code
+        130
+    """
+
+    def __init__(self, number: int) -> None:
+        if number == signal.SIGUSR2:
+            number = signal.SIGINT
+        super().__init__(EXIT_CODE_OFFSET + number)
+        self.signal = signal.Signals(number)
+
+
+class Listener:
+    """Context in which `SIGNALS` are noted instead of having their usual effect.
+    A second signal of the same kind has its usual effect, so that a step that never ends can be
+    stopped."""
+
+    def __init__(self) -> None:
+        self._noted = 0
+        self._usual: dict[int, Any] = {}  # handlers outside the context
+
+    def __enter__(self) -> Listener:
+        # Python lets only the main thread set handlers; a run in another thread is not interrupted.
+        if threading.current_thread() is threading.main_thread():
+            self._usual = {number: signal.signal(number, self._note) for number in SIGNALS}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number in self._usual:
+            self._restore_handler(number)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal; called by Python."""
+        self._noted = number
+        self._restore_handler(number)
+
+    def _restore_handler(self, number: int) -> None:
+        """Give a signal its usual effect."""
+        usual = self._usual[number]
+        # None: the handler was not set by Python, and Python cannot set it again.
+        if usual is None:
+            usual = signal.SIG_DFL
+        signal.signal(number, usual)
+
+    def heard(self, comm: MPI.Intracomm) -> int:
+        """The number of a signal that any rank has received, or zero; the same on every rank."""
+        return int(comm.allreduce(self._noted, op=MPI.MAX))

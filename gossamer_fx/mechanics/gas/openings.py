@@ -1,0 +1,728 @@
+"""Openings through which gas flows between two volumes: orifices, valves and burst vents, and films
+that leak; walls that heat or cool a chamber.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from gossamer_fx.core.algebra.dual_numbers import Number, log
+from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import area_vector
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import HasSystem
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.balance import Passage
+from gossamer_fx.mechanics.gas.contract import (
+    Aperture,
+    Conductance,
+    Gas,
+    Gases,
+    Holder,
+    Pair,
+    Volume,
+)
+from gossamer_fx.mechanics.gas.enclosure import named_triangles
+from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.surface import Geometry
+from gossamer_fx.mechanics.gas.volumes import Chamber
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """An opening between two different ends a and b; its area may be that of a part of a film."""
+
+    a: Volume | Holder
+    b: Volume | Holder
+    _: KW_ONLY
+    name: str = "opening"
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        check(
+            self.a is not self.b,
+            f"{type(self).__name__} '{self.name}' leads from '{self.a.name}' back into it.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.a
+        yield self.b
+        # A ring or the area of a film joins the scene with its film.
+        area: Any = getattr(self, "area", None)
+        if hasattr(area, "requires"):
+            yield from area.requires()
+
+
+class PassiveOpening(Connection):
+    """An opening through which gas flows to the lower pressure, by one law for both directions."""
+
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
+        """Mass flow [kg/s] from a to b through an effective area [m²]."""
+        if p[0].real >= p[1].real:
+            return area * self.flux(gases[0], p[0], T[0], p[1])
+        return -area * self.flux(gases[1], p[1], T[1], p[0])
+
+    @abstractmethod
+    def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """Mass flow per effective area [kg/(s m²)] of the gas upstream, with the pressure pu [Pa]
+        and temperature Tu [K], to the pressure pd."""
+
+
+@check_arguments
+class LinearTable:
+    """A function that is linear between given points and constant outside of them.
+
+    Args:
+        points: pairs (x, y) by rising x, at least one.
+
+    Raises:
+        InputError: there is no point, or x does not rise.
+
+    Example:
+        >>> flow = gx.gas.LinearTable((0.0, 0.0), (0.1, 2.0), (0.3, 1.0))
+        >>> flow(0.05), flow(1.0)
+        (1.0, 1.0)
+    """
+
+    def __init__(self, *points: tuple[float, float]) -> None:
+        self.points = tuple(points)
+        xs = [x for x, _ in points]
+        check(
+            bool(points) and all(low < high for low, high in pairwise(xs)),
+            f"LinearTable: its points are at {xs}; give at least one, by rising x.",
+        )
+
+    def __call__(self, x: Number) -> Number:
+        """The value at x, a real, complex or dual number."""
+        if x.real <= self.points[0][0]:
+            return self.points[0][1]
+        for (low, first), (high, last) in pairwise(self.points):
+            if x.real <= high:
+                return first + (last - first) / (high - low) * (x - low)
+        return self.points[-1][1]
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class FilmArea:
+    """The deformed area [m²] of a film as the `area` of an opening, half a step ahead of the known
+    state like that of a `Ring`.
+
+    Args:
+        body: the film.
+        surface: names of groups of its triangles; empty for the whole film.
+
+    Example:
+        >>> outside = gx.gas.Ambient(1e5, 300.0)
+        >>> fabric = gx.gas.FilmArea(film)
+        >>> leak = gx.Orifice(tank, outside, area=fabric, discharge_coefficient=0.01)
+    """
+
+    body: Membrane
+    surface: tuple[str, ...] = ()
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def compile(self, system: Assembly) -> CompiledFilmArea:
+        """The area in a running scene.  Collective."""
+        return CompiledFilmArea(self, system)
+
+
+class CompiledFilmArea:
+    """A `FilmArea` in a running scene: A = ∫ |n| dA_0 of the area vector n per reference area."""
+
+    def __init__(self, area: FilmArea, system: Assembly) -> None:
+        film = area.body
+        self._film = film
+        self._system = system
+        self._owned = system.block(film).owned
+        self._x = fem.Function(film.space)
+        domain = film.mesh.domain
+        cells = named_triangles(film, area.surface, f"FilmArea of '{film.name}'")
+        owned = domain.topology.index_map(2).size_local
+        # |n| is not polynomial for curved triangles: the degree of its square is enough.
+        dx = ufl.Measure(
+            "dx",
+            domain,
+            subdomain_data=[(1, cells[cells < owned])],
+            subdomain_id=1,
+            metadata={"quadrature_degree": 4 * (film.order - 1)},
+        )
+        n = area_vector(film.deformation(self._x))
+        size = ufl.sqrt(ufl.dot(n, n)) * dx
+        self._size = compile_form(size)
+        self._slope = compile_form(ufl.derivative(size, self._x, ufl.TestFunction(film.space)))
+
+    def aperture(self, h: float) -> float:
+        """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
+        self._predict(h)
+        share = float(fem.assemble_scalar(self._size))
+        return float(self._film.comm.allreduce(share, op=MPI.SUM))
+
+    def aperture_gradient(self, h: float) -> Array:
+        """Its derivative [m] by the owned unknowns of the film at q0, flattened; that by v0 is ½ h
+        times as large.  Collective."""
+        self._predict(h)
+        vector = fem.assemble_vector(self._slope)
+        vector.scatter_reverse(la.InsertMode.add)
+        return vector.array[: self._owned.stop - self._owned.start].copy()
+
+    def add_own(self, values: Array, start: int, gradient: Array) -> None:
+        """Add a gradient to the unknowns of the film, which begin at `start` in the values."""
+        values[self._owned.start - start : self._owned.stop - start] += gradient
+
+    def _predict(self, h: float) -> None:
+        """Set the positions [m] at the middle of the coming step."""
+        start = self._system.q0.array_r[self._owned]
+        velocity = self._system.v0.array_r[self._owned]
+        self._film.reconstruct(self._x, start + h / 2 * velocity)
+
+
+# Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film
+Area = float | Callable[[float], float] | Ring | FilmArea
+
+# C_d, the effective over the geometric area
+Coefficient = Annotated[float, Range(0.0, 1.0, above=True)]
+
+# Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
+# would replace (3) in flows that are far from rest.
+MAX_LAMINAR = 0.1
+
+# Least laminar range: a part of the pressure that is well above its round-off.
+MIN_LAMINAR = 1e-12
+
+
+def isentropic_flow(gas: Gas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
+    """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu [Pa] and Tu [K] to
+    pd ≤ pu.
+
+        ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u                                   (1)
+        choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))            (2)
+        subsonic, larger x:               Ψ = √(2γ/(γ-1) (x^(2/γ) - x^((γ+1)/γ)))      (3)
+
+    (Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow, 1953, ch. 4.)  The slope of
+    (3) is infinite at x = 1: Newton's method fails there, and flows at rest reverse endlessly.  For
+    1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3)
+    at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
+    within `laminar` of each other equalise later than by (3).
+
+    γ and R are those of the gas upstream, γ at its temperature.  The flow is analytic in pu, Tu, pd
+    and the properties of the gas within each branch, so derivatives by complex steps are exact.
+
+    Example:
+        >>> air = IdealGas(gamma=1.4, R=287.0)
+        >>> round(1e-6 * isentropic_flow(air, 2e5, 300.0, 0.0, 1e-5), 7)
+        0.0004667
+    """
+    if pu.real <= 0:
+        return 0.0
+    γ = gas.heat_ratio(Tu)
+    x = pd / pu
+    scale = pu / (gas.R * Tu) ** 0.5
+    critical_ratio = (2 / (γ + 1)) ** (γ / (γ - 1))
+    if x.real <= critical_ratio.real:
+        # (2)
+        return scale * γ**0.5 * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
+    if (1 - x).real >= laminar:
+        # (3)
+        return scale * (2 * γ / (γ - 1) * (x ** (2 / γ) - x ** ((γ + 1) / γ))) ** 0.5
+    # The cubic Ψ_l ((1 - c) ξ + c ξ³), ξ = (1 - x)/laminar, with the value Ψ_l and slope of (3) at
+    # the limit x_l.
+    limit = 1 - laminar
+    value = (2 * γ / (γ - 1) * (limit ** (2 / γ) - limit ** ((γ + 1) / γ))) ** 0.5
+    slope_terms = 2 * limit ** (2 / γ - 1) - (γ + 1) * limit ** (1 / γ)
+    slope = -slope_terms / ((γ - 1) * value)
+    cubic = (slope * laminar / value - 1) / 2
+    ξ = (1 - x) / laminar
+    return scale * value * ((1 - cubic) * ξ + cubic * ξ**3)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Orifice(PassiveOpening):
+    """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
+
+    Args:
+        a, b: chambers, tanks or surroundings; a flow from a to b is positive.
+        area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
+            between two chambers or a `FilmArea`, whose deformed area counts.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1]; or a `LinearTable`
+            of it over the ratio p_down/p_up.
+        laminar: pressure difference as a share of the upstream pressure below which the flow law is
+            regularised; in (0, 0.1).
+        name: in messages.
+
+    Raises:
+        InputError: an end holds no gas, both ends are the same, or a quantity is out of its range.
+
+    Example:
+        >>> bottle = gx.gas.Ambient(2e5, 300.0, name="reservoir")
+        >>> valve = gx.Orifice(bottle, tank, area=lambda t: 1e-6 if t < 1.0 else 0.0)
+    """
+
+    _: KW_ONLY
+    area: Area
+    discharge_coefficient: Coefficient | LinearTable = 1.0
+    # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
+    laminar: float = 1e-5
+    name: str = "orifice"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        what = f"{type(self).__name__} '{self.name}'"
+        check(
+            isinstance(self.area, Ring | FilmArea)
+            or callable(self.area)
+            or 0 <= self.area < math.inf,
+            f"{what}: area is {self.area!r} m²; "
+            "give a positive number, a function of time, or a ring.",
+        )
+        check(
+            MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
+            f"{what}: laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
+        )
+        if isinstance(self.discharge_coefficient, LinearTable):
+            self._check_table(what, self.discharge_coefficient)
+
+    def _check_table(self, what: str, table: LinearTable) -> None:
+        """Refuse a table of discharge coefficients out of range."""
+        for ratio, coefficient in table.points:
+            check(
+                0 <= ratio <= 1 and 0 < coefficient <= 1,
+                f"{what}: the discharge coefficient {coefficient!r} at the pressure ratio "
+                f"{ratio!r} is out of range; give ratios of 0 to 1 and coefficients up to 1.",
+            )
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s] of
+        the middle of the step; the area A of a ring is that of the film's opening at that time.
+
+        The function is collective, and raises `InputError` if a valve's area is negative or not a
+        number.
+        """
+        # A table multiplies the flow instead.
+        coefficient = 1.0
+        if not isinstance(self.discharge_coefficient, LinearTable):
+            coefficient = self.discharge_coefficient
+        what = f"{type(self).__name__} '{self.name}'"
+        return compile_aperture(self.area, coefficient, geometry, what)
+
+    def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """`isentropic_flow`, times the coefficient of a table."""
+        flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
+        table = self.discharge_coefficient
+        if isinstance(table, LinearTable) and pu.real > 0:
+            flux = flux * table(pd / pu)
+        return flux
+
+
+def compile_aperture(area: Area, coefficient: float, geometry: Geometry, user: str) -> Aperture:
+    """The area of an opening times a discharge coefficient [m²] as a function of step length and
+    time; collective.  It raises `InputError` if the area of a valve is negative or no number."""
+    if isinstance(area, Ring | FilmArea):
+        moving = geometry.area(area)
+        return lambda h, t: coefficient * moving.aperture(h)
+    if callable(area):
+        return lambda h, t: coefficient * _area_at(geometry.comm, area, t, user)
+    return lambda h, t: coefficient * area
+
+
+def _area_at(comm: MPI.Intracomm, area: Callable[[float], float], t: float, user: str) -> float:
+    """The area [m²] that a user's function gives at time t, checked.  Collective."""
+    what = f"{user}: its area at t = {t:.6g} s"
+    opening = float(ask_numbers(comm, what, lambda: area(t)))
+    check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+    return opening
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class WallHeat:
+    """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T)
+    [W].
+
+    The heat counts as supplied in the energy balance.
+
+    Args:
+        chamber: the chamber or tank.
+        conductance: heat transfer coefficient times area [W/K], ≥ 0.
+        temperature: of the wall [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or `chamber` is not a chamber.
+
+    Example:
+        >>> heater = gx.gas.WallHeat(tank, conductance=0.5, temperature=350.0)
+    """
+
+    chamber: Chamber
+    conductance: Annotated[float, not_negative("W/K")]
+    _: KW_ONLY
+    temperature: Annotated[float, positive("K")]
+    name: str = "wall"
+    scalar_unknowns = GasNetwork
+
+    def requires(self) -> Iterable[Any]:
+        yield self.chamber
+
+    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
+        """The given number [W/K] in every step."""
+        return lambda h: lambda T: self.conductance
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Valve(Orifice):
+    """An orifice that opens and closes by the difference of the pressures of a and b, or by events.
+
+    It is open or closed in a whole step, by the state at the start of the step.  A relief valve has
+    `opens` above `closes`, its hysteresis; a check valve has `opens=0.0, closes=0.0, one_way=True`;
+    a burst vent has `opens` alone, and stays open.  Without both it acts by events only.
+
+    Args:
+        a, b, area, discharge_coefficient, laminar: as of an `Orifice`.
+        opens: pressure of a over that of b [Pa] from which on it opens; None: by events only.
+        closes: the same below which it closes, at most `opens`; None: it stays open.
+        one_way: whether no gas flows from b to a while it is open.
+        starts_open: whether it is open at the start.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or `closes` is above `opens`.
+
+    Example:
+        >>> outside = gx.gas.Ambient(1e5, 300.0)
+        >>> relief = gx.gas.Valve(tank, outside, area=1e-5, opens=5e3, closes=3e3, one_way=True)
+        >>> vent = gx.gas.Valve(tank, outside, area=1e-4, opens=2e4, name="vent")
+        >>> late = gx.gas.Valve(tank, outside, area=1e-4, name="late")
+        >>> opening = gx.At(0.5, late.open)
+    """
+
+    _: KW_ONLY
+    opens: Annotated[float, not_negative("Pa")] | None = None
+    closes: Annotated[float, not_negative("Pa")] | None = None
+    one_way: bool = False
+    starts_open: bool = False
+    name: str = "valve"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            self.closes is None or self.opens is None or self.closes <= self.opens,
+            f"Valve '{self.name}' closes at {self.closes!r} Pa, above {self.opens!r} Pa, at which "
+            "it opens; give a lower pressure.",
+        )
+
+    def is_open(self, was_open: bool, p: tuple[float, float]) -> bool:
+        """Whether it is open in a step that starts at the pressures p [Pa] of a and b."""
+        excess = p[0] - p[1]
+        if was_open:
+            return self.closes is None or excess >= self.closes
+        return self.opens is not None and excess >= self.opens
+
+    def open(self, run: HasSystem) -> None:
+        """Open the valve from the present state on: an action of events."""
+        self._passage(run).was_open = True
+
+    def close(self, run: HasSystem) -> None:
+        """Close the valve from the present state on: an action of events."""
+        self._passage(run).was_open = False
+
+    def was_open(self, run: HasSystem) -> bool:
+        """Whether the valve was open in the last step: a probe."""
+        return self._passage(run).was_open
+
+    def _passage(self, run: HasSystem) -> Passage:
+        """The valve in a run.  `InputError`: it is not in the scene."""
+        for scalars in run.system.scalar_unknowns:
+            if isinstance(scalars, GasNetwork):
+                return scalars.switch(self)
+        raise InputError(f"'{self.name}' is not in the scene; add it.")
+
+    def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
+        """Mass flow [kg/s] from a to b while it is open."""
+        if self.one_way and p[0].real < p[1].real:
+            return 0.0
+        return super().flow(gases, area, p, T)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class PorousFilm(PassiveOpening):
+    """A film through which gas leaks by its deformed area and the difference of pressures Δp:
+
+        Δp = viscous · v + inertial · v²,     ṁ = ρ A v
+
+    with the density ρ upstream and the velocity v of the gas ahead of the film (Forchheimer's law;
+    Ergun, Chem. Eng. Prog. 48 (1952) 89).  The law holds for small Mach numbers.  Parts that other
+    films cover leak like the others.
+
+    Args:
+        a, b: chambers, tanks or surroundings on both sides; a flow from a to b is positive.
+        area: the part of the film that leaks, a `FilmArea`, or a number [m²].
+        viscous: Δp over v at low velocities [Pa s/m], > 0.
+        inertial: Δp over v² at high ones [Pa s²/m²], ≥ 0.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or both ends are the same.
+
+    Example:
+        >>> outside = gx.gas.Ambient(1e5, 300.0)
+        >>> leak = gx.gas.PorousFilm(tank, outside, area=gx.gas.FilmArea(film), viscous=4e4)
+    """
+
+    _: KW_ONLY
+    area: FilmArea | Annotated[float, not_negative("m²")]
+    viscous: Annotated[float, positive("Pa s/m")]
+    inertial: Annotated[float, not_negative("Pa s²/m²")] = 0.0
+    name: str = "porous film"
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """Return the area [m²] as a function of step length h [s] and time."""
+        return compile_aperture(self.area, 1.0, geometry, f"PorousFilm '{self.name}'")
+
+    def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
+        """ρ v [kg/(s m²)] of the law above."""
+        difference = pu - pd
+        root = (self.viscous**2 + 4 * self.inertial * difference) ** 0.5
+        # The root of the quadratic equation in the form that does not cancel
+        velocity = 2 * difference / (self.viscous + root)
+        return pu / (gas.R * Tu) * velocity
+
+
+# Bisections of Mach numbers in (0, 1): the last Newton iterations start with 1e-6 of the solution.
+BISECTIONS = 20
+
+# Newton iterations after them.  They square the error; the last two carry the first and second
+# derivatives of complex and dual numbers.
+POLISHING = 4
+
+# Step of derivatives by complex steps
+COMPLEX_STEP = 1e-30
+
+
+def friction_parameter(gamma: Number, M: Number) -> Number:
+    """f L*/D of the pipe that chokes a flow of the Mach number M (Shapiro, Dynamics and
+    Thermodynamics of Compressible Fluid Flow, 1953, ch. 6), f the friction factor of Darcy:
+
+        (1 - M²)/(γ M²) + (γ + 1)/(2 γ) ln((γ + 1) M²/(2 + (γ - 1) M²))
+
+    >>> round(friction_parameter(1.4, 0.2), 3)
+    14.533
+    """
+    square = M * M
+    ratio = (gamma + 1) * square / (2 + (gamma - 1) * square)
+    return (1 - square) / (gamma * square) + (gamma + 1) / (2 * gamma) * log(ratio)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Pipe(PassiveOpening):
+    """A pipe with friction between two volumes: an isentropic inlet, then adiabatic flow with the
+    Darcy friction factor f (four times that of Fanning) to the pressure at the other end, at most
+    to a Mach number of one.
+
+    With the friction parameter F(M) of `friction_parameter` the Mach numbers M1 behind the inlet
+    and M2 at the end obey
+
+        F(M1) - F(M2) = f L/D,     p(M1, M2) = p_down, or M2 = 1 if that is below            (1)
+        ṁ = A p_up √(γ/(R T_up)) M1 (1 + (γ - 1)/2 M1²)^(-(γ + 1)/(2 (γ - 1)))                (2)
+
+    The gas in the pipe has no mass or inertia.  Near equal pressures the law is regularised.
+
+    Args:
+        a, b: chambers, tanks or surroundings; a flow from a to b is positive.
+        diameter: inner diameter D [m], > 0.
+        length: L [m], > 0.
+        friction: f, 0.02 for turbulent flow in a smooth pipe at a Reynolds number of 2e4.
+        laminar: as of an `Orifice`.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or both ends are the same.
+
+    Example:
+        >>> outside = gx.gas.Ambient(1e5, 300.0)
+        >>> hose = gx.gas.Pipe(tank, outside, diameter=2e-3, length=1.0, friction=0.02)
+    """
+
+    _: KW_ONLY
+    diameter: Annotated[float, positive("m")]
+    length: Annotated[float, positive("m")]
+    friction: Annotated[float, positive("")]
+    laminar: Annotated[float, Range(MIN_LAMINAR, MAX_LAMINAR)] = 1e-5
+    name: str = "pipe"
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """The cross section [m²], always the same."""
+        return lambda h, t: np.pi / 4 * self.diameter**2
+
+    def flux(self, gas: Gas, pu: Number, Tu: Number, pd: Number) -> Number:
+        """(2) over the cross section [kg/(s m²)]."""
+        if pu.real <= 0:
+            return 0.0
+        γ = gas.heat_ratio(Tu)
+        scale = pu * (γ / (gas.R * Tu)) ** 0.5
+        x = pd / pu
+        if (1 - x).real >= self.laminar:
+            return scale * self._mass_number(γ, x)
+        # ṁ grows as √(1 - x): the odd cubic with the value and the slope of that at the limit
+        ξ = (1 - x) / self.laminar
+        return scale * self._mass_number(γ, 1 - self.laminar) * (1.25 * ξ - 0.25 * ξ**3)
+
+    def _mass_number(self, γ: Number, x: Number) -> Number:
+        """The factor of Mach numbers in (2) at the ratio x of the pressures."""
+        resistance = self.friction * self.length / self.diameter
+        # (1) is solved in real numbers first.
+        γ_value = float(_value(γ))
+        ratio = float(_value(x))
+        low = 0.0
+        high = 1.0
+        first = _inlet(γ_value, resistance, high)
+        is_choked = ratio <= 0 or _pressure_excess(γ_value, ratio, first, high) >= 0
+        for _ in range(0 if is_choked else BISECTIONS):
+            middle = (low + high) / 2
+            if _pressure_excess(γ_value, ratio, _inlet(γ_value, resistance, middle), middle) > 0:
+                low = middle
+            else:
+                high = middle
+        M: list[Number] = [_inlet(γ_value, resistance, high), high]
+
+        def residual(γ: Number, x: Number, M1: Number, M2: Number) -> list[Number]:
+            friction = friction_parameter(γ, M1) - friction_parameter(γ, M2) - resistance
+            if is_choked:
+                return [friction, M2 - 1]
+            return [friction, _pressure_excess(γ, x, M1, M2)]
+
+        for _ in range(POLISHING):
+            values = [float(_value(number)) for number in M]
+            matrix = np.zeros((2, 2))
+            for column in range(2):
+                varied: list[Number] = list(values)
+                varied[column] += 1j * COMPLEX_STEP
+                slopes = residual(γ_value, ratio, *varied)
+                matrix[:, column] = [np.imag(slope) / COMPLEX_STEP for slope in slopes]
+            inverse: Array = np.linalg.inv(matrix)
+            excess = residual(γ, x, *M)
+            M = [
+                M[row] - (inverse[row, 0] * excess[0] + inverse[row, 1] * excess[1])
+                for row in range(2)
+            ]
+        total = 1 + (γ - 1) / 2 * M[0] * M[0]
+        return M[0] * total ** (-(γ + 1) / (2 * (γ - 1)))
+
+
+def _pressure_excess(γ: Number, x: Number, M1: Number, M2: Number) -> Number:
+    """ln of the pressure at the end of the pipe over that of (1), x times the one upstream."""
+    first = 2 + (γ - 1) * M1 * M1
+    last = 2 + (γ - 1) * M2 * M2
+    inlet = -γ / (γ - 1) * log(first / 2)
+    return inlet + log(M1 / M2) + log(first / last) / 2 - log(x)
+
+
+def _inlet(γ: float, resistance: float, M2: float) -> float:
+    """M1 of (1) for M2."""
+    target = resistance + float(friction_parameter(γ, M2))
+    s = np.log(M2)
+    # F is convex in ln M: from the left Newton's method converges without overshoot.
+    while friction_parameter(γ, float(np.exp(s))) < target:
+        s -= 1.0
+    for _ in range(BISECTIONS):
+        square = float(np.exp(2 * s))
+        slope = -4 * (1 - square) / (γ * square * (2 + (γ - 1) * square))
+        update = (friction_parameter(γ, float(np.exp(s))) - target) / slope
+        s -= update
+        if abs(update) < 1e-14:
+            break
+    return float(np.exp(s))
+
+
+def _value(number: Number) -> Number:
+    """The real value of a real, complex or dual number."""
+    real = number.real
+    return getattr(real, "value", real)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class FilmHeat:
+    """Heat between the gas of a chamber and its surroundings through the deformed film:
+
+        Q = h A (T_outside - T)
+
+    The heat counts as supplied in the energy balance.  The film itself takes none, and sunlight
+    does not reach the gas.  Films that fold on each other exchange heat as if they were apart.
+
+    Args:
+        chamber: the chamber or tank.
+        area: the film or the part of it through which the heat goes; A is its deformed area [m²].
+        coefficient: h [W/(m² K)] from the gas to the outside, ≥ 0: 1/h is the sum of 1/h on both
+            sides and of thickness over conductivity of the film.  A number, or a function of the
+            temperatures [K] of the gas and outside; gradients take a number.
+        temperature: T_outside [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, also when the function gives it.
+
+    Example:
+        >>> outside = gx.gas.FilmHeat(
+        ...     tank, gx.gas.FilmArea(film), coefficient=5.0, temperature=223.0
+        ... )
+        >>> def free_convection(gas, air):
+        ...     return 1.3 * abs(gas - air) ** 0.25
+        >>> outside = gx.gas.FilmHeat(
+        ...     tank, gx.gas.FilmArea(film), coefficient=free_convection, temperature=223.0
+        ... )
+    """
+
+    chamber: Chamber
+    area: FilmArea
+    _: KW_ONLY
+    coefficient: Annotated[float, not_negative("W/(m² K)")] | Callable[[float, float], float]
+    temperature: Annotated[float, positive("K")]
+    name: str = "heat through film"
+    scalar_unknowns = GasNetwork
+
+    def requires(self) -> Iterable[Any]:
+        yield self.chamber
+        yield from self.area.requires()
+
+    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
+        """h A [W/K] with the area in the middle of the step."""
+        area = geometry.area(self.area)
+
+        def conductance_in(h: float) -> Conductance:
+            # Measured once a step, not in each iteration
+            size = area.aperture(h)
+            return lambda T: size * self._coefficient_at(T, geometry)
+
+        return conductance_in
+
+    def _coefficient_at(self, T: Number, geometry: Geometry) -> float:
+        """The coefficient [W/(m² K)] at a temperature of the gas [K].  Collective."""
+        given = self.coefficient
+        if not callable(given):
+            return given
+        what = f"FilmHeat '{self.name}': its coefficient at {T:.6g} K"
+        found = float(ask_numbers(geometry.comm, what, lambda: given(T, self.temperature)))
+        check(found >= 0, f"{what} is {found!r} W/(m² K); give one that is not negative.")
+        return found
