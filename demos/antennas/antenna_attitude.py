@@ -137,23 +137,25 @@ def angles_and_rates(control: gx.control.AttitudeControl, run: gx.Simulation) ->
     return np.concatenate(control.angles_and_rates(X, V, control.reference()))
 
 
-def measured_frames(model: Antenna, cells: int, order: int) -> dict[str, Frame]:
-    """The frames whose directors give the position gradient, by the values of `attitude`."""
-    film = model.film
+def measured_frames(
+    film: gx.Membrane, points: np.ndarray, cells: int, order: int
+) -> dict[str, Frame]:
+    """The frames whose directors give the position gradient, by the values of `attitude`; `points`
+    are A to H."""
     centre = film.port_at((0, 0, 0))
-    inner = [film.port_at(point) for point in model.points[4:]]
+    inner = [film.port_at(point) for point in points[4:]]
     frames = {"mean": gx.control.patch(centre, inner)}
     # The centre is that of a cell, whose corners are these points, or of four cells, whose centres
     # they are: half of a cell away along both axes.
     cells_of_middle_third = cells - 2 * round(cells / 3)
     half_cell = SIDE / 6 / cells_of_middle_third
-    near = [film.port_at(half_cell * np.sign(point)) for point in model.points[4:]]
+    near = [film.port_at(half_cell * np.sign(point)) for point in points[4:]]
     if order == 1:
         frames["node"] = gx.control.patch(centre, near)
         return frames
     # The derivative at the end of an edge of order 2, times its length: -3 f(0) + 4 f(½) - f(1).
     arms = []
-    for point, corner in zip(model.points[4:], near, strict=True):
+    for point, corner in zip(points[4:], near, strict=True):
         middle = film.port_at(half_cell / 2 * np.sign(point))
         arms.append(combine((-3.0, 4.0, -1.0), (centre, middle, corner)))
     frames["node"] = Frame(centre, tuple(arms))
@@ -247,7 +249,9 @@ def build(
         name: gx.control.AttitudeControl(
             frame, np.radians(TARGETS[case]), stiffness=I * rate**2, damping=2 * zeta * I * rate
         )
-        for name, frame in measured_frames(model, cells, 2 if shell else order).items()
+        for name, frame in measured_frames(
+            model.film, model.points, cells, 2 if shell else order
+        ).items()
     }
     control = controls.pop(attitude)
     feedback = sliding_mode(control, I, rate) if law == "sliding" else None

@@ -26,7 +26,7 @@ MODELS: dict[str, dict[str, Any]] = {
 }
 PAPER = 0.025  # largest error after the turn, relative
 FIGURES = ("overshoot", "residual")
-STEP = 0.06  # Ω h
+STEP = 0.1  # Ω h
 
 
 def problem(
