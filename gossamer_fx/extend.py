@@ -12,7 +12,7 @@ Parts of a scene
 General kinds of terms
     on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`,
     `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
-    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
+    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`; `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles

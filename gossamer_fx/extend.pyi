@@ -86,7 +86,6 @@ from .mechanics.terms.loads import PointLoad as PointLoad
 from .mechanics.terms.loads import PointLoads as PointLoads
 from .mechanics.terms.loads import at_rate as at_rate
 from .mechanics.terms.masses import KineticEnergy as KineticEnergy
-from .mechanics.terms.masses import NodeKineticEnergy as NodeKineticEnergy
 from .mechanics.terms.point_constraints import PointConstraint as PointConstraint
 from .mechanics.terms.point_energies import AttachedKineticEnergy as AttachedKineticEnergy
 from .mechanics.terms.point_energies import PointDissipation as PointDissipation

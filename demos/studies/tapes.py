@@ -43,10 +43,11 @@ def draw(results: list[Result], path: Path) -> None:
     # Evenly spaced, as none has no place on a logarithmic axis.
     x = [stiffnesses.index(float(result.values["tape"])) for result in done]
     for axes, (name, label, factor) in zip(figure.subplots(1, 4), PANELS, strict=True):
-        axes.plot(x, [factor * result.numbers[name] for result in done], "_", color=BLUE, ms=14)
+        values = [factor * result.numbers[name] for result in done]
+        axes.plot(x, values, "_", color=BLUE, ms=14)
         axes.set_xticks(range(len(stiffnesses)), [f"{EA:g}" for EA in stiffnesses])
         axes.set_xlim(-0.5, len(stiffnesses) - 0.5)
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(0.0, 1.15 * max(values))
         finish(axes, "EA of the tapes [N]", label)
     save(figure, path, "IKAROS, stage 2, with reinforcing tapes: three starts each")
 

@@ -987,10 +987,6 @@ def reader(at: Path, change: Callable[[Path], Any]) -> Any:
     return gx.write_report(gx.plot.RunReader(at / "run"), at / "a.html")
 
 
-def measured(at: Path, text: str | bytes) -> Any:
-    return gx.plot.overlay(recorded(at), [written(at / "m.csv", text)], at / "a.png")
-
-
 def stopping(run: gx.Simulation) -> None:
     run.run(until=1.0)
 
@@ -1173,17 +1169,6 @@ RUNS: dict[str, Case] = {
         recorded(at), "state", path=at / "a.gif", seconds=1e9
     ),
     "a view from nan": lambda at: gx.plot.View(azimuth=math.nan),
-    "measured in latin-1": lambda at: measured(at, "time [s],a\n0,1\n# ö".encode("latin-1")),
-    "measured in UTF-16": lambda at: measured(at, "time [s],a\n0,1\n".encode("utf-16")),
-    "measured in unknown units": lambda at: measured(at, "time [furlong],a\n0,1\n"),
-    "measured in an empty unit": lambda at: measured(at, "time [],a\n0,1\n") is None,
-    "measured in powers": lambda at: measured(at, "time [s],a [²]\n0,1\n"),
-    "measured nothing": lambda at: measured(at, "time [s],a\n"),
-    "measured at times that fall": lambda at: measured(at, "time [s],a\n1e-4,1\n0,2\n") is None,
-    "measured a huge field": lambda at: measured(at, "time [s],a\n0," + "1" * 200_000 + "\n"),
-    "measured by a list of one word": lambda at: gx.plot.overlay(
-        recorded(at), "m.csv", at / "a.png"
-    ),
 }
 
 
@@ -1527,9 +1512,6 @@ COMMANDS: dict[str, Case] = {
         at, lambda f: (f / "x").write_text(""), "report", "RUN", "-o", str(at / "run" / "x" / "y")
     ),
     "an export of nothing": lambda at: said(["export", str(at)]),
-    "measured nowhere": lambda at: told_after(
-        at, lambda f: None, "plot", "RUN", "--with", str(at / "no.csv")
-    ),
     "a demo that is not there": lambda at: said(["demo", "nothing"]),
     "no command": lambda at: said([]),
     "a command of no name": lambda at: said([""]),

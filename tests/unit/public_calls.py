@@ -91,8 +91,6 @@ def make_inputs(folder: Path) -> Inputs:
         outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
-    if WORLD.rank == 0:
-        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -511,7 +509,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("reduction.OutsideBasis", body=gx.reduction.reduce(film, [motion], modes=1))
     add("reduction.reduce", body=film, motions=[motion], modes=1)
     add("sweep.Factorial", outcome=lambda comm, folder, **values: {"y": 1.0}, over={"a": [1, 2]})
-    add("plot.InlineReport", run=reader, height=500)
     add("plot.Watch", folder=inputs.run, port=0, must_exist=True, height=500)
     # Files are exported by one process; here each rank has a folder.
     add("plot.export", run=reader, folder=folder / f"vtu {WORLD.rank}")
@@ -519,12 +516,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("plot.animate", run=reader, field="state", path=folder / "a.gif", seconds=0.1)
     add("plot.curves", run=reader, path=folder / "a.png")
     add("plot.field", run=reader, field="state", times=(0.0,), path=folder / "a.png")
-    add(
-        "plot.overlay",
-        run=reader,
-        measured=[inputs.run.parent / "measured.csv"],
-        path=folder / "a.png",
-    )
     add("plot.strip", run=reader, field="state", path=folder / "a.png")
     add("read_mesh", path=inputs.mesh_file, comm=WORLD)
     add("sections.rectangle", width2=0.1, width3=0.1, **tube)

@@ -204,46 +204,23 @@ def test_captions_of_images_side_by_side_do_not_meet(count: int) -> None:
         assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
 
 
-# ---- a phone, a film as MP4 ----------------------------------------------------------------------
+# ---- the report ----------------------------------------------------------------------------------
 
 
-def test_a_report_has_pictures_for_a_narrow_screen(
+def test_a_report_has_pictures_and_tables_that_scroll(
     recorded: gx.plot.RunReader, tmp_path: Path
 ) -> None:
     from PIL import Image
 
     gx.write_report(recorded, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    narrow = re.findall(r'<source media="\(max-width: 700px\)" srcset="data:[^,]*,([^"]*)">', text)
-    wide = re.findall(r'<img [^>]*src="data:[^,]*,([^"]*)">', text)
-    assert len(narrow) == len(wide) == 2
-    for one, other in zip(narrow, wide, strict=True):
-        with (
-            Image.open(BytesIO(b64decode(one))) as small,
-            Image.open(BytesIO(b64decode(other))) as large,
-        ):
-            assert large.width == 3 * small.width
-            assert small.height > small.width
+    pictures_of_page = re.findall(r'<img [^>]*src="data:[^,]*,([^"]*)">', text)
+    assert len(pictures_of_page) == 2
+    for data in pictures_of_page:
+        with Image.open(BytesIO(b64decode(data))) as image:
+            assert image.width == page.WIDTH * page.DPI
     assert text.count('<div class="table">') == text.count("<table>")
     assert run_curves(recorded).panels
-
-
-def test_an_mp4_is_made_by_the_ffmpeg_of_a_package(
-    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("imageio_ffmpeg")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4", seconds=0.2)
-    assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
-
-
-def test_without_any_ffmpeg_one_sentence_says_what_to_install(
-    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: None)
-    with pytest.raises(gx.InputError, match=r"imageio-ffmpeg, or write a \.gif\.$"):
-        gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4")
-    assert not list(tmp_path.iterdir())
 
 
 def test_curves_of_many_parts_leave_none_of_them_out(tmp_path: Path) -> None:

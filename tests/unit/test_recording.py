@@ -142,9 +142,8 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0)
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
-    if shutil.which("ffmpeg"):
+    with pytest.raises(gx.InputError, match=r"end its name in \.gif\.$"):
         gx.plot.animate(run, "state", path=tmp_path / "run.mp4")
-        assert (tmp_path / "run.mp4").stat().st_size > 1000
 
 
 def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
@@ -202,7 +201,7 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert not re.search("http(?!-equiv=)", without_images)
     assert "A &lt;pillow&gt;" in text and "<h1>A <pillow>" not in text
-    assert text.count("data:image/png;base64,") == 4  # each for wide and for narrow screens
+    assert text.count("data:image/png;base64,") == 2
     data = json.loads(re.search(r'id="run-data">(.*?)</script>', text, re.DOTALL)[1])
     header = data["header"]
     assert len(header["labels"]) == len(data["states"]) == 6

@@ -164,8 +164,7 @@ MESHES: list[Case] = [
 ]
 
 PICTURES: list[Case] = [
-    (lambda: gx.plot.View(opacity=1.5), "opacity"),
-    (lambda: gx.plot.Picture("a.png", colour="thickness"), 'give "state" or "group"'),
+    (lambda: gx.plot.Picture("a.png", colour="thickness"), "give 'state' or 'group'"),
 ]
 
 LAWS: list[Case] = [

@@ -2,49 +2,42 @@
 
 from __future__ import annotations
 
+import math
+
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.records.plot.measured_series import unit_factor
 
-# The units of case files, divided by commas, by the SI unit of the same dimension.
-DIMENSIONS = {
-    "1": "1, %",
-    "rad": "rad, deg",
-    "rad/s": "rad/s, rpm",
-    "m2": "m2",
-    "m": "m, mm, um, in",
-    "m3": "m3, cm3",
-    "m3/s": "m3/s, cm3/s",
-    "s": "s",
-    "1/s": "1/s",
-    "m/s": "m/s, mm/s",
-    "kg": "kg, g",
-    "kg/m": "kg/m",
-    "kg m2": "kg m2",
-    "kg/m2": "kg/m2, g/m2",
-    "kg/m3": "kg/m3",
-    "m/s2": "m/s2",
-    "N": "N, kN, lbf",
-    "N m": "N m, N mm",
-    "N m2": "N m2",
-    "N/m": "N/m, kN/m",
-    "N/rad": "N/rad",
-    "N s/m": "N s/m",
-    "Pa": "Pa, kPa, MPa, GPa, bar, psi",
-    "K": "K",
-    "W/K": "W/K",
+# Units of case files by the SI unit of the same dimension, each with its size in that unit.
+DIMENSIONS: dict[str, dict[str, float]] = {
+    "1": {"1": 1.0, "%": 1e-2},
+    "rad": {"rad": 1.0, "deg": math.pi / 180},
+    "rad/s": {"rad/s": 1.0, "rpm": math.pi / 30},
+    "m2": {"m2": 1.0},
+    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "m3": {"m3": 1.0, "cm3": 1e-6},
+    "m3/s": {"m3/s": 1.0, "cm3/s": 1e-6},
+    "s": {"s": 1.0},
+    "1/s": {"1/s": 1.0},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "kg/m": {"kg/m": 1.0},
+    "kg m2": {"kg m2": 1.0},
+    "kg/m2": {"kg/m2": 1.0, "g/m2": 1e-3},
+    "kg/m3": {"kg/m3": 1.0},
+    "m/s2": {"m/s2": 1.0},
+    "N": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
+    "N m": {"N m": 1.0, "N mm": 1e-3},
+    "N m2": {"N m2": 1.0},
+    "N/m": {"N/m": 1.0, "kN/m": 1e3},
+    "N/rad": {"N/rad": 1.0},
+    "N s/m": {"N s/m": 1.0},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": 6894.757293168361},
+    "K": {"K": 1.0},
+    "W/K": {"W/K": 1.0},
 }
-
-
-def _plain(unit: str) -> str:
-    """A unit as `unit_factor` reads it: powers are raised."""
-    return unit.replace("2", "²").replace("3", "³")
-
 
 # Unit: (SI unit of the same dimension, its size in that unit).
 UNITS = {
-    unit: (si_unit, unit_factor(_plain(unit), _plain(si_unit), unit))
-    for si_unit, units in DIMENSIONS.items()
-    for unit in units.split(", ")
+    unit: (si_unit, size) for si_unit, units in DIMENSIONS.items() for unit, size in units.items()
 }
 
 

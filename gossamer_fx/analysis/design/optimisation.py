@@ -432,9 +432,6 @@ def _search(
     )
     # Two libraries, since SciPy's methods need the whole vector on each rank.
     if with_tao:
-        # Loaded here: SciPy does without.
-        from gossamer_fx.analysis.design.optimisation import tao_minimise
-
         ended = tao_minimise(problem, problem.bounds(bounds), method, iterations, tolerance)
         return _optimum(problem, *ended)
     from scipy import optimize

@@ -60,7 +60,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Schedule
+from gossamer_fx.records.outputs.output import Every, Schedule, Times
 from gossamer_fx.solve.view import StateView
 
 
@@ -88,7 +88,7 @@ class Snapshots:
         3
     """
 
-    def __init__(self, body: Membrane, every: int = 1, *, times: Sequence[float] = ()) -> None:
+    def __init__(self, body: Membrane, every: Every = 1, *, times: Times = ()) -> None:
         self.body = body
         self.schedule = Schedule(every, tuple(times))
         self.positions: list[Array] = []

@@ -35,7 +35,8 @@ from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import global_node, global_nodes
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
-from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 
 class WeightedMeasure:
@@ -149,9 +150,9 @@ class ReducedMembrane(Membrane):
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy, as functions of the coefficients of modes.  As φ_iᵀMφ_j = m
         δ_ij with the mass m [kg] of the film, the mass matrix is m times the identity."""
-        mass = self.basis.mass * np.eye(self.basis.size)
-        nodes = self.block.index_map.size_local
-        yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
+        size = self.basis.size
+        modes = tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(size))
+        yield AttachedKineticEnergy([modes], self.basis.mass * np.eye(size)[None])
         yield ReducedEnergy(
             self.name,
             self,

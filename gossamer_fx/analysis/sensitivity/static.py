@@ -38,7 +38,7 @@ from gossamer_fx.analysis.sensitivity.variables import (
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Port, Vector
-from gossamer_fx.records.probes.points import Position
+from gossamer_fx.records.probes.points import AXES, Position
 from gossamer_fx.solve.system.system import System
 
 
@@ -94,7 +94,7 @@ def point_stiffness(
     length = float(np.linalg.norm(unit))
     check(length > 0, "point_stiffness: the direction is zero; give that of the force.")
     of_unknowns = equilibrium.system.numbering.vector()
-    for axis, component in zip("xyz", unit / length, strict=True):
+    for axis, component in zip(AXES, unit / length, strict=True):
         if component:
             row = equilibrium.system.numbering.vector()
             Position(port, axis).add_derivative(equilibrium.system, row, row)

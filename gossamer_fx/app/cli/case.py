@@ -7,10 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.records.outputs.output import Output, Probe
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.run.simulation import Simulation
@@ -58,39 +57,17 @@ class Case:
     scene: Scene
     stepper: Stepper
     _: KW_ONLY
-    until: float
+    until: Annotated[float, positive("s")]
     title: str = ""
     # No fields: only the ledger and the probes are written.
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
-    frames: int = 100
+    frames: Annotated[int, Range(1)] = 100
     control: StepControl | None = None
     events: Sequence[Event] = ()
     # Rejected steps are cut to 1/256 of their length at most.
     halvings: int = 8
     outputs: Sequence[Output] = ()
-
-    def __post_init__(self) -> None:
-        """Check the fields, as the scene, the end time `until` [s] and how often fields are
-        written.
-
-        Raises:
-            InputError: a scene or stepper of another kind, an end time that is not a positive
-                number, or `frames`, the number of times that fields are written, below one.
-        """
-        check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
-        check(
-            hasattr(self.stepper, "start"),
-            f"Case: stepper is {self.stepper!r}; give one, e.g. Midpoint(dt=1e-3).",
-        )
-        check(
-            isinstance(self.until, int | float) and math.isfinite(self.until) and self.until > 0,
-            f"Case: until is {self.until!r}; give the end time in seconds.",
-        )
-        check(
-            isinstance(self.frames, int) and self.frames >= 1,
-            f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
-        )
 
     @check_arguments
     def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:

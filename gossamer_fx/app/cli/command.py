@@ -278,18 +278,9 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument(
         "-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread"
     )
-    plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
+    plot.add_argument("-a", "--animate", action="store_true", help="an animation, a GIF")
     plot.add_argument(
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
-    )
-    plot.add_argument(
-        "-w",
-        "--with",
-        dest="measured",
-        type=Path,
-        nargs="+",
-        metavar="CSV",
-        help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
     )
     plot.add_argument(
         "--range",
@@ -312,12 +303,6 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
     plot.add_argument(
         "--zoom", action="store_true", help="each picture as large as its frame allows"
-    )
-    plot.add_argument(
-        "--opacity",
-        type=float,
-        default=1.0,
-        help="of films; below 1 folded layers are seen through",
     )
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
@@ -491,7 +476,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     import inspect
 
     from gossamer_fx.app.cli.case import Case
-    from gossamer_fx.app.cli.user_files import build_of, guarded, load, option, unknown_arguments
+    from gossamer_fx.app.cli.user_files import build_of, check_arguments_of, guarded, load, option
     from gossamer_fx.core.checks.errors import check
 
     path: Path = wanted.scene
@@ -502,20 +487,16 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     options = dict(option(word) for word in wanted.options)
     module = guarded(comm, path, wanted.debug, lambda: load(path))
     build = build_of(path, module)
+    check_arguments_of(build, path, options)
     parameters = inspect.signature(build).parameters
-    unknown = unknown_arguments(build, options)
-    check(
-        bool(parameters) and not unknown,
-        f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
-        f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
-    )
     # The first parameter is the communicator, which the command gives.
-    needed = [
-        n
-        for n, p in list(parameters.items())[1:]
-        if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
+    missing = [
+        name
+        for name, parameter in list(parameters.items())[1:]
+        if name not in options
+        and parameter.default is parameter.empty
+        and parameter.kind is parameter.POSITIONAL_OR_KEYWORD
     ]
-    missing = [name for name in needed if name not in options]
     check(
         not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
     )
@@ -608,9 +589,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.run_reader import RunReader
 
     run, folder = RunReader(wanted.run), wanted.run
-    pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}
-    pictures_of["measured"] = "with"
-    chosen = [option for name, option in pictures_of.items() if getattr(wanted, name)]
+    pictures_of = ("time", "strip", "animate", "curves")
+    chosen = [option for option in pictures_of if getattr(wanted, option)]
     check(
         len(chosen) <= 1,
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
@@ -623,14 +603,12 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         None if a is None else math.radians(a)
         for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
     )
-    view = View(
-        azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
-    )
+    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
     low, high = wanted.range or (None, None)
     limits = Limits(low, high, wanted.part, wanted.each_time, wanted.log)
     field: str = wanted.field or ""
     # Curves have no field.
-    if not field and chosen not in (["curves"], ["with"]):
+    if not field and chosen != ["curves"]:
         field = default_field(run)
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
@@ -649,17 +627,12 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         )
     if wanted.animate:
         _write_and_print(
-            output or folder / f"{field}.{wanted.animate}",
+            output or folder / f"{field}.gif",
             lambda path: pictures.animate(run, field, path=path, view=view, limits=limits),
         )
     # Equilibria and modes have no curves over time.
     if wanted.curves or (not chosen and run.kind == "run"):
         _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
-    if wanted.measured:
-        _write_and_print(
-            output or folder / "measured.png",
-            lambda path: pictures.overlay(run, measured=wanted.measured, path=path),
-        )
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

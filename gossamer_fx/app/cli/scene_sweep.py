@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import inspect
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.app.cli.case import Case
-from gossamer_fx.app.cli.user_files import unknown_arguments
+from gossamer_fx.app.cli.user_files import check_arguments_of, option
 from gossamer_fx.app.sweep.factorial import Factorial
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.records.outputs.output import Output, make_parent, replace_file
@@ -34,48 +32,18 @@ def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
     """
     over: dict[str, list[Any]] = {}
     for word in words:
-        name, equals, text = word.partition("=")
-        values = [_value(part) for part in text.split(",")]
+        name, value = option(word)
+        values = list(value) if isinstance(value, tuple) else [value]
+        if isinstance(value, str):
+            values = [part.strip() for part in value.split(",")]
         check(
-            bool(equals) and name.isidentifier() and "" not in values,
+            "" not in values,
             f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like "
             "cells=4,8,16.",
         )
         check(name not in over, f"--over has {name} twice; give all its values at once.")
         over[name] = values
     return over
-
-
-def _value(text: str) -> Any:
-    """A number or truth value from its text; any other text as it is."""
-    try:
-        found = ast.literal_eval(text.strip())
-    except (ValueError, SyntaxError):
-        return text.strip()
-    if isinstance(found, int | float | str):
-        return found
-    return text.strip()
-
-
-def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
-    """Refuse names that are not arguments of the function `build` of a scene file.
-
-    Args:
-        build: the function; its first argument, the communicator, does not count.
-        path: of the scene file, for the message.
-        names: names that a user gave.
-
-    Raises:
-        InputError: names them and the arguments that there are.
-    """
-    unknown = unknown_arguments(build, names)
-    # The first one is the communicator.
-    known = list(inspect.signature(build).parameters)[1:]
-    check(
-        not unknown,
-        f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "
-        f"{', '.join(known) or 'none but the communicator'}.",
-    )
 
 
 def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:

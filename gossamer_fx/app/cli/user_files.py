@@ -96,15 +96,24 @@ def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
     return found
 
 
-def unknown_arguments(build: Callable[..., Any], names: Iterable[str]) -> list[str]:
-    """Those of some names that are not arguments of a function, its first one not counted: the
-    communicator."""
-    parameters = inspect.signature(build).parameters
+def check_arguments_of(build: Callable[..., Any], path: Path, names: Iterable[str]) -> None:
+    """Refuse names that are not arguments of the function `build` of a scene file.
+
+    Raises:
+        InputError: names them and the arguments that there are.
+    """
+    # The first one is the communicator.
+    known = list(inspect.signature(build).parameters.values())[1:]
     # A function with **options takes any name.
-    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
-        return []
-    known = list(parameters)[1:]
-    return [name for name in names if name not in known]
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
+        return
+    arguments = [parameter.name for parameter in known]
+    unknown = [name for name in names if name not in arguments]
+    check(
+        not unknown,
+        f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "
+        f"{', '.join(arguments) or 'none but the communicator'}.",
+    )
 
 
 def guarded[T](

@@ -29,10 +29,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from gossamer_fx.build.meshes.arrays import Numbers, Points, mesh_of_arrays, polyline
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check, real_numbers
 from gossamer_fx.core.mesh.gmsh_reader import check_cells
-from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
+from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.constraints.tie import Seam
@@ -116,7 +117,7 @@ class Gores:
             InputError: too few cells.
         """
         check_cells("Gores.mesh", 2 * self.count * along * across)
-        return gmsh_mesh(lambda model: self._build(model, along, across), comm)
+        return mesh_of_arrays(comm, lambda: self._arrays(along, across))
 
     @check_arguments
     def placed(self, X: Array, apart: float = 0.0) -> Array:
@@ -167,51 +168,41 @@ class Gores:
             found.append(seam)
         return found
 
-    def _build(self, model: Any, along: int, across: int) -> None:
-        """Put the panels into a gmsh model as triangles with named groups; on one rank."""
+    def _arrays(self, along: int, across: int) -> tuple[Points, Numbers, dict[str, Numbers]]:
+        """Points [m], triangles and groups of all panels, see `mesh_of_arrays`."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
-        is_pointed = [bool(half_width[i] <= POINT * largest) for i in (0, -1)]
-        points: list[Array] = []
+        # Normals point outwards in place: those of the panels are turned if the profile rises.
+        rises = self.profile[-1, 1] > self.profile[0, 1]
+        points: list[Points] = []
+        triangles: list[Numbers] = []
+        groups: dict[str, Numbers] = {}
         count = 0
-        panels = []
         for k in range(self.count):
             rows = []
             for i in range(along + 1):
-                is_tip = (i == 0 and is_pointed[0]) or (i == along and is_pointed[1])
-                # All nodes of a row would coincide at a tip: it has one.
+                # All nodes of a row would coincide at a tip, where a gore may begin or end: it has
+                # one.
                 y = np.zeros(1)
-                if not is_tip:
+                if 0 < i < along or half_width[i] > POINT * largest:
                     y = np.linspace(-half_width[i], half_width[i], across + 1)
-                nodes_here = len(y)
-                x = np.full(nodes_here, s[i])
-                points.append(np.stack([x, y + k * self.pitch, 0 * y], axis=1))
-                rows.append(count + 1 + np.arange(nodes_here))
-                count += nodes_here
-            panels.append(rows)
-        # Normals point outwards in place: those of the panels are turned if the profile rises.
-        rises = self.profile[-1, 1] > self.profile[0, 1]
-        surfaces = [model.addDiscreteEntity(2) for _ in panels]
-        model.mesh.addNodes(2, surfaces[0], range(1, count + 1), np.concatenate(points).ravel())
-        for k, (surface, rows) in enumerate(zip(surfaces, panels, strict=True)):
-            triangles = np.array(_triangles(rows))
+                points.append(np.stack([np.full(len(y), s[i]), y + k * self.pitch, 0 * y], axis=1))
+                rows.append(count + np.arange(len(y)))
+                count += len(y)
+            panel = np.array(_triangles(rows))
             if rises:
-                triangles = triangles[:, ::-1]
-            model.mesh.addElementsByType(surface, 2, [], triangles.ravel())
-            model.addPhysicalGroup(2, [surface], name=f"gore {k}")
-            _add_curve(model, f"right {k}", [int(row[0]) for row in rows])
-            _add_curve(model, f"left {k}", [int(row[-1]) for row in rows])
-            for row, pointed, end in zip(
-                (rows[0], rows[-1]), is_pointed, ("first", "last"), strict=True
-            ):
-                if pointed:
-                    tip = model.addDiscreteEntity(0)
-                    model.mesh.addElementsByType(tip, 15, [], [int(row[0])])
-                    model.addPhysicalGroup(0, [tip], name=f"{end} {k}")
+                panel = panel[:, ::-1]
+            triangles.append(panel)
+            groups[f"gore {k}"] = panel
+            groups[f"right {k}"] = polyline(np.array([row[0] for row in rows]))
+            groups[f"left {k}"] = polyline(np.array([row[-1] for row in rows]))
+            for row, end in ((rows[0], "first"), (rows[-1], "last")):
+                if len(row) == 1:
+                    groups[f"{end} {k}"] = row
                 else:
-                    _add_curve(model, f"{end} end {k}", [int(node) for node in row])
-        model.addPhysicalGroup(2, surfaces, name="film")
+                    groups[f"{end} end {k}"] = polyline(row)
+        return np.concatenate(points), np.concatenate(triangles), groups
 
 
 @check_arguments
@@ -295,11 +286,3 @@ def _fan(a: Any, b: Any) -> list[tuple[int, int, int]]:
     if len(a) == 1:
         return [(int(a[0]), int(first), int(second)) for first, second in pairwise(b)]
     return [(int(second), int(first), int(b[0])) for first, second in pairwise(a)]
-
-
-def _add_curve(model: Any, name: str, nodes: Sequence[int]) -> None:
-    """A named line of edges through nodes."""
-    curve = model.addDiscreteEntity(1)
-    edges = np.stack([nodes[:-1], nodes[1:]], axis=1)
-    model.mesh.addElementsByType(curve, 1, [], edges.ravel())
-    model.addPhysicalGroup(1, [curve], name=name)

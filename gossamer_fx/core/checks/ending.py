@@ -21,8 +21,6 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
-from mpi4py import MPI
-
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -186,4 +184,7 @@ class Listener:
 
     def heard(self, comm: MPI.Intracomm) -> int:
         """The number of a signal that any rank has received, or zero; the same on every rank."""
+        # Loaded by runs only, so that the import of the package is cheap.
+        from mpi4py import MPI
+
         return int(comm.allreduce(self._noted, op=MPI.MAX))

@@ -18,8 +18,8 @@ from gossamer_fx.core.model.body import Array, Body, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.frames import Frame, OneNode
-from gossamer_fx.mechanics.terms.masses import NodeKineticEnergy
 from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 Mass = Annotated[float, positive("kg")]
 
@@ -164,10 +164,10 @@ class RigidBody(OneNode):
         self._make_node(12)
 
     def terms(self, start: State) -> Iterable[Term]:
-        mass = np.zeros((self.block.index_map.size_local, 4, 4))
-        mass[:, 0, 0] = self.mass
-        mass[:, 1:, 1:] = self.euler_tensor
-        yield NodeKineticEnergy(self, mass)
+        mass = np.zeros((1, 4, 4))
+        mass[0, 0, 0] = self.mass
+        mass[0, 1:, 1:] = self.euler_tensor
+        yield AttachedKineticEnergy([tuple(self.vector(k) for k in range(4))], mass)
         H, L, c = orthonormality(3)
         measure = PointMeasure([self.frame().directors], H, L, c)
         yield PointConstraint(f"{self.name} directors", measure)
@@ -240,7 +240,7 @@ class PointMass(OneNode):
         self._make_node(3)
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
+        yield AttachedKineticEnergy([(self.port(),)], np.full((1, 1, 1), self.mass))
 
     def port(self) -> Port:
         """Where it is, for joints and springs."""

@@ -99,7 +99,7 @@ class PairStencil:
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
         """Return the derivatives (n, 2, 4, 3) [1/m] of (u, v) by the points; zero for
         boundaries."""
-        from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
+        from gossamer_fx.mechanics.contact.narrow_phase.closest_point_derivatives import (
             parameter_derivatives,
         )
 

@@ -1,7 +1,7 @@
 from .enclosure import Piston as Piston
+from .film_area import FilmArea as FilmArea
 from .ideal_gas import PolynomialGas as PolynomialGas
 from .mixture import Mixture as Mixture
-from .openings import FilmArea as FilmArea
 from .openings import FilmHeat as FilmHeat
 from .openings import LinearTable as LinearTable
 from .openings import Pipe as Pipe

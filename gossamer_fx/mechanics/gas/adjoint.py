@@ -58,8 +58,8 @@ from gossamer_fx.mechanics.gas.contract import (
     Volume,
     Wall,
 )
+from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.mixture import Contents
-from gossamer_fx.mechanics.gas.openings import FilmArea
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry, MovingArea
 

@@ -226,7 +226,7 @@ class Discharge(Opening, Protocol):
 
     @property
     def area(self) -> object:
-        """A number [m²], a function of time [s], a `ring.Ring` or a `openings.FilmArea`."""
+        """A number [m²], a function of time [s], a `ring.Ring` or a `film_area.FilmArea`."""
         ...
 
 

@@ -12,19 +12,14 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
-import ufl
-from dolfinx import fem, la
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.dual_numbers import Number, log
 from gossamer_fx.core.checks.arguments import Range, check_arguments, not_negative, positive
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.checks.user_functions import ask_numbers
-from gossamer_fx.core.forms.compilation import compile_form
-from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
-from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.balance import Passage
 from gossamer_fx.mechanics.gas.contract import (
     Aperture,
@@ -35,12 +30,11 @@ from gossamer_fx.mechanics.gas.contract import (
     Pair,
     Volume,
 )
-from gossamer_fx.mechanics.gas.enclosure import named_triangles
+from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Chamber
-from gossamer_fx.mechanics.terms.assembly import Assembly
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,83 +109,6 @@ class LinearTable:
             if x.real <= high:
                 return first + (last - first) / (high - low) * (x - low)
         return self.points[-1][1]
-
-
-@check_arguments
-@dataclass(frozen=True, eq=False)
-class FilmArea:
-    """The deformed area [m²] of a film as the `area` of an opening, half a step ahead of the known
-    state like that of a `Ring`.
-
-    Args:
-        body: the film.
-        surface: names of groups of its triangles; empty for the whole film.
-
-    Example:
-        >>> outside = gx.gas.Ambient(1e5, 300.0)
-        >>> fabric = gx.gas.FilmArea(film)
-        >>> leak = gx.Orifice(tank, outside, area=fabric, discharge_coefficient=0.01)
-    """
-
-    body: Membrane
-    surface: tuple[str, ...] = ()
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
-    def compile(self, system: Assembly) -> CompiledFilmArea:
-        """The area in a running scene.  Collective."""
-        return CompiledFilmArea(self, system)
-
-
-class CompiledFilmArea:
-    """A `FilmArea` in a running scene: A = ∫ |n| dA_0 of the area vector n per reference area."""
-
-    def __init__(self, area: FilmArea, system: Assembly) -> None:
-        film = area.body
-        self._film = film
-        self._system = system
-        self._owned = system.block(film).owned
-        self._x = fem.Function(film.space)
-        domain = film.mesh.domain
-        cells = named_triangles(film, area.surface, f"FilmArea of '{film.name}'")
-        owned = domain.topology.index_map(2).size_local
-        # |n| is not polynomial for curved triangles: the degree of its square is enough.
-        dx = ufl.Measure(
-            "dx",
-            domain,
-            subdomain_data=[(1, cells[cells < owned])],
-            subdomain_id=1,
-            metadata={"quadrature_degree": 4 * (film.order - 1)},
-        )
-        n = area_vector(film.deformation(self._x))
-        size = ufl.sqrt(ufl.dot(n, n)) * dx
-        self._size = compile_form(size)
-        self._slope = compile_form(ufl.derivative(size, self._x, ufl.TestFunction(film.space)))
-
-    def aperture(self, h: float) -> float:
-        """The area [m²] at q0 + ½ h v0 for a step of length h [s].  Collective."""
-        self._predict(h)
-        share = float(fem.assemble_scalar(self._size))
-        return float(self._film.comm.allreduce(share, op=MPI.SUM))
-
-    def aperture_gradient(self, h: float) -> Array:
-        """Its derivative [m] by the owned unknowns of the film at q0, flattened; that by v0 is ½ h
-        times as large.  Collective."""
-        self._predict(h)
-        vector = fem.assemble_vector(self._slope)
-        vector.scatter_reverse(la.InsertMode.add)
-        return vector.array[: self._owned.stop - self._owned.start].copy()
-
-    def add_own(self, values: Array, start: int, gradient: Array) -> None:
-        """Add a gradient to the unknowns of the film, which begin at `start` in the values."""
-        values[self._owned.start - start : self._owned.stop - start] += gradient
-
-    def _predict(self, h: float) -> None:
-        """Set the positions [m] at the middle of the coming step."""
-        start = self._system.q0.array_r[self._owned]
-        velocity = self._system.v0.array_r[self._owned]
-        self._film.reconstruct(self._x, start + h / 2 * velocity)
 
 
 # Geometric area of an opening: a number [m²], a function of time [s], or that of a part of a film

@@ -1,4 +1,4 @@
-"""Accelerations of a body as the masses that are attached to it have them: of a tape on a film."""
+"""Accelerations of the masses at points: of bodies without mesh, and of tapes on a film."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.core.algebra.numbering import GlobalIndices
-from gossamer_fx.core.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
-from gossamer_fx.core.model.body import Array, Body, Port
+from gossamer_fx.core.algebra.point_measures import (
+    Gather,
+    add_blocks,
+    attach_all,
+    evaluated_here,
+    translation_weight,
+)
+from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
     CompiledTerms,
@@ -31,7 +37,8 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
-        self._name = terms[0].name
+        # Names of loads on masses that are attached to a body on a mesh.
+        self._on_meshes: list[str] = []
         # P, offsets, M and A of one kinetic energy.
         self._masses: list[tuple[Array, Array, Array, Array]] = []
         self._indices: list[GlobalIndices] = []
@@ -61,8 +68,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         tuples = [masses.ports[i] for i in own]
         indices, P, o = attach_all(system.numbering, system.bodies, tuples, 3 * k)
         # The weight of the body's positions in each port: a director has no weight.
-        points = np.array([[_of_points(port, term.body) for port in ports] for ports in tuples])
-        points = points.reshape(n, k)
+        points = np.array([[translation_weight(port) for port in ports] for ports in tuples])
         # A tuple may have ports of several bodies; the load acts on those of this one.
         is_on_body = np.array([[port.body is term.body for port in ports] for ports in tuples])
         is_on_body = is_on_body.reshape(n, k)
@@ -72,10 +78,12 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         A = A.reshape(n, 3 * k, 3 * k)
         # a + A (x - c) = (a - A c) + A x
         at_origin = term.acceleration - term.gradient @ term.centre
-        a = (points[:, :, None] * at_origin).reshape(n, 3 * k)
+        a = ((is_on_body * points.reshape(n, k))[:, :, None] * at_origin).reshape(n, 3 * k)
         self._masses.append((P, o, M, A))
         self._indices.append(indices)
         self._constant.append(a)
+        if is_on_mesh(term.body):
+            self._on_meshes.append(term.name)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
         """Attached vectors (n, 3k) of each term at unknowns q.  Collective."""
@@ -124,12 +132,9 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def without_gradient(self) -> str:
         # Its accelerations are numbers of loads, which it does not derive.
-        if not self._masses:
-            return ""
-        return (
-            f"'{self._name}' acts on masses that are attached to its body; "
-            "leave them out of the scene"
-        )
+        for name in self._on_meshes:
+            return f"'{name}' acts on masses attached to its body; leave them out of the scene"
+        return ""
 
     def supplied(self) -> float:
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
@@ -138,8 +143,8 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
 @dataclass(frozen=True, eq=False)
 class AttachedLoad:
-    """Acceleration a + A (x - c) of a body, of the masses that other parts attach to it: a, c (3,),
-    A (3, 3)."""
+    """Acceleration a + A (x - c) of a body's masses at points, also of those that other parts
+    attach to it: a, c (3,), A (3, 3)."""
 
     name: str
     body: Body
@@ -147,12 +152,3 @@ class AttachedLoad:
     gradient: Array
     centre: Array
     compiler: ClassVar[Compiler] = AttachedLoads
-
-
-def _of_points(port: Port, body: Body) -> float:
-    """Sum of the weights of positions: one for a point of the body, zero for a direction or another
-    body."""
-    if port.body is not body:
-        return 0.0
-    vectors = port.vectors or (0,) * len(port.nodes)
-    return float(sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0))

@@ -16,15 +16,14 @@ from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import check, is_vector
 from gossamer_fx.core.forms.compilation import compile_form, constant
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
-from gossamer_fx.core.model.body import Array, Body, MeshBody, Port, Vector
+from gossamer_fx.core.model.body import Array, Body, MeshBody, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Parameter, Term, terms_of
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
-from gossamer_fx.mechanics.loads.force import ConstantForce
 from gossamer_fx.mechanics.terms.assembly import Assembly, Compiler
-from gossamer_fx.mechanics.terms.loads import Load, Loads, PointLoad, at_rate, rate_of
-from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.mechanics.terms.loads import Load, Loads, at_rate, rate_of
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
 
 
 @check_arguments
@@ -64,12 +63,10 @@ class Gravity:
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
-            elif isinstance(part, NodeKineticEnergy):
-                yield from self._on_points(part)
         # Masses that other items attach are not among the terms of the body; the system knows them.
         # Acceleration of gravity (3,) [m/s²]
         g = np.asarray(self.g, dtype=float)
-        yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
+        yield AttachedLoad(self.name, self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
         """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²]."""
@@ -89,39 +86,6 @@ class Gravity:
         if size == 3:
             parameters = (Parameter("g", "m/s²", acceleration),)
         return Load(self.name, part.body, work, parameters=parameters)
-
-    def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
-        """Yield the weight of the masses of nodes without a mesh.  Collective."""
-        # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
-        # `g` (3,) [m/s²] is the acceleration of gravity.
-        masses = np.concatenate(part.body.comm.allgather(part.mass))
-        for node, mass in enumerate(masses):
-            ports = tuple(
-                Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
-            )
-            # Only the position, vector 0, is accelerated: the first column couples it to the
-            # others.
-            force = np.outer(mass[:, 0], self.g)
-            yield PointLoad(self.name, ports, ConstantForce(force.ravel()))
-
-
-class _OnVectors:
-    """Forces Σ_j m_ij A (X_j - c_j) on the vectors of one node, A = |Ω|² 1 - Ω Ωᵀ."""
-
-    def __init__(self, mass: Array, A: Array, centre: Array) -> None:
-        """Multiply the masses (k, k) of k vectors, kg, kg m and kg m² for points and directors, by
-        A (3, 3) [1/s²]; directors, which have no centre, come after the point."""
-        self._K = np.kron(mass, A)
-        self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
-
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Nothing to prepare: the force depends on positions only."""
-
-    def force(self, X: Array) -> Array:
-        return self._K @ (X - self._c)
-
-    def tangent(self, X: Array) -> Array:
-        return self._K
 
 
 @check_arguments
@@ -175,16 +139,7 @@ class Centrifugal:
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
-            elif isinstance(part, NodeKineticEnergy):
-                # Point loads name global nodes and are the same on every rank.
-                masses = np.concatenate(part.body.comm.allgather(part.mass))
-                for node, mass in enumerate(masses):
-                    ports = tuple(
-                        Port(part.body, (node,), weights=(1.0,), vectors=(k,))
-                        for k in range(len(mass))
-                    )
-                    yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
-        yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
+        yield AttachedLoad(self.name, self.body, np.zeros(3), A, c)
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
         """The load on a mass of a mesh: the body's mass form applied to the acceleration A (x - c),

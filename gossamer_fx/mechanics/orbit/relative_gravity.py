@@ -33,7 +33,6 @@ from petsc4py import PETSc
 from gossamer_fx.extend import (
     Array,
     Assembly,
-    Attached,
     AttachedKineticEnergy,
     Body,
     CompiledTerms,
@@ -42,9 +41,7 @@ from gossamer_fx.extend import (
     Gather,
     Ground,
     KineticEnergy,
-    NodeKineticEnergy,
     PointMeasure,
-    Port,
     Support,
     Term,
     add_blocks,
@@ -56,8 +53,6 @@ from gossamer_fx.extend import (
     translation_weight,
 )
 from gossamer_fx.mechanics.orbit.flight import Flight, Moments
-
-Kinetic = NodeKineticEnergy | AttachedKineticEnergy
 
 
 class MassPoints:
@@ -73,7 +68,7 @@ class MassPoints:
         mass: masses (n,) [kg].
     """
 
-    def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
+    def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
         """Replace each mass of this rank's ports by points, and find the unknowns that move them.
         Collective."""
         indices: list[Array] = []
@@ -81,18 +76,18 @@ class MassPoints:
         offsets: list[Array] = []
         point_masses: list[float] = []
         for term in terms:
-            ports, masses = _ports_and_masses(term)
+            ports = term.ports
             own = evaluated_here(ports)
             if not own:
                 continue
             # k: number of vectors (position, directors) of a body; P (3k, D), offset (3k,): the
             # vectors of a port are P times its D unknowns plus the offset.
-            k = masses.shape[1]
+            k = term.mass.shape[1]
             own_ports = [ports[j] for j in own]
             unknowns, P, offset = attach_all(system.numbering, system.bodies, own_ports, 3 * k)
             for row, j in enumerate(own):
                 is_position = np.array([translation_weight(port) for port in ports[j]])
-                points, weights = equivalent_points(masses[j, :, :], is_position)
+                points, weights = equivalent_points(term.mass[j], is_position)
                 # From the k vectors to the points, component by component.
                 spread = np.kron(points, np.eye(3)).reshape(len(points), 3, 3 * k)
                 indices += [unknowns[row]] * len(points)
@@ -167,22 +162,6 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     arms = (np.sqrt(moments[kept] / (2 * each)) * axes[:, kept]).T
     points = np.concatenate([centre + arms, centre - arms])
     return points, np.full(2 * pairs, each)
-
-
-def _ports_and_masses(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
-    """The k ports, positions [m] or directors [-], of each of n masses of a kinetic energy, and the
-    mass matrices (n, k, k): masses [kg] for two positions, first moments [kg m] and second moments
-    [kg m²] with directors; of the nodes of this rank."""
-    if isinstance(term, AttachedKineticEnergy):
-        return term.ports, term.mass
-    body = term.body
-    start = body.block.index_map.local_range[0]
-    k = body.block.size // 3
-    ports = []
-    for i in range(len(term.mass)):
-        vectors = [Port(body, (start + i,), weights=(1.0,), vectors=(j,)) for j in range(k)]
-        ports.append(tuple(vectors))
-    return ports, term.mass.reshape(-1, k, k)
 
 
 def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
@@ -323,9 +302,7 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
             "there is nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
-        points = [
-            t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)
-        ]
+        points = [t for t in system.terms if isinstance(t, AttachedKineticEnergy)]
         self._meshes = [MeshGravity(t, system.coordinates[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)

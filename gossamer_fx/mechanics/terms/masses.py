@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.core.algebra.numbering import GlobalIndices
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.model.body import Array, Body, MeshBody
+from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.core.model.terms import Parameter
 from gossamer_fx.mechanics.terms.assembly import (
     Assembly,
@@ -79,47 +77,3 @@ class KineticEnergy:
     mass: Callable[[Expr, Expr], ufl.Form]
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = Masses
-
-
-class NodeMasses(Differentiable, CompiledTerms["NodeKineticEnergy"]):
-    """All `NodeKineticEnergy` terms of a scene."""
-
-    forces_are_forms = True
-    has_shape_derivative = True
-
-    def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
-        self._system = system
-        self._terms = terms
-
-    def add_mass(self, M: PETSc.Mat) -> None:
-        for rows, mass in self._nodes():
-            of_components = np.kron(mass, np.eye(3))
-            M.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
-
-    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
-        # Row i is e_i × spin, so that w·(cross v) = w·(spin × v).
-        cross = np.cross(np.eye(3), np.asarray(spin))
-        for rows, mass in self._nodes():
-            of_components = np.kron(2 * mass, cross)
-            G.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
-
-    def _nodes(self) -> Iterator[tuple[GlobalIndices, Array]]:
-        """Global indices and mass (s, s) of every owned node."""
-        for term in self._terms:
-            rows = self._system.block(term.body).rows.reshape(-1, term.body.block.size)
-            yield from zip(rows, term.mass, strict=True)
-
-
-@dataclass(frozen=True, eq=False)
-class NodeKineticEnergy:
-    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's
-    vectors.
-
-    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with
-    directors.
-    """
-
-    body: Body
-    mass: Array
-    compiler: ClassVar[Compiler] = NodeMasses

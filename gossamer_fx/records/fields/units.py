@@ -7,28 +7,34 @@ import numpy as np
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.view import Axis
 
-# Unit of each field; fields that are missing are pure numbers.
-UNITS = {
-    "displacement": "m",
-    "velocity": "m/s",
-    "curvature1": "1/m",
-    "curvature2": "1/m",
-    "moment1": "N m/m",
-    "moment2": "N m/m",
-    "fold_angle": "rad",
-    "strain1": "",
-    "strain2": "",
-    "elastic_strain1": "",
-    "elastic_strain2": "",
-    "stress1": "Pa",
-    "stress2": "Pa",
-    "tension": "N",
-    "axial_strain": "",
-    "pressure": "Pa",
-    "mode_amplitude": "m",
-    "wrinkle_amplitude": "m",
-    "contact_pressure": "Pa",
+# Name in pictures and unit of each field; pure numbers have no unit.
+_FIELDS = {
+    "displacement": ("Displacement", "m"),
+    "velocity": ("Speed", "m/s"),
+    "curvature1": ("Larger principal curvature", "1/m"),
+    "curvature2": ("Smaller principal curvature", "1/m"),
+    "moment1": ("Larger bending moment", "N m/m"),
+    "moment2": ("Smaller bending moment", "N m/m"),
+    "fold_angle": ("Fold angle at creases", "rad"),
+    "strain1": ("Larger principal strain", ""),
+    "strain2": ("Smaller principal strain", ""),
+    "elastic_strain1": ("Larger principal elastic strain", ""),
+    "elastic_strain2": ("Smaller principal elastic strain", ""),
+    "stress1": ("Larger principal stress", "Pa"),
+    "stress2": ("Smaller principal stress", "Pa"),
+    "tension": ("Tension", "N"),
+    "axial_strain": ("Axial strain", ""),
+    "pressure": ("Pressure inside over outside", "Pa"),
+    "mode_amplitude": ("Amplitude of the mode (arbitrary scale)", "m"),
+    "wrinkle_amplitude": ("Amplitude of the wrinkles", "m"),
+    "contact_pressure": ("Contact pressure", "Pa"),
+    "state": ("State of the film", ""),
+    "wrinkle_slope": ("Slope of the wrinkles", ""),
+    "wrinkle_direction": ("Direction of the wrinkles", ""),
+    "group": ("Parts of the films", ""),
 }
+NAMES = {field: name for field, (name, _) in _FIELDS.items()}
+UNITS = {field: unit for field, (_, unit) in _FIELDS.items()}
 
 # Fields that cables and beams have, and films do not.
 LINE_FIELDS = ("tension", "axial_strain")
@@ -78,32 +84,6 @@ def energy_words(energy: float) -> str:
 
 
 # ---- in pictures ---------------------------------------------------------------------------------
-
-NAMES = {
-    "displacement": "Displacement",
-    "velocity": "Speed",
-    "tension": "Tension",
-    "axial_strain": "Axial strain",
-    "curvature1": "Larger principal curvature",
-    "curvature2": "Smaller principal curvature",
-    "moment1": "Larger bending moment",
-    "moment2": "Smaller bending moment",
-    "fold_angle": "Fold angle at creases",
-    "strain1": "Larger principal strain",
-    "strain2": "Smaller principal strain",
-    "elastic_strain1": "Larger principal elastic strain",
-    "elastic_strain2": "Smaller principal elastic strain",
-    "stress1": "Larger principal stress",
-    "stress2": "Smaller principal stress",
-    "pressure": "Pressure inside over outside",
-    "contact_pressure": "Contact pressure",
-    "state": "State of the film",
-    "mode_amplitude": "Amplitude of the mode (arbitrary scale)",
-    "wrinkle_slope": "Slope of the wrinkles",
-    "wrinkle_amplitude": "Amplitude of the wrinkles",
-    "wrinkle_direction": "Direction of the wrinkles",
-    "group": "Parts of the films",
-}
 
 
 def plain_text(text: str) -> str:

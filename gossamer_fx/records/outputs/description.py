@@ -12,7 +12,8 @@ import numpy as np
 
 from gossamer_fx.core.mesh.quality import box, corner_points, sizes
 from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
-from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
@@ -30,10 +31,12 @@ def describe(run: StateView) -> Description:
     """
     system = run.system
     totals = run.totals
-    massive = set()
+    massive: set[Body] = set()
     for term in system.terms:
-        if isinstance(term, KineticEnergy | NodeKineticEnergy):
+        if isinstance(term, KineticEnergy):
             massive.add(term.body)
+        if isinstance(term, AttachedKineticEnergy):
+            massive.update(port.body for ports in term.ports for port in ports)
     # Joints add frames to sections of beams, which have no mass and which a user does not know as
     # bodies.
     bodies = {}

@@ -20,18 +20,18 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
-import math
 import tokenize
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from types import FunctionType, MethodType, ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.core.checks.arguments import Range, not_negative
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.core.model.body import Ground, Port
@@ -225,6 +225,10 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
 
 Probe = Callable[[StateView], float]
 
+# Steps between two records, and times of records [s].
+Every = Annotated[int, Range(1)]
+Times = Sequence[Annotated[float, not_negative("s")]]
+
 # Files and folders of a recorded run, see `Recording`.
 RUN_FILES = (
     "run.json",
@@ -407,18 +411,6 @@ class Schedule:
 
     every: int = 1
     times: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check the number of steps between two records, and the times of records."""
-        check(
-            isinstance(self.every, int) and self.every >= 1,
-            f"every is {self.every!r}; give the number of steps between two outputs.",
-        )
-        for t in self.times:
-            check(
-                isinstance(t, Real) and math.isfinite(t) and t >= 0,
-                f"times holds {t!r}; give the times of outputs in seconds, from 0 on.",
-            )
 
     def due(self, step: int, time: float, last: bool) -> bool:
         """Whether a record is due after a step.

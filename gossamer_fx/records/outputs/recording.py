@@ -48,8 +48,10 @@ from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.records.outputs.description import describe, versions
 from gossamer_fx.records.outputs.output import (
     RUN_FILES,
+    Every,
     Probe,
     Schedule,
+    Times,
     arguments_of,
     make_parent,
     replace_file,
@@ -187,10 +189,10 @@ class Recording:
         *,
         probes: Mapping[str, Probe] | None = None,
         at: At = "mean",
-        every: int = 10,
-        times: Sequence[float] = (),
+        every: Every = 10,
+        times: Times = (),
         title: str = "",
-        states_every: int | None = None,
+        states_every: Every | None = None,
         overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)

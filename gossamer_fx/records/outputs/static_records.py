@@ -8,13 +8,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body, is_on_mesh
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -240,8 +240,8 @@ def record_modes(
     modes: Sequence[ModeShape],
     folder: str | Path,
     *,
-    amplitude: float | None = None,
-    frames: int = PERIOD_FRAMES,
+    amplitude: Annotated[float, positive("m")] | None = None,
+    frames: Annotated[int, Range(2)] = PERIOD_FRAMES,
     overwrite: bool = False,
 ) -> list[Path]:
     """Write each mode as a recording over one period, for animations and pictures.
@@ -276,10 +276,8 @@ def record_modes(
         'mode'
     """
     equilibrium.need("record_modes")
-    check(frames >= 2, f"record_modes: frames is {frames!r}; give two or more.")
     if amplitude is None:
         amplitude = AMPLITUDE_RATIO * _scene_size(equilibrium)
-    check(amplitude > 0, f"record_modes: amplitude is {amplitude!r} m; give a positive number.")
     fields = {}
     for body in equilibrium.system.bodies:
         if isinstance(body, Membrane) and is_on_mesh(body):

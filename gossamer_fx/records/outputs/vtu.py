@@ -32,7 +32,7 @@ from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.records.fields.body_shape import At
 from gossamer_fx.records.fields.fields import FieldFunctions, check_fields, jumps
 from gossamer_fx.records.fields.units import with_unit
-from gossamer_fx.records.outputs.output import Schedule, make_parent
+from gossamer_fx.records.outputs.output import Every, Schedule, Times, make_parent
 from gossamer_fx.records.outputs.vtu_format import (
     DataArray,
     Entry,
@@ -91,8 +91,8 @@ class VTU:
         *,
         fields: Sequence[str] = ("displacement",),
         at: At = "mean",
-        every: int = 1,
-        times: Sequence[float] = (),
+        every: Every = 1,
+        times: Times = (),
     ) -> None:
         self.path = Path(path)
         self.body = body
@@ -102,10 +102,6 @@ class VTU:
         check(
             self.path.suffix == ".pvd",
             f"VTU cannot write '{path}'; give a name that ends in .pvd.",
-        )
-        check(
-            not isinstance(fields, str),
-            f"VTU '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
         )
         self.last_time: float | None = None
         self._entries: list[Entry] = []

@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -330,7 +330,7 @@ def read_pvd(path: Path) -> list[Entry]:
     """The entries of a PVD file that `write_pvd` wrote: time [s], part, and file."""
     entries = []
     try:
-        for element in _listed(path):
+        for element in _parsed(path.read_bytes()).iter("DataSet"):
             time = float(element.attrib["timestep"])
             part = int(element.attrib["part"])
             entries.append(Entry(time, part, element.attrib["file"]))
@@ -343,16 +343,3 @@ def read_pvd(path: Path) -> list[Entry]:
             f"'{path}' names '{entry.file}', which is outside its folder; write the run again.",
         )
     return entries
-
-
-def read_vtm(path: Path) -> list[tuple[str, str]]:
-    """Names and files of the parts that a VTM file lists, as `write_vtm` wrote them."""
-    try:
-        return [(element.attrib["name"], element.attrib["file"]) for element in _listed(path)]
-    except _DAMAGE as error:
-        raise _damaged(path, error) from error
-
-
-def _listed(path: Path) -> Iterator[ElementTree.Element]:
-    """The elements of a list of files."""
-    return _parsed(path.read_bytes()).iter("DataSet")

@@ -5,9 +5,7 @@ from .plot import animate as animate
 from .plot import curves as curves
 from .plot import field as field
 from .plot import modes as modes
-from .plot import overlay as overlay
 from .plot import strip as strip
-from .report import InlineReport as InlineReport
 from .run_reader import RunReader as RunReader
 from .vtk_export import export as export
 from .watch import Watch as Watch

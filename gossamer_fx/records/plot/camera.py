@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.plot.colours import Colouring
 from gossamer_fx.records.plot.rasterise import Canvas, Colours
@@ -42,7 +41,6 @@ _SHININESS = 24  # exponent of Phong's reflection
 _HALF_LINE = 1.3  # pixels of the image
 _DOT = 5.0  # radius in pixels of the image
 _DOT_SECTORS = 24
-_UNSEEN = 0.02  # share of light of layers behind others that are left out
 _OUTLINE = 6.0  # pixels of the image: jump in depth that is outlined
 _OUTLINE_STRENGTH = 0.55
 
@@ -54,8 +52,7 @@ LARGEST_ZOOM = 20.0
 @check_arguments
 @dataclass(frozen=True)
 class View:
-    """Camera and transparency of pictures and animations; values that are None are chosen from the
-    shapes.
+    """Camera of pictures and animations; values that are None are chosen from the shapes.
 
     z is up.  With azimuth 0 the camera looks along y, with π/2 against x: it has moved
     counterclockwise.
@@ -66,43 +63,20 @@ class View:
         follow: whether the camera moves with the shapes; None: if they travel far.
         zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
             otherwise all have one scale.
-        opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are
-            visible, and colours are paler than those of the legend.
 
     Raises:
-        InputError: an angle or an opacity out of its range.
+        InputError: an angle out of its range.
 
     Example:
-        >>> view = gx.plot.View(azimuth=0.5, elevation=0.3, opacity=0.6)
+        >>> view = gx.plot.View(azimuth=0.5, elevation=0.3)
         >>> gx.plot.strip(recorded, "displacement", path=folder / "view.png", view=view)
     """
 
     azimuth: float | None = None
-    elevation: float | None = None
+    elevation: Annotated[float, Range(-math.pi / 2, math.pi / 2, "rad")] | None = None
     _: KW_ONLY
     follow: bool | None = None
     zoom: bool = False
-    opacity: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse angles and an opacity out of their range.
-
-        Raises:
-            InputError: azimuth is not finite, |elevation| > π/2 [rad], or opacity is not in (0, 1].
-        """
-        check(
-            self.azimuth is None or math.isfinite(self.azimuth),
-            f"View: azimuth is {self.azimuth!r} rad; give a number, or None.",
-        )
-        check(
-            self.elevation is None or abs(self.elevation) <= math.pi / 2,
-            f"View: elevation is {self.elevation!r} rad; give a number between -π/2 and π/2, or "
-            "None.",
-        )
-        check(
-            isinstance(self.opacity, int | float) and 0 < self.opacity <= 1,
-            f"View: opacity is {self.opacity!r}; give a number above 0 and at most 1.",
-        )
 
 
 @dataclass(frozen=True)
@@ -115,7 +89,6 @@ class Camera:
         centres: of each picture, along the first two axes [m].
         depth: distances from the eye between which the shapes lie [m].
         zooms: of each picture; it shows the part of `size` that is one over this number.
-        opacity: share of light that a layer keeps back.
     """
 
     axes: Array
@@ -123,7 +96,6 @@ class Camera:
     centres: list[tuple[float, float]]
     depth: tuple[float, float]
     zooms: list[float]
-    opacity: float = 1.0
 
     @property
     def aspect(self) -> float:
@@ -171,7 +143,6 @@ def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:
         centres=[(float(x), float(y)) for x, y in centres],
         depth=(-float(highs[:, 2].max()) - margin, -float(lows[:, 2].min()) + margin),
         zooms=[float(zoom) for zoom in zooms],
-        opacity=view.opacity,
     )
 
 
@@ -257,49 +228,17 @@ def render(
         project = _Projection(camera.axes, pixels_per_metre, origin)
         corners = project(shape.corners)
         shades = _shades(corners, shape.normals @ camera.axes.T)
-        parts = [_Triangles(corners, shades, shape.kinds, shape.is_slack)]
+        films_and_solids = _Triangles(corners, shades, shape.kinds, shape.is_slack)
         line_kinds = np.where(shape.line_kinds < 0, ink, shape.line_kinds)
-        parts.append(_bars(project(shape.lines), line_kinds))
-        parts.append(_balls(project(shape.dots), ink))
+        bars = _bars(project(shape.lines), line_kinds)
+        balls = _balls(project(shape.dots), ink)
         near = camera.depth[0] * pixels_per_metre
         far = camera.depth[1] * pixels_per_metre
         canvas = Canvas(height, width, near, far)
-        image = _image(canvas, parts, palette, outline, camera.opacity)
-        yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
-
-
-def _image(
-    canvas: Canvas,
-    parts: Sequence[_Triangles],
-    palette: Colours,
-    outline: float,
-    opacity: float,
-) -> Array:
-    """What is nearest and, through it, what is behind: the image of a canvas.
-
-    Layers are drawn from front to back (depth peeling), each with the light that those before it
-    let through.
-
-    Args:
-        canvas: empty, of the size of the image [pixels].
-        palette: colours (kinds, 256, 3) by brightness, 0 to 255.
-        outline: how much silhouettes are darkened, from 0 to 1.
-
-    Returns:
-        red, green and blue (height, width, 3) in [0, 1] on white.
-    """
-    image = np.ones((canvas.height, canvas.width, 3))
-    light = 1.0
-    while True:
-        for part in parts:
+        for part in (films_and_solids, bars, balls):
             canvas.draw(part.corners, part.shades, part.kinds, palette, part.is_hatched)
-        layer = canvas.outlined(_OUTLINE * _SUPERSAMPLES, outline)
-        image += light * opacity * (layer - 1)
-        light *= 1 - opacity
-        behind = canvas.behind() if light > _UNSEEN else None
-        if behind is None:
-            return image
-        canvas = behind
+        image = canvas.outlined(_OUTLINE * n, outline)
+        yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
 
 
 @dataclass(frozen=True)

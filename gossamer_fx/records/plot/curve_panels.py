@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
@@ -14,13 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.fields.film_states import STATES
 from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
 from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
-from gossamer_fx.records.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
 
 if TYPE_CHECKING:
@@ -44,8 +42,6 @@ _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
 _ANGULAR = "angular momentum "  # before the axes of its components
 STORED = "stored "  # before the names of parts that store energy
 _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
-_LEGEND_LINE = 0.11  # height of a line of a legend, of the height of the curves
-_MANY_MARKS = 200  # measured values from which on their marks are small
 _SCALED_UNITS = ("m", "m/s", "N", "Pa", "J", "W", "Hz")  # of probes, that get a prefix
 _NUMBER = re.compile(r"[\s_-]*\d+")  # that tells one part of a family from the others
 _FAMILY = 3  # parts that make one
@@ -144,32 +140,6 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
             if any(np.isfinite(values).any() for values in curves.values())
         ]
     return Curves(panels, start=float(t[0]), end=float(t[-1]), label=run.axis.label(unit))
-
-
-def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
-    """A panel for each probe that was measured, with the measured series over it.
-
-    Args:
-        series: measured, at least one, with times [s] and values in the units of the probes.
-    """
-    check(
-        len(series) > 0,
-        "overlay: there are no measured series; give files with columns named like the probes of "
-        "the run.",
-    )
-    probes = _thinned(run.table("probes.csv"))
-    computed_at = run.along(probes)
-    end = max(float(computed_at.max()), *(float(one.t.max()) for one in series))
-    start = min(float(computed_at.min()), *(float(one.t.min()) for one in series))
-    factor, unit = scaled_axis(run.axis, np.array([start, end]))
-    by_probe: dict[str, list[MeasuredSeries]] = {}
-    for one in series:
-        by_probe.setdefault(one.probe, []).append(one)
-    panels: list[Panel] = [
-        partial(_overlay, computed_at, probes[name], name, entries, factor)
-        for name, entries in by_probe.items()
-    ]
-    return Curves(panels, start=start / factor, end=end / factor, label=run.axis.label(unit))
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
@@ -463,43 +433,6 @@ def _probes(
     _fill_bands(t, shown, colours, axes)
     axes.set_title(wrapped(plain_text(title), _TITLE_WIDTH, 2))
     label_ends(axes, ends)
-
-
-def _overlay(
-    times: Array,
-    values: Array,
-    name: str,
-    series: Sequence[MeasuredSeries],
-    factor: float,
-    axes: Axes,
-) -> None:
-    """Draw the values (n,) of a probe as a line and measured values as marks, with a legend."""
-    unit = _UNIT.search(name)
-    words = "" if unit is None else f" {unit[1]}"
-    axes.plot(times / factor, values, color=LINES[0], label="computed")
-    for one, colour in zip(series, cycle(LINES[1:]), strict=False):
-        difference = rms_difference(one, times, values)
-        label = one.label
-        if np.isfinite(difference):
-            label += f" (rms difference {difference:.3g}{words})"
-        many = len(one.t) > _MANY_MARKS
-        axes.plot(
-            one.t / factor,
-            one.y,
-            linestyle="none",
-            marker="." if many else "o",
-            markersize=3 if many else 4.5,
-            markerfacecolor="none",
-            color=colour,
-            # Marks at the ends of the time axis are whole.
-            clip_on=False,
-            label=plain_text(label),
-        )
-    axes.set_title(plain_text(name))
-    # Room for the legend above the curves.
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + _LEGEND_LINE * (len(series) + 1) * (high - low))
-    axes.legend(frameon=False, fontsize=8, loc="upper left")
 
 
 def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:

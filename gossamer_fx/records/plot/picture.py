@@ -12,11 +12,12 @@ import weakref
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Literal
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.records.outputs.output import Schedule, make_parent
+from gossamer_fx.records.outputs.output import Schedule, Times, make_parent
 from gossamer_fx.records.outputs.recording import Recording
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import by_state, colouring
@@ -108,7 +109,7 @@ class Picture(DrawnRun):
         times: at which the films are drawn [s]; default: the start and the end.  If the run stops
             early, its last state is added.
         title: a line on top.
-        view: camera and transparency; default as `View` chooses it.
+        view: camera; default as `View` chooses it.
         colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their
             cells).
 
@@ -127,24 +128,20 @@ class Picture(DrawnRun):
     def __init__(
         self,
         path: str | Path,
-        times: Sequence[float] = (),
+        times: Times = (),
         *,
         title: str = "",
         view: View | None = None,
-        colour: str = "state",
+        colour: Literal["state", "group"] = "state",
     ) -> None:
         super().__init__(path)
         self.title = title
         self.view = view or View()
-        self.times = Schedule(times=tuple(times)).times
+        self.times = tuple(times)
         check(
             len(self.times) <= MAX_SHAPES,
             f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTU "
             "for more.",
-        )
-        check(
-            colour in ("state", "group"),
-            f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".',
         )
         self.colour = colour
 

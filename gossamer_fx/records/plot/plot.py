@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -20,8 +18,7 @@ from gossamer_fx.records.fields.units import NAMES, scaled_axis
 from gossamer_fx.records.outputs.output import make_parent
 from gossamer_fx.records.plot.camera import Camera, View, aim, render
 from gossamer_fx.records.plot.colours import NO_LIMITS, Colouring, Limits, colouring, sampled
-from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
-from gossamer_fx.records.plot.measured_series import read_measured
+from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import WIDTH, Views, write_page
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.shapes import Integers, Shape
@@ -97,7 +94,7 @@ def field(
         field: name of a recorded field, e.g. "state".
         times: [s].
         path: of the file, ending in `.png`.
-        view: camera and transparency; default: chosen for all times.
+        view: camera; default: chosen for all times.
         limits: of the colours of numbers.
 
     Raises:
@@ -142,7 +139,7 @@ def strip(
         field: name of a recorded field, e.g. "state".
         path: of the file, ending in `.png`.
         count: number of times.
-        view: camera and transparency; default: chosen for all times.
+        view: camera; default: chosen for all times.
         limits: of the colours of numbers.
 
     Raises:
@@ -210,42 +207,6 @@ def curves(run: RunReader, path: str | Path) -> None:
     write_page(file_to_write(path), run.title, None, found)
 
 
-@check_arguments
-def overlay(run: RunReader, measured: Sequence[str | Path], path: str | Path) -> None:
-    """Write a PNG of the probes of a run that were measured, with the measured values over them.
-
-    A panel for each quantity; its legend has the root mean square of computed minus measured
-    values, over the measured times within the run.
-
-    Args:
-        run: a recorded run with probes.
-        measured: CSV files with a column "time [s]" and columns named like probes, e.g. "tip x
-            [mm]"; the units may be others of the same dimension.
-        path: of the file, ending in `.png`.
-
-    Raises:
-        InputError: a file cannot be read, is not such a table, or names a probe that the run does
-            not have.
-        OutputFailure: the file cannot be written.
-
-    Example:
-        >>> scene = gx.Scene(gx.Gravity(mass, (0.0, 0.0, -9.81)))
-        >>> height = {"height [m]": gx.probes.Position(mass.port(), "z")}
-        >>> drop = folder / "drop"
-        >>> outputs = [gx.Recording(drop, every=1, probes=height)]
-        >>> gx.Simulation(scene, gx.Midpoint(dt=0.01), outputs=outputs).run(until=0.1)
-        >>> test = folder / "test.csv"
-        >>> characters = test.write_text("time [ms],height [mm]\\n0,0\\n100,-49\\n")
-        >>> picture = folder / "overlay.png"
-        >>> gx.plot.overlay(gx.plot.RunReader(drop), [test], picture)
-        >>> picture.is_file()
-        True
-    """
-    check(len(measured) > 0, "overlay: no file of measured values is given; give one or more.")
-    series = [one for name in measured for one in read_measured(name, run)]
-    write_page(file_to_write(path), run.title, None, overlay_curves(run, series))
-
-
 def field_views(
     run: RunReader,
     colours: Colouring,
@@ -302,7 +263,7 @@ def modes(
     Args:
         folders: of the modes, as `outputs.record_modes` returns them.
         path: of the file, ending in `.png`.
-        view: camera and transparency; default: chosen for all modes.
+        view: camera; default: chosen for all modes.
 
     Raises:
         InputError: no folder, one that holds no record of a mode, or files that cannot be read.
@@ -354,20 +315,20 @@ def animate(
     view: View | None = None,
     limits: Limits = NO_LIMITS,
 ) -> None:
-    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
+    """Write a GIF of a field over the run.
 
     Args:
         run: a recorded run.
         field: name of a recorded field, e.g. "state".
-        path: of the file, ending in `.gif` or `.mp4`.
+        path: of the file, ending in `.gif`; `ffmpeg -i a.gif a.mp4` makes a film of it.
         seconds: length of the animation [s].
-        view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
+        view: camera; `follow` keeps the scene in the middle, `zoom` has no effect.
             Default: a camera that stands still and sees the whole run.
         limits: of the colours of numbers.
 
     Raises:
-        InputError: a path with another ending, no ffmpeg for an MP4, a length that is not positive,
-            an unknown field, or files of the run that cannot be read.
+        InputError: a path with another ending, a length that is not positive, an unknown field, or
+            files of the run that cannot be read.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -378,15 +339,9 @@ def animate(
     """
     path = file_to_write(path)
     check(
-        path.suffix in (".gif", ".mp4"),
-        f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.",
+        path.suffix == ".gif",
+        f"An animation cannot be written to '{path}'; end its name in .gif.",
     )
-    check(
-        path.suffix == ".gif" or find_ffmpeg() is not None,
-        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or "
-        "write a .gif.",
-    )
-    check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
     run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
@@ -397,10 +352,7 @@ def animate(
     view = replace(view or View(), zoom=False)
     camera = _camera_for_all(run, colours, view)
     images = _images(run, colours, camera, frames, follow=bool(view.follow))
-    if path.suffix == ".gif":
-        _write_gif(path, images, seconds / len(frames))
-    else:
-        _write_mp4(path, images, len(frames) / seconds)
+    _write_gif(path, images, seconds / len(frames))
 
 
 def _camera_for_all(
@@ -428,7 +380,7 @@ def _images(
     in.
 
     Yields:
-        bytes (height, width, 3), with even numbers of rows and columns.
+        bytes (height, width, 3).
     """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
@@ -445,12 +397,7 @@ def _images(
     dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
     place = write_page(file, run.title, views, dpi=dpi, width=width)
     assert place is not None
-    written = Image.open(file).convert("RGB")
-    # MP4 needs even numbers of rows and columns.
-    even_height = 2 * ((written.height + 1) // 2)
-    even_width = 2 * ((written.width + 1) // 2)
-    page = Image.new("RGB", (even_width, even_height), "white")
-    page.paste(written, (0, 0))
+    page = Image.open(file).convert("RGB")
     letters = round(_TIME_SIZE * dpi)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
     caption = (place.left, place.top - _TIME_ABOVE * dpi)
@@ -529,59 +476,6 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
     drawn = Image.fromarray(colours[None])
     palette = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
     return list(palette[: 3 * 255])
-
-
-def find_ffmpeg() -> str | None:
-    """Path of the program ffmpeg, which writes MP4 files; None if there is none.
-
-    It is the program on PATH, else that of the package imageio-ffmpeg.
-    """
-    program = shutil.which("ffmpeg")
-    if program is not None:
-        return program
-    # A private Debian tree hides the programs of the machine; the wheel of this package contains
-    # one.
-    try:
-        from imageio_ffmpeg import get_ffmpeg_exe
-    except ImportError:
-        return None
-    try:
-        return str(get_ffmpeg_exe())
-    except RuntimeError:  # the package was built without the program
-        return None
-
-
-def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
-    """Write an MP4 by the program ffmpeg, which is installed.
-
-    Args:
-        images: bytes (height, width, 3), all of one size with even numbers, at least one.
-    """
-    first = next(images)
-    height, width = first.shape[:2]
-    program = find_ffmpeg()
-    assert program is not None
-    command = [program, "-y", "-loglevel", "error"]
-    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
-    command += ["-r", f"{rate:.6g}", "-i", "-"]
-    # Colours that all players know, and the index in front, so that a browser plays while it loads.
-    command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        assert encoder.stderr is not None
-        try:
-            for image in (first, *images):
-                encoder.stdin.write(image.tobytes())
-            encoder.stdin.close()
-        except BrokenPipeError:
-            # ffmpeg has ended; the reason is in its messages.
-            pass
-        messages = encoder.stderr.read().decode(errors="replace").strip().splitlines()
-    if encoder.returncode:
-        reason = "no reason given"
-        if messages:
-            reason = messages[-1]
-        raise OutputFailure(f"ffmpeg could not write '{path}' ({reason}); try a .gif.")
 
 
 def file_to_write(path: str | Path) -> Path:

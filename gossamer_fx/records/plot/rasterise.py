@@ -66,17 +66,6 @@ class Canvas:
         self._near = near
         self._scale = _FARTHEST / (far - near)
         self._pixels = np.full(height * width, _BACKGROUND)
-        # Distances of the layer in front, up to which nothing is drawn.
-        self._in_front: npt.NDArray[np.uint64] | None = None
-
-    def behind(self) -> Canvas | None:
-        """A canvas for what is behind all that this one shows; None if this one shows nothing."""
-        if (self._pixels == _BACKGROUND).all():
-            return None
-        far = self._near + _FARTHEST / self._scale
-        other = Canvas(self.height, self.width, self._near, far)
-        other._in_front = self._pixels >> _COLOUR_BITS
-        return other
 
     def draw(
         self,
@@ -177,11 +166,6 @@ class Canvas:
             colour = np.where(position < 2 * _HATCH_LINE, _BLACK, colour)
             colour = np.where(position < _HATCH_LINE, _WHITE, colour)
         pixel = row[span] * self.width + column
-        if self._in_front is not None:
-            seen = z > self._in_front[pixel]
-            pixel = pixel[seen]
-            z = z[seen]
-            colour = colour[seen]
         # A batch may have several triangles in one pixel; an assignment would keep an arbitrary
         # one.
         packed = (z << _COLOUR_BITS) | colour

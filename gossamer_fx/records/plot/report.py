@@ -8,12 +8,12 @@ known by its hash, and loads nothing.
 from __future__ import annotations
 
 import json
-import tempfile
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Iterable, Mapping
+from functools import cache
 from hashlib import sha256
 from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ from gossamer_fx.records.outputs.description import lines, number_text
 from gossamer_fx.records.plot import plot as pictures
 from gossamer_fx.records.plot.camera import View
 from gossamer_fx.records.plot.colours import default_field
-from gossamer_fx.records.plot.curve_panels import STORED, run_curves
-from gossamer_fx.records.plot.page import WIDTH, write_page
+from gossamer_fx.records.plot.curve_panels import STORED, Curves, run_curves
+from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import RunView
@@ -72,12 +72,6 @@ VIEW = """
 <div class="bar" id="copying" hidden><input id="probe" readonly><button id="copy">Copy probe</button></div></div>
 """.strip()
 
-# Screens of at most this width [pixels] show pictures that are laid out for them.
-_NARROW_SCREEN = 700
-# Width of the page of such pictures [inches]: its letters of 9 points are 11 pixels high on a
-# screen of 400.
-_NARROW_WIDTH = 4.0
-
 # Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON
 # can write them so.
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
@@ -110,7 +104,10 @@ def write_report(run: RunReader, path: str | Path) -> None:
         >>> "A fall" in page.read_text()
         True
     """
-    _check_recorded(run)
+    check(
+        bool(run.table("ledger.csv")),
+        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
+    )
     path = file_to_write(path)
     text = "\n".join(_page(run))
     try:
@@ -120,46 +117,6 @@ def write_report(run: RunReader, path: str | Path) -> None:
         raise OutputFailure(
             f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
         ) from error
-
-
-@check_arguments
-class InlineReport:
-    """The report of a run inside a notebook: as the last line of a cell it is shown below the cell.
-
-    Args:
-        run: a recorded run.
-        height: of the frame [pixels]; longer reports are scrolled.
-
-    Raises:
-        InputError: nothing was recorded yet, or a height that is not positive.
-
-    Example:
-        >>> report = gx.plot.InlineReport(recorded)
-        >>> report._repr_html_()[:7]
-        '<iframe'
-    """
-
-    def __init__(self, run: RunReader, *, height: int = 720) -> None:
-        check(height > 0, f"InlineReport: height is {height!r}; give a number of pixels.")
-        _check_recorded(run)
-        self._run = run
-        self._height = height
-
-    def _repr_html_(self) -> str:
-        """The page in a frame: neither its style nor its script meets those of the notebook."""
-        page = escape("\n".join(_page(self._run)))
-        return (
-            f'<iframe sandbox="allow-scripts" style="width: 100%; height: {self._height}px; '
-            f'border: 1px solid #dde1e5" srcdoc="{page}"></iframe>'
-        )
-
-
-def _check_recorded(run: RunReader) -> None:
-    """Refuse a run that has made no step."""
-    check(
-        bool(run.table("ledger.csv")),
-        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
-    )
 
 
 def _page(run: RunReader) -> Iterable[str]:
@@ -174,13 +131,12 @@ def _page(run: RunReader) -> Iterable[str]:
         yield VIEW
         if len(run.times) > 1:
             yield f"<h2>Over the {escape(run.axis.name)}</h2>"
-        yield _image(partial(_draw_strip, run, field), f"{field} at six times")
+        views = pictures.strip_views(run, field, pictures.STRIP_COUNT, View())
+        yield _image(f"{field} at six times", views)
     # The energies of a mode are those of an arbitrary amplitude.
     if run.kind != "mode" and len(run.along(ledger)) > 1:
-        yield _image(
-            partial(_draw_curves, run),
-            "energies, pressures, states, errors, iterations",
-        )
+        words = "energies, pressures, states, errors, iterations"
+        yield _image(words, None, run_curves(run))
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
     if run.kind == "equilibrium":
         yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
@@ -270,34 +226,12 @@ def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
     return kind, words
 
 
-def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:
-    """Draw a field at six times on a page of a width [inches]."""
-    views = pictures.strip_views(run, field, pictures.STRIP_COUNT, View())
-    write_page(file, "", views, width=width)
-
-
-def _draw_curves(run: RunReader, file: Path, width: float) -> None:
-    """Draw all curves on a page of a width [inches]."""
-    write_page(file, "", None, run_curves(run), width=width)
-
-
-def _image(draw: Callable[[Path, float], None], words: str) -> str:
-    """A picture as part of the HTML page, in two layouts: for wide and for narrow screens.
-
-    Args:
-        draw: writes a PNG to a path, for a page of a width [inches].
-    """
-    sources = []
-    for width in (WIDTH, _NARROW_WIDTH):
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "picture.png"
-            draw(file, width)
-            data = b64encode(file.read_bytes()).decode()
-        sources.append(f"data:image/png;base64,{data}")
-    return (
-        f'<picture><source media="(max-width: {_NARROW_SCREEN}px)" srcset="{sources[1]}">'
-        f'<img alt="{escape(words)}" src="{sources[0]}"></picture>'
-    )
+def _image(words: str, views: Views | None, curves: Curves | None = None) -> str:
+    """Pictures or curves as an image of the HTML page."""
+    file = BytesIO()
+    write_page(file, "", views, curves)
+    data = b64encode(file.getvalue()).decode()
+    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
 
 
 def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:

@@ -108,8 +108,7 @@ class RunReader:
         )
 
     def _repr_html_(self) -> str:
-        """The bodies and their fields as a table, for notebooks; see `InlineReport` for
-        pictures."""
+        """The bodies and their fields as a table, for notebooks."""
         rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
         caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
         return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
@@ -390,19 +389,6 @@ class RunReader:
         of_name = {name: self.mean_tension(name, time) for name in set(names)}
         return np.array([of_name[name] for name in names])
 
-    def film_corners(self, record: int) -> list[Array]:
-        """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
-        to the last bit.
-
-        Raises:
-            InputError: a file of fields is missing or damaged.
-        """
-        found = []
-        for name in self.films:
-            segment, step = self.bodies[name].at(record)
-            found.append(segment.joined_positions(step)[segment.vertices])
-        return found
-
     def shape(
         self,
         record: int,
@@ -635,13 +621,8 @@ class RecordedMesh:
         """Positions (p, 3) of the points at a step [m]."""
         return self.grid(step).points
 
-    def joined_positions(self, step: int) -> Array:
-        """Positions of the vertices at a step [m], by their numbers."""
-        joined: Array = self.positions(step)[self._point_of_vertex]
-        return joined
-
     def _find_vertices(self) -> None:
-        """Set `vertices`, and the number of a point for each of them.
+        """Set `vertices`.
 
         Points that lie on each other in the mesh and at the start, in the middle and at the end of
         the run are one vertex.  Layers of a folded film may lie on each other for some time, but
@@ -651,9 +632,7 @@ class RecordedMesh:
         positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
         pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
         keys = np.rint(np.concatenate(positions, axis=1) / pitch).astype(np.int64)
-        _, self._point_of_vertex, vertex_of_point = np.unique(
-            keys, axis=0, return_index=True, return_inverse=True
-        )
+        vertex_of_point = np.unique(keys, axis=0, return_inverse=True)[1]
         self.vertices: Integers = vertex_of_point.ravel()[self.pieces]
 
 

@@ -20,10 +20,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
 from pathlib import Path
 from threading import Lock, Thread
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import urlsplit
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.records.plot.curve_panels import run_curves
 from gossamer_fx.records.plot.page import write_page
@@ -71,12 +71,10 @@ class Watch:
         self,
         folder: str | Path,
         *,
-        port: int = 0,
+        port: Annotated[int, Range(0, _MAX_PORT)] = 0,
         must_exist: bool = True,
-        height: int = 720,
+        height: Annotated[int, Range(1)] = 720,
     ) -> None:
-        check(0 <= port <= _MAX_PORT, f"Watch: port is {port}; give one from 0 to {_MAX_PORT}.")
-        check(height > 0, f"Watch: height is {height!r}; give a number of pixels.")
         self._height = height
         answers = _Answers(Path(folder))
         if must_exist:

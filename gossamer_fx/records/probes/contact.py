@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
@@ -21,7 +21,7 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
-from gossamer_fx.records.probes.points import AXES, check_axis
+from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.view import StateView
 
 
@@ -80,8 +80,7 @@ class ContactForce:
         ...     return gx.Series({"push": gx.probes.ContactForce(contact, floor, axis="z")})
     """
 
-    def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        check_axis(axis)
+    def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: AxisName) -> None:
         known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         numbers = [k for k, one in enumerate(known) if one is body]
@@ -90,7 +89,7 @@ class ContactForce:
             f"'{getattr(body, 'name', body)}' is not in '{contact.name}', which holds: {names}.",
         )
         self.contact = contact
-        self.axis = axis
+        self.axis: AxisName = axis
         self._number = numbers[0]
 
     def __call__(self, run: Any) -> float:
@@ -201,8 +200,7 @@ class Penetrations:
         ...     return gx.Series({"penetrations": gx.probes.Penetrations(contact)})
     """
 
-    def __init__(self, contact: Contact, *, every: int = 1) -> None:
-        check(every >= 1, f"Penetrations: every is {every!r}; count in every step or less often.")
+    def __init__(self, contact: Contact, *, every: Annotated[int, Range(1)] = 1) -> None:
         self.contact = contact
         self.every = every
         self._last = 0.0
@@ -251,10 +249,6 @@ class Crossings:
     def __init__(self, *bodies: Membrane) -> None:
         check(bool(bodies), "Crossings: there is no film; give one or several.")
         for k, film in enumerate(bodies):
-            check(
-                isinstance(film, Membrane),
-                f"Crossings: {getattr(film, 'name', film)!r} is not a film; give films.",
-            )
             check(
                 not any(film is other for other in bodies[:k]),
                 f"Crossings: '{film.name}' is given twice.",

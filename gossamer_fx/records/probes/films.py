@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments, positive
-from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.model.body import Vector
 from gossamer_fx.core.model.state import HasSystem
@@ -21,6 +21,15 @@ from gossamer_fx.records.fields.fields import FieldFunctions
 from gossamer_fx.records.fields.film_states import STATES, AreaFractions
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
+
+# What `SurfaceError` returns of a `BestSurface`, and its unit
+SURFACE_UNITS = {
+    "rms": "m",
+    "peak_to_valley": "m",
+    "tilt": "rad",
+    "radius": "m",
+    "focal_length": "m",
+}
 
 
 @check_arguments
@@ -118,23 +127,17 @@ class StressSearch:
         return StressPeak(stress, (float(x), float(y), float(z)), ratio)
 
 
-# What `SurfaceError` returns of a `BestSurface`, and its unit
-SURFACE_UNITS = {
-    "rms": "m",
-    "peak_to_valley": "m",
-    "tilt": "rad",
-    "radius": "m",
-    "focal_length": "m",
-}
-
-
 class _FilmArea:
     """The area of a film in a state, or its share."""
 
-    def __init__(self, body: Membrane, state: str, *, group: str = "", at: At = "mean") -> None:
-        check(
-            state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
-        )
+    def __init__(
+        self,
+        body: Membrane,
+        state: Literal["slack", "wrinkled", "taut"],
+        *,
+        group: str = "",
+        at: At = "mean",
+    ) -> None:
         self.state = state
         self._areas = AreaFractions([body], at, group)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal, get_args
 
 import numpy as np
 from mpi4py import MPI
@@ -15,17 +16,14 @@ from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.orbit.elements import elements_of
 from gossamer_fx.mechanics.orbit.environment import local_axes
 from gossamer_fx.mechanics.orbit.orbit import Orbit
-from gossamer_fx.records.probes.points import AXES
+from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.view import StateView
 
 # Osculating elements: attributes of `orbit.elements.Elements`
-ELEMENTS = ("a", "e", "i", "node", "perigee", "anomaly")
+Element = Literal["a", "e", "i", "node", "perigee", "anomaly"]
 
-# Quantities of `OrbitState`
-ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")
-
-# Quantities of `LoadResultant`
-ACTIONS = ("force", "torque")
+# Axes of the orbit: columns of `orbit.environment.local_axes`
+OrbitAxis = Literal["outward", "along", "across"]
 
 
 @check_arguments
@@ -49,11 +47,9 @@ class OrbitState:
         >>> altitude = gx.probes.OrbitState(orbit, "altitude")
     """
 
-    def __init__(self, orbit: Orbit, quantity: str) -> None:
-        check(
-            quantity in ORBITAL,
-            f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
-        )
+    def __init__(
+        self, orbit: Orbit, quantity: Element | Literal["altitude", "depth", "sunlit"]
+    ) -> None:
         self.orbit = orbit
         self.quantity = quantity
 
@@ -68,7 +64,7 @@ class OrbitState:
                 straight down or a parabola), or the direction to the Sun is not known.
         """
         position, velocity = self.orbit.flight(run.system).state()
-        if self.quantity in ELEMENTS:
+        if self.quantity in get_args(Element):
             elements = elements_of(position, velocity, self.orbit.mu)
             return float(getattr(elements, self.quantity))
         if self.quantity == "altitude":
@@ -95,10 +91,6 @@ class SunAngle:
     """
 
     def __init__(self, orbit: Orbit, of: Membrane | Port) -> None:
-        check(
-            isinstance(of, Membrane | Port),
-            f"SunAngle of {of!r}; give a film, or a director such as body.frame().directors[2].",
-        )
         self.orbit = orbit
         self.of = of
 
@@ -126,18 +118,7 @@ class Attitude:
         >>> tilt = gx.probes.Attitude(orbit, film, axis="outward")
     """
 
-    # Columns of `orbit.environment.local_axes`
-    NAMES = ("outward", "along", "across")
-
-    def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
-        check(
-            isinstance(of, Membrane | Port),
-            f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
-        )
-        check(
-            axis in self.NAMES,
-            f"An orbit has no axis {axis!r}; its axes are: {', '.join(self.NAMES)}.",
-        )
+    def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: OrbitAxis) -> None:
         self.orbit = orbit
         self.of = of
         self.axis = axis
@@ -146,7 +127,7 @@ class Attitude:
         """The angle [rad] in the state of a run, 0 to π."""
         position, velocity = self.orbit.flight(run.system).state()
         axes = local_axes(position, velocity)
-        column = self.NAMES.index(self.axis)
+        column = get_args(OrbitAxis).index(self.axis)
         return _angle(axes[:, column], direction_of(run, self.of))
 
 
@@ -174,18 +155,13 @@ class LoadResultant:
         orbit: Orbit,
         load: str,
         *,
-        action: str,
-        axis: str,
+        action: Literal["force", "torque"],
+        axis: AxisName,
     ) -> None:
-        check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
-        check(
-            axis in AXES,
-            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
-        )
         self.orbit = orbit
         self.load = load
         self.action = action
-        self.axis = axis
+        self.axis: AxisName = axis
 
     def __call__(self, run: StateView) -> float:
         """The component of the force [N] or torque [N m] in the last step of a run.  Collective.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.core.model.state import HasSystem
@@ -23,7 +24,7 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
 # What is reported of the values along a line
-KINDS = ("mean", "least", "largest")
+Which = Literal["mean", "least", "largest"]
 
 
 class _ForSystem[T]:
@@ -49,14 +50,12 @@ class _AlongLine:
     def __init__(
         self,
         line: Curve | DrawnAsLines,
-        which: str,
+        which: Which,
         at: At,
         *,
         of_body: Callable[[BodyShape], Expr],
         of_connector: Callable[[LineForces], Array],
     ) -> None:
-        kind = type(self).__name__
-        check(which in KINDS, f"{kind}: which is {which!r}; choose among: {', '.join(KINDS)}.")
         self.line = line
         self.which = which
         self.at: At = at
@@ -118,7 +117,9 @@ class Tension(_AlongLine):
 
     unit = "N"
 
-    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean", *, at: At = "mean") -> None:
+    def __init__(
+        self, line: Curve | DrawnAsLines, which: Which = "mean", *, at: At = "mean"
+    ) -> None:
         super().__init__(
             line, which, at, of_body=tension, of_connector=lambda lines: lines.tensions
         )
@@ -148,7 +149,7 @@ class AxialStrain(_AlongLine):
 
     unit = ""
 
-    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
+    def __init__(self, line: Curve | DrawnAsLines, which: Which = "mean") -> None:
         super().__init__(
             line, which, "end", of_body=axial_strain, of_connector=lambda lines: lines.strains
         )
@@ -195,10 +196,6 @@ class Length:
         return self._length(system)()
 
 
-# What is reported of the angles along a crease
-ANGLES = ("mean", "least", "largest", "rest")
-
-
 @check_arguments
 class FoldAngle:
     """Angle [rad] of a crease: positive for a valley fold, zero where it is flat.
@@ -217,8 +214,7 @@ class FoldAngle:
         >>> angle = gx.probes.FoldAngle(crease, "mean")
     """
 
-    def __init__(self, crease: Crease, which: str = "mean") -> None:
-        check(which in ANGLES, f"FoldAngle: which is {which!r}; choose among: {', '.join(ANGLES)}.")
+    def __init__(self, crease: Crease, which: Which | Literal["rest"] = "mean") -> None:
         self.crease = crease
         self.which = which
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from petsc4py import PETSc
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.ring import Ring
 
 # Components of a vector by name
-AXES = {"x": 0, "y": 1, "z": 2}
+AxisName = Literal["x", "y", "z"]
+AXES: dict[AxisName, int] = {"x": 0, "y": 1, "z": 2}
 
 # Quantities of `GasState`; attributes of `gas.contract.ChamberState`
-GAS = ("pressure", "temperature", "volume", "mass")
+GasQuantity = Literal["pressure", "temperature", "volume", "mass"]
+GAS: tuple[GasQuantity, ...] = get_args(GasQuantity)
 
 
 @check_arguments
@@ -46,10 +48,9 @@ class Position:
         -1.0
     """
 
-    def __init__(self, port: Port, axis: str) -> None:
-        check_axis(axis)
+    def __init__(self, port: Port, axis: AxisName) -> None:
         self.port = port
-        self.axis = axis
+        self.axis: AxisName = axis
 
     unit = "m"
 
@@ -146,11 +147,7 @@ class GasState:
         200000.0
     """
 
-    def __init__(self, chamber: Volume, quantity: str) -> None:
-        check(
-            quantity in GAS,
-            f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.",
-        )
+    def __init__(self, chamber: Volume, quantity: GasQuantity) -> None:
         self.chamber = chamber
         self.quantity = quantity
 
@@ -161,14 +158,7 @@ class GasState:
         Raises:
             InputError: the chamber is not in the scene of the run.
         """
-        state = run.chamber(self.chamber.name)
-        values = {
-            "pressure": state.pressure,
-            "temperature": state.temperature,
-            "volume": state.volume,
-            "mass": state.mass,
-        }
-        return float(values[self.quantity])
+        return float(getattr(run.chamber(self.chamber.name), self.quantity))
 
 
 @check_arguments
@@ -226,9 +216,8 @@ class AngularVelocity:
         0.0
     """
 
-    def __init__(self, frame: Frame, axis: str) -> None:
-        check_axis(axis)
-        self.axis = axis
+    def __init__(self, frame: Frame, axis: AxisName) -> None:
+        self.axis: AxisName = axis
         self._directors = [port for port in frame.directors if isinstance(port, Port)]
         check(
             len(self._directors) == len(frame.directors),
@@ -262,10 +251,9 @@ class JointForce:
         >>> tension = gx.probes.JointForce(hinge, "x")
     """
 
-    def __init__(self, joint: Joint, axis: str) -> None:
-        check_axis(axis)
+    def __init__(self, joint: Joint, axis: AxisName) -> None:
         self.joint = joint
-        self.axis = axis
+        self.axis: AxisName = axis
 
     def __call__(self, run: StateView) -> float:
         """The component [N] in the last step of a run."""
@@ -314,13 +302,6 @@ class RingArea:
             self._loops = {key: Loop(self.ring, run.system)}
         # a step of no length: the area of the current state
         return float(self._loops[key].aperture(0.0))
-
-
-def check_axis(axis: str) -> None:
-    """Check the name of a component of a vector."""
-    check(
-        axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
-    )
 
 
 def _with_normal(directors: Array, rates: Array) -> tuple[Array, Array]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array, Body, Port, is_body
+from gossamer_fx.core.model.body import Array, Body, Port
 from gossamer_fx.mechanics.bodies.frames import Frame
-from gossamer_fx.records.probes.points import AXES, check_axis
+from gossamer_fx.records.probes.points import AXES, AxisName
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
@@ -39,11 +40,10 @@ class AngularMomentum:
 
     unit = "kg m²/s"
 
-    def __init__(self, axis: str, *, frame: Frame | None = None) -> None:
-        check_axis(axis)
+    def __init__(self, axis: AxisName, *, frame: Frame | None = None) -> None:
         if frame is not None:
             _check_three_axes("AngularMomentum", frame)
-        self.axis = axis
+        self.axis: AxisName = axis
         self.frame = frame
 
     def __call__(self, run: StateView) -> float:
@@ -136,10 +136,6 @@ def centre_of_mass(system: System) -> Array:
     return first_moments / masses
 
 
-# Quantities of `PolarPosition`
-POLAR = ("radius", "angle")
-
-
 @check_arguments
 class MeanSpin:
     """Mean spin [rad/s] of a body about an axis through its centre of mass: ω = L/I.
@@ -161,15 +157,9 @@ class MeanSpin:
         0.0
     """
 
-    def __init__(self, body: Body, axis: str = "z") -> None:
-        check(
-            is_body(body), f"MeanSpin: {body!r} is not a body; give a film, plate, cable or beam."
-        )
-        check(
-            axis in AXES, f"MeanSpin: there is no axis {axis!r}; its axes are: {', '.join(AXES)}."
-        )
+    def __init__(self, body: Body, axis: AxisName = "z") -> None:
         self.body = body
-        self.axis = axis
+        self.axis: AxisName = axis
 
     def __call__(self, run: StateView) -> float:
         """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia.
@@ -259,11 +249,9 @@ class PolarPosition:
         >>> twist = gx.probes.PolarPosition(mass.port(), hub.frame(), quantity="angle")
     """
 
-    def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
-        check(
-            quantity in POLAR,
-            f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",
-        )
+    def __init__(
+        self, port: Port, frame: Frame, *, quantity: Literal["radius", "angle"] = "radius"
+    ) -> None:
         _check_three_axes("PolarPosition", frame)
         self.port = port
         self.frame = frame
@@ -286,11 +274,6 @@ class PolarPosition:
         if self.quantity == "radius":
             return math.hypot(along_first, along_second)
         return math.atan2(along_second, along_first)
-
-
-# Quantities and parts of `Waves`
-QUANTITIES = ("height", "radius")
-PARTS = ("cosine", "sine")
 
 
 @check_arguments
@@ -333,8 +316,8 @@ class Waves:
         frame: Frame,
         *,
         number: int,
-        part: str = "cosine",
-        quantity: str = "height",
+        part: Literal["cosine", "sine"] = "cosine",
+        quantity: Literal["height", "radius"] = "height",
     ) -> None:
         count = len(ports)
         check(count >= 3, f"Waves: {count} points do not show waves; give at least 3.")
@@ -342,11 +325,6 @@ class Waves:
             0 <= number <= count // 2,
             f"Waves: {count} points cannot show {number} waves; give 0 to {count // 2}, or more "
             "points.",
-        )
-        check(part in PARTS, f"Waves: there is no part {part!r}; choose from {', '.join(PARTS)}.")
-        check(
-            quantity in QUANTITIES,
-            f"Waves: there is no quantity {quantity!r}; choose from {', '.join(QUANTITIES)}.",
         )
         _check_three_axes("Waves", frame)
         self.ports = tuple(ports)

@@ -55,14 +55,14 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import basix
 import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.core.model.body import (
     Attached,
@@ -464,10 +464,10 @@ class Checkpoints:
     def __init__(
         self,
         folder: str | Path,
-        every: int | None = 100,
+        every: Annotated[int, Range(1)] | None = 100,
         *,
-        minutes: float | None = None,
-        keep: int = 2,
+        minutes: Annotated[float, positive("min")] | None = None,
+        keep: Annotated[int, Range(1)] = 2,
         overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)
@@ -475,18 +475,6 @@ class Checkpoints:
         self.minutes = minutes
         self.keep = keep
         self.overwrite = overwrite
-        check(
-            every is None or (isinstance(every, int) and every >= 1),
-            f"Checkpoints: every is {every!r}; give a number of steps, or None.",
-        )
-        check(
-            minutes is None or minutes > 0,
-            f"Checkpoints: minutes is {minutes!r}; give a positive number, or None.",
-        )
-        check(
-            isinstance(keep, int) and keep >= 1,
-            f"Checkpoints: keep is {keep!r}; keep at least one.",
-        )
         self.seconds = 0.0
         self._written: int | None = None  # step of the last checkpoint
 

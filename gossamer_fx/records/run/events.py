@@ -15,14 +15,12 @@ Limits.  A probe that passes its value and returns within one step is not notice
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from numbers import Real
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.arguments import check_arguments, not_negative, positive
+from gossamer_fx.core.checks.errors import InputError
 from gossamer_fx.core.checks.user_functions import ask
 from gossamer_fx.records.outputs.output import Probe, evaluate_probe, of_item
 from gossamer_fx.solve.steppers.history import History
@@ -76,19 +74,11 @@ class At:
         0.5
     """
 
-    time: float
+    time: Annotated[float, not_negative("s")]
     then: Action | None = None
     _: KW_ONLY
     stop: bool = False
     name: str = "time"
-
-    def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
-        check(
-            isinstance(self.time, Real) and math.isfinite(self.time) and self.time >= 0,
-            f"At '{self.name}': time is {self.time!r}; give seconds.",
-        )
-        _check_action(self)
 
 
 @check_arguments
@@ -123,36 +113,11 @@ class When:
     falling: bool = False
     then: Action | None = None
     stop: bool = False
-    tolerance: float | None = None
+    tolerance: Annotated[float, positive("s")] | None = None
     name: str = "event"
-
-    def __post_init__(self) -> None:
-        """Check the arguments of an event at which a probe passes a value.
-
-        Raises:
-            InputError: the probe or `then` is not a function, or the tolerance is not positive [s].
-        """
-        check(
-            callable(self.probe),
-            f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
-        )
-        check(
-            self.tolerance is None or self.tolerance > 0,
-            f"When '{self.name}': tolerance is {self.tolerance!r} s; give a positive one.",
-        )
-        _check_action(self)
 
 
 Event = At | When
-
-
-def _check_action(event: Event) -> None:
-    """Refuse an action that is not a function."""
-    kind = type(event).__name__
-    check(
-        event.then is None or callable(event.then),
-        f"{kind} '{event.name}': then is {event.then!r}; give a function of the run, or None.",
-    )
 
 
 @dataclass
@@ -180,11 +145,6 @@ class EventMonitor:
         """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective."""
         self._run = run
         self._history = history
-        for event in events:
-            check(
-                isinstance(event, At | When),
-                f"{event!r} is not an event; give At(...) or When(...).",
-            )
         self._at = [event for event in events if isinstance(event, At)]
         self._when = [event for event in events if isinstance(event, When)]
         self._events: list[Event] = [*self._at, *self._when]

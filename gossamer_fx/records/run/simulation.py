@@ -44,7 +44,6 @@ from gossamer_fx.solve.scene.scene import Scene
 from gossamer_fx.solve.steppers.history import History
 from gossamer_fx.solve.steppers.stepping import (
     Carrier,
-    Control,
     EqualSteps,
     Stepper,
     Stepping,
@@ -131,15 +130,10 @@ class Simulation:
     ) -> None:
         """Compile the scene and open the outputs; with `restart`, read the checkpoint.
         Collective."""
-        self.outputs = _list_of("outputs", outputs, Output)
-        events = _list_of("events", events, object)
+        self.outputs = list(outputs)
         self.scene = scene
         self.stepper = stepper
         self.checkpoints = checkpoints
-        check(
-            control is None or isinstance(control, Control),
-            f"control is {control!r}; give a StepControl, or None.",
-        )
         check(
             restart is not None or not changes, "There are changes, but no restart; leave them out."
         )
@@ -615,14 +609,3 @@ class Simulation:
         self.recorded = state["recorded"]
         if self._monitor:
             self._monitor.set_history(state["events"])
-
-
-def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
-    """Copy a sequence of objects of a kind into a list."""
-    check(
-        isinstance(given, Sequence)
-        and not isinstance(given, str)
-        and all(isinstance(one, kind) for one in given),
-        f"{what} is {given!r}; give a list, e.g. {what}=[...].",
-    )
-    return list(given)
