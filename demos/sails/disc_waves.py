@@ -172,7 +172,7 @@ def main(
     """Strike the disc; `given` are arguments of `build`.  With `output`, a folder: a picture.
 
     Returns for each number n of waves ω/Ω and the amplitude [mm] of the waves forward and backward,
-    each beside its closed form, and the error of the energy balance.
+    each next to its closed form, and the error of the energy balance.
     """
     case = build(comm, diameter, rev, blow, **given)  # type: ignore[arg-type]
     run, series = run_case(case)
