@@ -63,6 +63,11 @@ STUDY = Study(
     shows=("opened", "largest_stress", "tape_tension"),
     quick_shows=("largest_stress", "tape_tension"),
     limits={"energy_error": 1e-8, "penetrations": 0},
+    expected_warnings={
+        "taut at one end of a step only": "the inner tapes are unloaded while the sail is folded, "
+        "and turn slack and taut with the stretching of the film, which no step of a deployment "
+        "resolves; with steps of 5 ms edges are 6 m out after 2.502 s (EA = 750 N)"
+    },
     columns=f"opened, largest_stress, tape_tension, imbalance, largest_radius, {LEDGER}",
     draw=draw,
 )
