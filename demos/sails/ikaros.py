@@ -32,7 +32,8 @@ Where the values come from:
     ./gossamer report out/ikaros
     ./gossamer run demos/sails/ikaros.py pitch=0.32 until=8.0
 
-The picture of the angular momentum by component is of `main("out/tilted", until=4.0, tilt=1.0)`.
+The picture of the angular momentum by component is of `main("out/tilted", until=4.0, tilt=1.0,
+largest=2e-2)`.
 """
 
 from __future__ import annotations
