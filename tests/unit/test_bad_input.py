@@ -338,7 +338,7 @@ SCENES = {
     "an error inside": ("def build(comm):\n    return 1 / 0\n", [], "line 2: ZeroDivisionError"),
     "an exit inside": ("raise SystemExit\n", [], "line 1: SystemExit"),
     "a scene that cannot be": (GOOD.replace("1400.0", "-1.0"), [], "density"),
-    "an option that is unknown": (GOOD, ["cell=3"], "'cell'"),
+    "an option that is unknown": (GOOD, ["cell=3"], "takes no cell"),
     "an option without value": (GOOD, ["cells"], "'cells'"),
     "an option of another kind": (GOOD, ["until=long"], "until"),
     "a value that is missing": (GOOD.replace("cells=2", "cells"), [], "cells"),
