@@ -24,7 +24,7 @@ from tests.contact.scenes import (
 )
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("law", ["barrier", "penalty"])
 def test_two_films_collide(comm, law):
     lower, upper = two_films(comm, height=2e-3)

@@ -417,7 +417,7 @@ def test_the_nearer_triangle_hides_the_farther_where_they_cross() -> None:
     assert np.all(images[0][:, :50] == 0) and np.all(images[0][:, 50:] == 1)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) -> None:
     """Pixel by pixel, of the start alone: curves of later errors differ by round-off."""
