@@ -164,7 +164,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     Raises:
         OutputFailure: the file cannot be written.
     """
-    from gossamer_fx.records.plot.curve_panels import Curves
+    from gossamer_fx.records.plot.curve_panels import Curves, Panel
     from gossamer_fx.records.plot.page import write_page
 
     names = number_names(results)
@@ -191,7 +191,7 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
         position = positions[levels.index(result.values[first])]
         curves.setdefault(label, []).append((position, result))
     ticks = dict(zip(positions, map(value_text, levels), strict=True)) if has_words else {}
-    panels = [partial(_draw_panel, number, curves, ticks) for number in shown]
+    panels: list[Panel] = [partial(_draw_panel, number, curves, ticks) for number in shown]
     start = min(positions) - margin
     end = max(positions) + margin
     write_page(path, title, None, Curves(panels, start, end, first))
