@@ -102,7 +102,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
         # force is linear in X, so the work of the step is exact.
         α = self._system.rule.alpha
-        found = []
+        found: list[tuple[Array, Array]] = []
         X1_of_all = self._vectors(self._system.q1)
         groups = zip(self._masses, self._constant, self._X0, X1_of_all, strict=True)
         for (_, _, M, A), a, X0, X1 in groups:
