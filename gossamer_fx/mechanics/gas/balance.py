@@ -348,7 +348,8 @@ class Balance:
                     [-slope * T * self.contents.gases[row].R * T_by_pV for slope in by_temperature]
                     for row in self.contents.rows[k]
                 ]
-                self._add_blend_slopes(by_masses, passage, at_ends, side, total_mass)
+                if len(by_masses) > 1:
+                    self._add_blend_slopes(by_masses, passage, at_ends, side, total_mass)
                 rows_at_ends = passage.rows[upstream]
                 for end, sign, rows in zip(
                     passage.ends, (-self.h, self.h), rows_at_ends, strict=True
@@ -375,13 +376,12 @@ class Balance:
         side: int,
         total_mass: Array,
     ) -> None:
-        """Add, where the gas at one end is a mixture, the derivatives of its flows by the masses
-        (s,) of the species at given pressure and temperature; `by_masses` has the derivatives of
-        energy and mass flows for each species."""
+        """Add the derivatives of the flows at a chamber with a mixture by the masses (s,) of the
+        species at given pressure and temperature; `by_masses` has the derivatives of energy and
+        mass flows for each species."""
         p, T, gas = at_ends[side]
         k = passage.ends[side]
-        if len(by_masses) == 1 or not isinstance(k, int):
-            return
+        assert isinstance(k, int), "A chamber has a number."
         masses = [total_mass[row] for row in self.contents.rows[k]]
         for position, sums in enumerate(by_masses):
             amounts: list[Number] = list(masses)
@@ -539,11 +539,10 @@ def _at_ends(passage: Passage, states: list[State]) -> tuple[State, State]:
     return _state_at(first, first_gas, states), _state_at(second, second_gas, states)
 
 
-def _state_at(end: End, gas: Gas | None, states: list[State]) -> State:
-    """The state of one end of an opening; `gas` is that of a boundary."""
-    if isinstance(end, int):
+def _state_at(end: Any, gas: Gas | None, states: list[State]) -> State:
+    """The state of one end of an opening; `gas` is that of a boundary, None at a chamber."""
+    if gas is None:
         return states[end]
-    assert gas is not None, "A boundary has a gas."
     return end.pressure, end.temperature, gas
 
 
@@ -566,10 +565,9 @@ def _slopes(
     step was added, exact to round-off."""
     varied = (changed, at_ends[1]) if side == 0 else (at_ends[0], changed)
     upstream, mass_flow, energy_flow = _flows(passage, varied)
-    flows = [energy_flow]
-    for fraction in varied[upstream][2].fractions:
-        flows.append(fraction * mass_flow)
-    return upstream, [flow.imag / COMPLEX_STEP for flow in flows]
+    slopes = [energy_flow.imag / COMPLEX_STEP]
+    slopes += [(Y * mass_flow).imag / COMPLEX_STEP for Y in varied[upstream][2].fractions]
+    return upstream, slopes
 
 
 def _conductance(

@@ -188,6 +188,9 @@ class Contents:
 
     def masses_times_R(self, m: Array) -> Array:
         """Σ m_s R_s [J/K] of each chamber, p V/T."""
+        if self._is_pure:
+            # Asked for in every iteration: a scene of one gas sums nothing.
+            return m * self._R
         return self.sums(m * self._R)
 
     def temperatures(self, pV: Array, m: Array) -> Array:

@@ -8,6 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -244,10 +245,16 @@ class Orifice(PassiveOpening):
     def flux(self, gas: Gas, pu: complex, Tu: complex, pd: complex) -> complex:
         """`isentropic_flow`, times the coefficient of a table."""
         flux = isentropic_flow(gas, pu, Tu, pd, self.laminar)
-        table = self.discharge_coefficient
-        if isinstance(table, LinearTable) and pu.real > 0:
-            flux = flux * table(pd / pu)
+        if self._table is not None and pu.real > 0:
+            flux = flux * self._table(pd / pu)
         return flux
+
+    # Asked for in each flow
+    @cached_property
+    def _table(self) -> LinearTable | None:
+        """The coefficient of discharge, if it is a table."""
+        given = self.discharge_coefficient
+        return given if isinstance(given, LinearTable) else None
 
 
 def compile_aperture(area: Area, coefficient: float, geometry: Geometry, user: str) -> Aperture:
