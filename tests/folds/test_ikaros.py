@@ -17,7 +17,6 @@ from tests.small_scenes import run_until, spin_drift
 RPM = ikaros.RPM
 
 
-@pytest.mark.mpi
 def test_the_cross_is_released(comm) -> None:
     # 20 ms on one rank; three steps on several.
     found = ikaros.main(comm=comm, until=0.02 if comm.size == 1 else 6e-3)
