@@ -2,9 +2,9 @@
 
 The paper of the demo `antenna_attitude` does not print its gains.  Its antenna, turned by 8° out of
 its plane, vibrates visibly, with an error of at most 2.5 %.  Varied are the natural frequency and
-the damping ratio of the controlled motion, what the control measures (the gradient at the centre
-node, or its mean over the middle square), and the film: one that wrinkles, of order 1 or 2, and a
-shell that does not.  A run ends at Ω t = 24, as the 40 s of the paper with Ω = 0.6 rad/s.
+the damping ratio of the controlled motion, and what the control measures: the gradient of a film of
+order 1 as a mean over the middle square, or that of a film of order 2 at the centre node.  A run
+ends at Ω t = 24, as the 40 s of the paper with Ω = 0.6 rad/s.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from gossamer_fx.analysis.cases.results import Result
 MODELS: dict[str, dict[str, Any]] = {
     "membrane, mean": {},
     "membrane P2, node": {"order": 2, "attitude": "node"},
-    "shell, mean": {"shell": True},
 }
 PAPER = 0.025  # largest error after the turn, relative
 FIGURES = ("overshoot", "residual")
@@ -41,13 +40,13 @@ def problem(
 
 def draw(results: list[Result], path: Path) -> None:
     """Overshoot and residual vibration over the frequency of the controlled motion."""
-    from demos.common.figures import BLUE, GREEN, RED, finish, new_figure, save
+    from demos.common.figures import BLUE, RED, finish, new_figure, save
 
     figure = new_figure(10.0, 4.0)
     done = [result for result in results if not result.failed]
     for axes, name in zip(figure.subplots(1, 2), FIGURES, strict=True):
-        for model, colour in zip(MODELS, (BLUE, RED, GREEN), strict=True):
-            for zeta, line in ((1.0, "-"), (0.1, ":")):
+        for model, colour in zip(MODELS, (BLUE, RED), strict=True):
+            for zeta, line in ((1.0, "-"), (0.2, ":")):
                 curve = [r for r in done if r.values["model"] == model and r.values["zeta"] == zeta]
                 rates = [r.values["rate"] for r in curve]
                 values = [100 * r.numbers[name] for r in curve]
@@ -64,9 +63,9 @@ STUDY = Study(
     "antenna_gains",
     "Gains, overshoot and residual vibration of a membrane antenna",
     problem,
-    {"model": list(MODELS), "zeta": [1.0, 0.1], "rate": [0.6, 2.4, 9.6]},
+    {"model": list(MODELS), "zeta": [1.0, 0.2], "rate": [0.6, 9.6]},
     lambda case: 1.0,
-    quick={"model": ["membrane, mean", "membrane P2, node"], "zeta": [0.1], "rate": [2.4]},
+    quick={"model": ["membrane, mean", "membrane P2, node"], "zeta": [0.2], "rate": [9.6]},
     quick_options={"end": 1.2},
     shows=("overshoot", "residual"),
     columns="overshoot, residual, angle_error, other_angle, energy_error, newton_per_step, seconds",
