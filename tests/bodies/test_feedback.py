@@ -167,6 +167,9 @@ def test_tumbling_body_with_a_driven_wheel_conserves_its_momentum() -> None:
     run.run(until=5.0)
     first = run.first.angular_momentum
     assert run.totals.angular_momentum == pytest.approx(first, abs=1e-13)
+    # The body stays where it is, so that its centre is the origin.
+    for axis, momentum in zip("xyz", first, strict=True):
+        assert gx.probes.AngularMomentum(axis)(run) == pytest.approx(momentum, abs=1e-13)
     assert abs(run.energy_error) < 1e-12
 
 

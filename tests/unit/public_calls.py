@@ -334,7 +334,10 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("constraints.CylindricalJoint", **hinge)
     add("constraints.UniversalJoint", a=A, b=B, axis_a=z, axis_b=(1.0, 0.0, 0.0))
     add("constraints.Latch", joint=gx.constraints.RevoluteJoint(A, B, axis=z), angle=0.1)
+    add("constraints.HoldDown", joint=gx.constraints.RevoluteJoint(A, B, axis=z))
     add("connectors.TorsionStop", **hinge, stiffness=1.0, limits=(-0.1, 0.1))
+    table = {"angle": [-1.0, 0.0, 1.0], "moment": [-1.0, 0.0, 1.0]}
+    add("connectors.TabulatedTorsion", **hinge, **table, rest_angle=0.1)
     add("outputs.Probes", path=folder / "a.csv", probes={"a": lambda run: 0.0}, times=(0.1,))
     add("Recording", folder=folder / "run", fields={}, times=(0.1,))
     add("constraints.RevoluteJoint", **hinge)
@@ -375,6 +378,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tie", a=film, group_a="left", b=plate, group_b="left")
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
+    add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
@@ -474,6 +478,9 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         first_step=0.1,
         max_steps=2,
         probes={"energy": gx.analysis.Energy()},
+        branch="energy",
+        outputs=[gx.Series({"energy": gx.analysis.Energy()})],
+        resume=False,
         tolerance=1e-2,
     )
     add("control.patch", centre=P, points=[P, P, P])

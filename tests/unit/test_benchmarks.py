@@ -105,8 +105,28 @@ def test_the_parts_of_a_newton_iteration_are_its_time(bench):
         for key, number in row.items()
         if key.endswith("[ms]") and key != "iteration [ms]"
     ]
-    assert len(parts) == 7 and min(parts[:-1]) > 0
+    assert len(parts) == 9 and min(parts[:-1]) > 0
     assert sum(parts) == pytest.approx(float(row["iteration [ms]"]), rel=1e-6)
+
+
+def test_messages_and_arithmetic_of_ranks_are_counted(bench):
+    _, (one, two) = bench("rank_counts")
+    assert differences([one, two], "energy")[0] < 1e-8
+    # Nothing is sent by a rank that is alone; arithmetic is all but divided.
+    assert [float(one[what]) for what in ("messages", "MB", "collectives")] == [0, 0, 0]
+    assert float(two["messages"]) > 10 and float(two["MB"]) > 0.01
+    assert float(two["collectives"]) > float(two["of MUMPS"]) > 0
+    assert float(two["Gflop"]) == pytest.approx(float(one["Gflop"]), rel=0.2)
+    assert 1 <= float(two["flops, imbalance"]) <= 2
+
+
+def test_predicted_speed_ups_are_below_the_number_of_cores(bench):
+    _, (row,) = bench("scaling_model")
+    for unknowns in ("1e+06", "1e+07"):
+        for cores in (2, 16, 128):
+            assert 1 < float(row[f"{unknowns} on {cores}"]) < cores
+    # More unknowns divide better.
+    assert float(row["1e+07 on 128"]) > float(row["1e+05 on 128"])
 
 
 @pytest.mark.slow

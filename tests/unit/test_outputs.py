@@ -457,7 +457,7 @@ def test_picture_of_gas_alone(folder: Path) -> None:
 def test_too_many_times_are_refused() -> None:
     with pytest.raises(gx.InputError, match="at most 24"):
         gx.plot.Picture("a.png", times=np.linspace(0, 1, 100))
-    with pytest.raises(gx.InputError, match=r"times is \(0.1, nan\); give numbers"):
+    with pytest.raises(gx.InputError, match=r"times is \(0.1, nan\); give a list"):
         gx.plot.Picture("a.png", times=(0.1, float("nan")))
 
 
