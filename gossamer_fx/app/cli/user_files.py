@@ -102,8 +102,12 @@ def check_arguments_of(build: Callable[..., Any], path: Path, names: Iterable[st
     Raises:
         InputError: names them and the arguments that there are.
     """
-    # The first one is the communicator.
-    known = list(inspect.signature(build).parameters.values())[1:]
+    parameters = list(inspect.signature(build).parameters.values())
+    check(
+        bool(parameters),
+        f"build in '{path}' takes no 'comm'; its first argument must be the communicator.",
+    )
+    known = parameters[1:]
     # A function with **options takes any name.
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in known):
         return
