@@ -40,7 +40,7 @@ def test_a_curved_mesh_has_no_energy_and_no_forces_wherever_it_is_turned(comm):
         turned.restart()
         energy = sum(turned.totals().stored.values())
         flat = LAW.E * LAW.thickness**3 / 12 / 0.91
-        # Its bending energy if it were flat without stress is some 0.2 D; what is left is of third
+        # Its bending energy if it were flat without stress is some 0.2 D; the remainder is of third
         # order in the kinks between cells.
         assert abs(energy) < 1e-7 * flat
         forces.append(stored_forces(plate) / flat)
