@@ -140,7 +140,7 @@ def submesh_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
 def facets_of(curved: Mesh) -> Mesh:
     """The plane triangles between the corners of curved ones, a mesh with the same topology.
     Collective."""
-    # Corners of the cells, with separate numbers.
+    # Corners of the cells, numbered apart from other nodes.
     corners = fem.functionspace(curved, ("Lagrange", 1))
     cells = corners.dofmap.list
     index_map = corners.dofmap.index_map
