@@ -64,6 +64,9 @@ class Axis:
 
 TIME = Axis("time", "s")
 LOAD_PARAMETER = Axis("load parameter")
+# What curves of a path past limit points are drawn over; its record goes along its points, as the
+# load may fall.
+LOAD_FACTOR = Axis("load factor")
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ class Account:
         output_seconds: wall time of outputs [s].
         solver: of what the wall time was spent in the solver, in words.
         balance: None where no energy is conserved from state to state.
-        residual: unbalanced force of an equilibrium over the load; None of other states.
+        columns: further numbers of the state for the ledger, e.g. the residual of an equilibrium.
         caption: words for the state in pictures; empty: the value on the axis.
         details: further entries of run.json.
     """
@@ -117,7 +120,7 @@ class Account:
     output_seconds: float = 0.0
     solver: str = ""
     balance: ClosingErrors | None = None
-    residual: float | None = None
+    columns: Mapping[str, float] = field(default_factory=dict)
     caption: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
 

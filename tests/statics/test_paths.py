@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipk
 
 import gossamer_fx as gx
+from demos.studies import equilibrium_paths
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+from gossamer_fx.records.plot.curve_panels import run_curves
 
 EA = 1000.0  # N
 RISE = 0.2  # of the apex, over half of the span
@@ -112,6 +117,86 @@ def test_buckling_load_of_a_column(comm, cells):
 
 
 @pytest.mark.mpi
+def test_a_column_bends_as_the_elastica(comm):
+    """The path turns to the branch on which the tip moves to +z; it is stable, and has the loads of
+    the elastica for the end shortening and for the deflection."""
+    made = equilibrium_paths.column(comm, 8)
+    found = made.follow(0.3)
+    assert found.complete and found.limit_points == ()
+    (branch,) = found.branch_points
+    assert found.loads[branch] == pytest.approx(1.0, abs=5e-4)
+    assert list(found.unstable) == [int(k == branch) for k in range(len(found.loads))]
+    x = found.columns["x"][branch + 1 :]
+    np.testing.assert_allclose(found.loads[branch + 1 :], made.exact(x), rtol=5e-4)
+    # The modulus k at the deflection 2 k/K(k) has the load (2 K(k)/π)².
+    squares = ellipk_inverse(math.pi / 2 * np.sqrt(found.loads[branch + 2 :]))
+    deflections = 2 * np.sqrt(squares) / ellipk(squares)
+    np.testing.assert_allclose(found.columns["branch"][branch + 2 :], deflections, atol=1e-3)
+    assert found.loads[-1] == 2.0 and x[-1] < 0.1
+
+
+def ellipk_inverse(values):
+    """Parameters m = k² with the complete elliptic integral K(m)."""
+    return np.array([brentq(lambda m, value=value: ellipk(m) - value, 0, 0.99) for value in values])
+
+
+def test_a_branch_is_chosen_by_a_probe(comm):
+    """The mirrored probe gives the mirrored branch; one that the branch does not change, none."""
+    ends = {}
+    for name in ("branch", "mirrored"):
+        made = equilibrium_paths.column(comm, 4)
+        z = made.probes["branch"]
+        made.probes["mirrored"] = lambda state, z=z: -z(state)
+        found = gx.analysis.path(
+            made.equilibrium, 1.2, first_step=0.3, probes=made.probes, branch=name
+        )
+        ends[name] = found.columns["branch"][-1]
+    assert ends["branch"] > 0.5
+    assert ends["mirrored"] == pytest.approx(-ends["branch"], rel=1e-6)
+    made = equilibrium_paths.column(comm, 4)
+    with pytest.raises(gx.InputError, match="'x' does not change along the branch"):
+        gx.analysis.path(made.equilibrium, 1.2, first_step=0.3, probes=made.probes, branch="x")
+    with pytest.raises(gx.InputError, match="branch is 'up', which is not the name of a probe"):
+        gx.analysis.path(made.equilibrium, 1.2, branch="up")
+
+
+@pytest.mark.mpi
+def test_a_shallow_arch_snaps_through(comm):
+    """Both limit loads of the sinusoidal arch; between its branch points it is unstable twice."""
+    made = equilibrium_paths.arch(comm, 16)
+    found = made.follow(0.3)
+    assert found.complete
+    upper, lower = found.limit_points
+    assert found.loads[upper] == pytest.approx(1.0, abs=0.01)
+    assert found.loads[lower] == pytest.approx(made.lower, abs=0.01)
+    first, second = found.branch_points
+    assert upper < first < second < lower
+    unstable = np.zeros(len(found.loads), dtype=int)
+    unstable[upper:lower] = 1
+    unstable[first:second] = 2
+    np.testing.assert_array_equal(found.unstable, unstable)
+
+
+def test_the_branch_of_a_higher_arch_is_unstable(comm):
+    """It sways before it snaps: the load falls linearly with the height."""
+    made = equilibrium_paths.arch(comm, 16, rise=6.0)
+    found = made.follow(0.3)
+    branch = found.branch_points[0]
+    assert found.loads[branch] == pytest.approx(1.0, abs=0.01)
+    # The lowest load of the branch is where it meets the path of the symmetric arch again.
+    (lowest,) = found.limit_points
+    end = made.exact(-math.sqrt(6.0**2 - 16) * equilibrium_paths.GYRATION)
+    assert found.loads[lowest] == pytest.approx(end, abs=0.01)
+    # There the eigenvalue of the sway vanishes again, so that its sign is that of round-off.
+    assert not found.unstable[:branch].any()
+    assert (found.unstable[branch : lowest - 1] == 1).all()
+    heights = found.columns["x"][branch:]
+    np.testing.assert_allclose(found.loads[branch:], made.exact(heights), atol=0.01)
+    sway = found.columns["branch"] - found.columns["x"] / math.sqrt(2)
+    assert abs(sway[:branch]).max() < 1e-5 < sway[branch + 1]
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("by", ["", "pressure.pressure"])
 def test_wrinkling_film_under_pressure(comm, by):
     """A film held by its corners wrinkles: the path has the equilibria that are found at its
@@ -184,6 +269,60 @@ def test_steps_do_not_depend_on_the_mesh(comm):
         loads.append(gx.analysis.path(equilibrium, 1.0).loads)
     assert len(loads[0]) == len(loads[1])
     np.testing.assert_allclose(loads[0], loads[1], rtol=0.1)
+
+
+@pytest.mark.mpi
+def test_a_path_is_continued_as_if_it_had_not_ended(comm):
+    """From a point before the branch, from the branch, and behind the limit point of an arch."""
+    whole = equilibrium_paths.arch(comm, 8, rise=6.0).follow(0.3)
+    made = equilibrium_paths.arch(comm, 8, rise=6.0)
+    part = replace(made, max_steps=2).follow(0.3)
+    assert not part.complete
+    loads = [*part.loads]
+    unstable = [*part.unstable]
+    while len(loads) < len(whole.loads):
+        part = gx.analysis.path(
+            made.equilibrium, made.until, probes=made.probes, max_steps=3, resume=True
+        )
+        loads += [*part.loads[1:]]
+        unstable += [*part.unstable[1:]]
+    count = len(whole.loads)
+    np.testing.assert_allclose(loads[:count], whole.loads, atol=1e-8)
+    np.testing.assert_array_equal(unstable[:count], whole.unstable)
+    made.equilibrium.find()
+    with pytest.raises(gx.InputError, match="resume continues the path that was found last"):
+        gx.analysis.path(made.equilibrium, 1.0, resume=True)
+
+
+@pytest.mark.mpi
+def test_a_path_is_recorded_over_its_load(comm, folder):
+    """Points in their order, curves over a load that falls between the limit points."""
+    bars, supports = truss(comm)
+    apex = bars.port("point 1")
+    push = gx.loads.Force(apex, lambda t: (0.0, 0.0, -t * LIMIT_LOAD))
+    probes = {"height z [m]": gx.probes.Position(apex, "z")}
+    recording = gx.Recording(folder / "snap", probes=probes, every=1)
+    found = gx.analysis.path(
+        gx.Equilibrium(gx.Scene(*supports, push)), 1.5, probes=probes, outputs=[recording]
+    )
+    comm.barrier()
+    reader = gx.plot.RunReader(folder / "snap")
+    assert reader.times.tolist() == [*range(len(found.loads))]
+    ledger = reader.table("ledger.csv")
+    np.testing.assert_array_equal(ledger["load factor"], found.loads)
+    np.testing.assert_array_equal(ledger["unstable"], found.unstable)
+    assert (ledger["residual"][1:] < 1e-8).all()
+    heights = reader.table("probes.csv")["height z [m]"]
+    np.testing.assert_array_equal(heights, found.columns["height z [m]"])
+    (limit, _) = found.limit_points
+    assert reader.caption(limit, None) == "load factor = 1, unstable"
+    curves = run_curves(reader)
+    assert curves.label == "load factor"
+    assert (curves.start, curves.end) == (found.loads.min(), found.loads.max())
+    if comm.rank == 0:
+        gx.write_report(reader, folder / "snap.html")
+        assert "load factor = 1.5, stable" in (folder / "snap.html").read_text()
+    comm.barrier()
 
 
 def test_refused_paths(comm):

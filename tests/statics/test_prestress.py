@@ -298,6 +298,12 @@ def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
     assert "prestress" not in caplog.text
 
 
+@pytest.mark.parametrize("stress", [0.0, np.zeros((3, 3)), {"film": 0.0}], ids=str)
+def test_a_prestress_of_zero_is_none(comm, stress):
+    film = gx.Membrane(sheet(comm, 2, 2), FILM, initial_stress=stress)
+    assert held(film, gx.Pressure(film, 10.0)).find().prestress == {}
+
+
 def test_springs_in_series_take_prestress_back(comm, caplog):
     """A cable of EA/L = k between a support and a spring K keeps K/(k + K) of its tension.
 

@@ -3,13 +3,11 @@ sheet that goes slack."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.studies.equilibrium_paths import RADIUS, octant
 from gossamer_fx.materials import MooneyRivlin, NeoHooke
 from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.meshes.sheet import EDGES, sheet
@@ -18,7 +16,6 @@ from tests.strain_samples import CELLS, SQUARE, Samples, at_strains, random_stra
 
 μ = 4e5  # Pa
 FILM = {"density": 950.0, "thickness": 1e-3}
-RADIUS = 0.1  # m
 NEO_HOOKE = NeoHooke(μ, **FILM, residual_stiffness=0.0)
 # C2/C1 = 0.1 and the same shear modulus
 MOONEY_RIVLIN = MooneyRivlin(μ / 2.2, 0.1 * μ / 2.2, **FILM)
@@ -77,33 +74,6 @@ def test_strain_of_a_prestress_is_the_inverse_of_the_stress():
     c = constants(NEO_HOOKE, SQUARE)
     found = Samples(lambda S: NEO_HOOKE.taut_strain(S, c))(at_strains(NEO_HOOKE, "stress")(e))
     np.testing.assert_allclose(found, e, rtol=1e-12)
-
-
-def octant(comm, cells) -> gx.Mesh:
-    """An eighth of a sphere on curved triangles, with edges "x", "y", "z" in the planes of
-    symmetry."""
-
-    def build(model: Any) -> None:
-        import gmsh
-
-        right = math.pi / 2
-        model.occ.addSphere(0, 0, 0, RADIUS, angle1=0.0, angle2=right, angle3=right)
-        model.occ.synchronize()
-        curved = [tag for _, tag in model.getEntities(2) if model.getType(2, tag) == "Sphere"]
-        model.addPhysicalGroup(2, curved, name="film")
-        edges = model.getBoundary([(2, curved[0])], oriented=False)
-        for axis, name in enumerate("xyz"):
-            within = [
-                edge for _, edge in edges if model.getBoundingBox(1, edge)[axis + 3] < 1e-3 * RADIUS
-            ]
-            model.addPhysicalGroup(1, within, name=name)
-        size = right * RADIUS / cells
-        gmsh.option.setNumber("Mesh.MeshSizeMin", size)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-        model.mesh.generate(2)
-        model.mesh.setOrder(2)
-
-    return gx.gmsh_mesh(build, comm)
 
 
 def balloon_path(comm, law, until, max_steps=200):

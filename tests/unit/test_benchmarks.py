@@ -83,19 +83,6 @@ def test_twice_the_sheet_on_twice_the_ranks(bench):
     assert float(two["dofs"]) == pytest.approx(2 * float(one["dofs"]), rel=0.01)
 
 
-def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(bench):
-    _, (row,) = bench("limit")
-    figures = {key: float(row[key]) for key in row if key not in ("case", "program", "failed")}
-    tangent, set_up, cycle = (
-        figures[f"one {part} [ms]"] for part in ("tangent", "set-up", "cycle")
-    )
-    assert min(tangent, set_up, cycle) > 0
-    limit = tangent + set_up + figures["Krylov/Newton"] * cycle
-    assert figures["over limit"] == pytest.approx(figures["iteration [ms]"] / limit, rel=1e-6)
-    writing = 1e3 * figures["matrix [MB]"] * 2**20 / (1e9 * figures["copy [GB/s]"])
-    assert figures["tangent/traffic"] == pytest.approx(tangent / writing, rel=1e-6)
-
-
 def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(bench):
     _, (row,) = bench("gradient")
     assert float(row["energy's gradient off by"]) < 1e-6

@@ -90,6 +90,8 @@ class Equilibrium:
         # Norm of the external forces, of all equilibria found so far [N]
         self._largest_load = 0.0
         self.result: EquilibriumResult | None = None
+        # What has followed a path to the present state, see `path`; None after `find`.
+        self.followed: object | None = None
         self.compile_seconds = time.perf_counter() - started
 
     @check_arguments
@@ -115,6 +117,7 @@ class Equilibrium:
         started = time.process_time()
         self.step += 1
         self.result = None
+        self.followed = None
         search = self._search
         search.run(at, progress)
         external = float(self.system.external_forces().norm())
@@ -202,7 +205,7 @@ class Equilibrium:
                 method=method,
                 until=self.time,
                 compile_seconds=self.compile_seconds,
-                residual=math.nan,
+                columns={"residual": math.nan},
                 caption="not an equilibrium: the search was stopped",
             )
         caption = f"equilibrium, residual {result.residual:.1e}"
@@ -218,7 +221,7 @@ class Equilibrium:
             seconds=self._all_seconds,
             compile_seconds=self.compile_seconds,
             solver=self._search.newton.summary(),
-            residual=result.residual,
+            columns={"residual": result.residual},
             caption=caption,
             details={
                 "summary": result.summary(),

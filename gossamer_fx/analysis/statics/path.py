@@ -26,19 +26,23 @@ Algorithm, for each step from a point of the path.
 4. If the load's part τ changes its sign in the step, there is a limit point; if only the number of
    negative eigenvalues changes, a branch point.  Either is located by bisection of s, and becomes a
    point of the path.
-5. The last step ends at the wanted load exactly.
+5. At the first branch point a path may turn.  There the matrix of Newton's iteration has a null
+   vector, which is normal to the tangent by (1) and found by inverse iteration; the next step is
+   predicted along it, and ends on the other path.
+6. The last step ends at the wanted load exactly.
 
 Cost.  Each iteration evaluates the residual twice more than that of `find`; each point costs two
 factorisations, and a located point about 14 solutions.
 
-Limits.  A path goes straight through a branch point, and does not switch to the branch.  Friction
+Limits.  Where more than two paths cross in a point, one of them is taken as the branch.  Friction
 and contact are refused, as a solution is repeated from one state.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any
 
@@ -57,9 +61,14 @@ from gossamer_fx.analysis.vibration.natural_modes import Spectrum, is_symmetric
 from gossamer_fx.core.checks.arguments import Range, check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, NotConverged, check
 from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.records.outputs.static_records import OpenedOutputs
+from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.convergence import Tolerances
 from gossamer_fx.solve.solvers.newton import Newton
 from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import LOAD_FACTOR, Account, Axis
 
 # Step of the difference ∂r/∂λ, over the first step of λ: its error is of second order.
 DIFFERENCE_STEP = 1e-3
@@ -81,8 +90,21 @@ KINK_STEP_RATIO = 1e-2
 # Length of a step over the first one, below which the path is given up.
 MIN_STEP_RATIO = 1e-6
 
+# Change of the load in the first step on a branch, over that of a step times the tolerance: the
+# branch begins where its load does not change, and the branch point is known to the tolerance.
+BRANCH_LOAD_CHANGE = 10.0
+# Growth of this step until the load has changed so much.
+BRANCH_GROWTH = 4.0
+
+# Inverse iterations for a branch: the eigenvalue that vanishes is smaller than the others by a
+# factor like the tolerance of the branch point.
+INVERSE_ITERATIONS = 4
+
 # Pseudo-time of a step [s]: so long that dampers do not resist.
 DURATION = 1e3
+
+# Change of a probe along a branch over its value, below which it is round-off.
+ROUND_OFF = 1e-9
 
 # What `EquilibriumPath.unstable` has where the stiffness is not symmetric.
 UNKNOWN = -1
@@ -103,7 +125,8 @@ class EquilibriumPath:
             stable equilibrium.  -1 where it is not known: loads that follow an open film make the
             stiffness unsymmetric, and openings let gas flow.
         limit_points: indices of the points at which the load has a maximum or minimum.
-        branch_points: indices of the points at which another path crosses this one.
+        branch_points: indices of the points at which another path crosses this one; where a branch
+            was asked for, the points behind the first of them lie on it.
         iterations: Newton iterations of all solutions.
         complete: whether the path has reached the wanted load.
 
@@ -138,6 +161,9 @@ def path(
     first_step: Annotated[float, positive()] | None = None,
     max_steps: Annotated[int, positive()] = 200,
     probes: Mapping[str, Measure] | None = None,
+    branch: str = "",
+    outputs: Sequence[Output] = (),
+    resume: bool = False,
     tolerance: Annotated[float, positive(), Range(0.0, 0.1)] = 1e-4,
 ) -> EquilibriumPath:
     """Follow the equilibria of a scene from a load to another one, also where the load falls.
@@ -159,11 +185,16 @@ def path(
         max_steps: number of points after which the path ends in any case.
         probes: what is measured at each point, by name: `gx.probes.Position(port, "z")` or any
             function of the equilibrium.
+        branch: name of the probe that grows on the path to which this one turns at its first branch
+            point; "": it goes straight on.
+        outputs: write each point, e.g. `Recording("path")`, whose report has curves over the load.
+        resume: whether to continue the last path of this equilibrium from its last point, as if it
+            had not ended there; `by`, `start`, `first_step` and `branch` are those of that path.
         tolerance: length within which limit and branch points are located, over that of the step.
 
     Raises:
-        InputError: a name that the scene does not have, a scene with contact, or `until` equal
-            to `start`.
+        InputError: a name that the scene does not have, a scene with contact, `until` equal to
+            `start`, a probe for the branch that does not change along it, or nothing to resume.
         NoEquilibrium: at the first point, or the path cannot be followed.
 
     Example:
@@ -178,21 +209,41 @@ def path(
         array([-1.1, -1.2])
     """
     system = equilibrium.system
-    check(until != start, f"path: until is {until!r}, and so is start; give two loads.")
     check(
         not system.active_sets,
         "path: the scene has contact, which a path does not follow; leave it out, "
         "or find equilibria at increasing loads.",
     )
-    step = first_step or abs(until - start) / 20
-    load = _Load(system, by)
-    if by:
-        load.set(start)
-        equilibrium.find()
-    else:
-        equilibrium.find(at=start)
-    follower = _Follower(equilibrium, load, start=start, until=until, first_step=step)
-    return follower.follow(max_steps, probes or {}, tolerance)
+    follower = equilibrium.followed
+    if resume:
+        check(
+            isinstance(follower, _Follower) and not (by or start or first_step or branch),
+            "path: resume continues the path that was found last, with its by, start, first_step "
+            "and branch; leave these out, and call path before and not find.",
+        )
+        assert isinstance(follower, _Follower)
+        start = follower.view.point.factor
+        branch = follower.branch
+    check(until != start, f"path: until is {until!r}, and so is start; give two loads.")
+    measures = dict(probes or {})
+    check(
+        not branch or branch in measures,
+        f"path: branch is {branch!r}, which is not the name of a probe; "
+        f"those are: {', '.join(measures) or 'none'}.",
+    )
+    if not isinstance(follower, _Follower) or not resume:
+        load = _Load(system, by)
+        if by:
+            load.set(start)
+            equilibrium.find()
+        else:
+            equilibrium.find(at=start)
+        step = first_step or abs(until - start) / 20
+        follower = _Follower(equilibrium, load, start=start, toward=until, first_step=step)
+        follower.branch = branch
+        equilibrium.followed = follower
+    with OpenedOutputs(follower.view, outputs) as opened:
+        return follower.follow(until, max_steps, measures, tolerance, opened.write)
 
 
 class _Load:
@@ -290,6 +341,11 @@ class _PathNewton(Newton):
         self._apply(float(y[-1]))
         return super().solve(increment, y)
 
+    @property
+    def imbalance(self) -> float:
+        """Norm of the residual [N] that was evaluated last in a solution."""
+        return self._residual.imbalance
+
     def begin_at_point(self, factor: float) -> None:
         """Evaluate the residual of the accepted state, for `direction`.  Collective."""
         self._increment.zeroEntries()
@@ -384,14 +440,39 @@ class _PathNewton(Newton):
         self._moved.zeroEntries()
         self._composite.join(self._moved, right, self._F)
         self.ksp.solve(self._F, self._x)
+        # A factorisation that lacks workspace is repeated with more.
+        while factorisation.enlarge(self._preconditioner):
+            J.assemble()
+            self.ksp.solve(self._F, self._x)
         dq, dy = self._composite.split(self._x)
         return dq.copy(), float(dy[-1])
+
+    def null_direction(self) -> tuple[PETSc.Vec, float]:
+        """The null vector (dq, dλ), of any length, of the matrix of the last `direction`, which was
+        at a branch point: its coordinates as a new vector, and its load factor.  Collective."""
+        # Any vector that has a part along the null vector will do.
+        generator = np.random.default_rng(self.system.comm.rank)
+        dq = self._moved.copy()
+        with dq as values:
+            values[:] = generator.standard_normal(values.size)
+        right = np.zeros(self._scalar_count)
+        for _ in range(INVERSE_ITERATIONS):
+            self.system.M.mult(dq, self._moved)
+            with self._moved as values:
+                values[self.system.supports.held] = 0.0
+            self._moved.normalize()
+            self._composite.join(self._moved, right, self._F)
+            self.ksp.solve(self._F, self._x)
+            solved, dy = self._composite.split(self._x)
+            solved.copy(dq)
+        return dq, float(dy[-1])
 
 
 @dataclass
 class _Point:
     """A solution: length s of its step, load factor, tangent (direction t, slope τ) with <t, t> +
-    (τ/Λ)² = 1, and number of negative eigenvalues."""
+    (τ/Λ)² = 1, and number of negative eigenvalues.  At a branch point at which the path turns, the
+    tangent is that of the branch."""
 
     length: float
     factor: float
@@ -399,10 +480,70 @@ class _Point:
     slope: float
     unstable: int
     iterations: int = 0
+    turns: bool = False
+
+
+class _PathView:
+    """The last point of a path as a view, for outputs: its `time` is the number of the point."""
+
+    axis = Axis("point of the path")
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        self.comm = equilibrium.comm
+        self.scene = equilibrium.scene
+        self.system = equilibrium.system
+        self.step = 0
+        self.point: _Point
+        self.iterations = 0
+        self.residual = 0.0
+        self.seconds = 0.0
+        self.compile_seconds = equilibrium.compile_seconds
+
+    @property
+    def time(self) -> float:
+        return float(self.step)
+
+    @property
+    def totals(self) -> Totals:
+        return self.system.totals()
+
+    @property
+    def account(self) -> Account:
+        point = self.point
+        words = LOAD_FACTOR.words(point.factor, digits=4)
+        stability = {UNKNOWN: "", 0: ", stable"}.get(point.unstable, ", unstable")
+        return Account(
+            kind="equilibrium",
+            method={"kind": "arc length"},
+            until=self.time,
+            iterations=self.iterations,
+            last_iterations=point.iterations,
+            seconds=self.seconds,
+            compile_seconds=self.compile_seconds,
+            columns={
+                "residual": self.residual,
+                LOAD_FACTOR.column: point.factor,
+                "unstable": point.unstable,
+            },
+            caption=f"{words}{stability}",
+            details={"summary": f"{self.step + 1} points of a path to {words}{stability}"},
+        )
+
+    @property
+    def chambers(self) -> dict[str, Any]:
+        return self.system.chambers
+
+    def chamber(self, name: str) -> Any:
+        return self.system.chamber(name)
 
 
 class _Follower:
-    """Makes the steps of a path."""
+    """Makes the steps of a path.
+
+    Attributes:
+        view: of the last point.
+        branch: name of the probe that grows on the branch to which the path turns; "": none.
+    """
 
     def __init__(
         self,
@@ -410,15 +551,16 @@ class _Follower:
         load: _Load,
         *,
         start: float,
-        until: float,
+        toward: float,
         first_step: float,
     ) -> None:
+        started = time.process_time()
         system = equilibrium.system
         self._equilibrium = equilibrium
         self._system = system
         self._load = load
-        self._until = until
-        self._sign = math.copysign(1.0, until - start)
+        self._until = toward
+        self._sign = math.copysign(1.0, toward - start)
         self._first_step = first_step
         self._newton = _PathNewton(system, load, DIFFERENCE_STEP * first_step)
         self._zero = system.numbering.vector()
@@ -426,8 +568,14 @@ class _Follower:
         self._displacement_weight = 0.0  # 1/W of (1)
         self._largest_load = 0.0  # norm of the external forces [N]
         self._iterations = 0
+        # A first step of the load has this length, as displacements have an equal part.
+        self._first_length = math.sqrt(2.0)
+        self._length = self._first_length
+        self.branch = ""
+        self.view = _PathView(equilibrium)
         system.set_inertia(0.0)
         self._last = self._first_point(start)
+        self._show(self._last, started)
 
     def _first_point(self, start: float) -> _Point:
         """The state of the equilibrium, with the tangent towards the wanted load."""
@@ -447,6 +595,9 @@ class _Follower:
             )
         if square > 0:
             self._displacement_weight = 1 / square
+        else:
+            self._first_length = 1.0
+            self._length = 1.0
         return self._unit(_Point(0.0, start, direction, slope, unstable))
 
     def _mass_square(self, direction: PETSc.Vec) -> float:
@@ -527,6 +678,7 @@ class _Follower:
         )
         try:
             _, _, used = newton.solve(increment, np.append(guess, newton.predicted))
+            self.view.residual = newton.imbalance / self._load_scale()
         finally:
             self._iterations += newton.iterations
             increment.destroy()
@@ -549,10 +701,11 @@ class _Follower:
 
     def _has_event(self, point: _Point) -> bool:
         """Whether a limit or branch point lies between the last point and another one."""
-        return self._is_past_limit(point) or point.unstable != self._last.unstable
+        has_branch = not self._last.turns and point.unstable != self._last.unstable
+        return has_branch or self._is_past_limit(point)
 
     def _is_past_limit(self, point: _Point) -> bool:
-        return point.slope * self._last.slope < 0
+        return not self._last.turns and point.slope * self._last.slope < 0
 
     def _locate(self, end: _Point, tolerance: float) -> _Point:
         """The point just behind the first limit or branch point before a point `end`."""
@@ -579,6 +732,48 @@ class _Follower:
         self._equilibrium.take_over(self._load.time(point.factor))
         self._last.direction.destroy()
         self._last = point
+
+    def _turn(self, measure: Measure, name: str) -> None:
+        """Let the path go on from its last point, a branch point, along the branch on which a probe
+        grows.  Collective."""
+        last = self._last
+        system = self._system
+        direction, slope = self._newton.null_direction()
+        branch = _Point(0.0, last.factor, direction, slope, last.unstable, turns=True)
+        self._unit(branch)
+        # Central difference of the probe along the branch.
+        here = system.q0.array_r.copy()
+        values = []
+        for sign in (1, -1):
+            system.restore(here + sign * direction.array_r, system.v0.array_r, system.time)
+            values.append(float(measure(self._equilibrium)))
+        system.restore(here, system.v0.array_r, system.time)
+        grown = values[0] - values[1]
+        check(
+            abs(grown) > ROUND_OFF * max(map(abs, values)),
+            f"path: the probe '{name}' does not change along the branch at the load factor "
+            f"{last.factor:.6g}; give one that does.",
+        )
+        if grown < 0:
+            direction.scale(-1.0)
+            branch.slope = -branch.slope
+        last.direction.destroy()
+        self._last = branch
+
+    def _branch_length(self, tolerance: float) -> float:
+        """Length of the first step on a branch, in which the load changes noticeably.
+        Collective."""
+        length = self._first_length
+        change = BRANCH_LOAD_CHANGE * tolerance * self._first_step
+        while True:
+            try:
+                point = self._solve(length)
+            except NotConverged:
+                return length
+            point.direction.destroy()
+            if abs(point.factor - self._last.factor) > change:
+                return length
+            length *= BRANCH_GROWTH
 
     def _next(self, length: float, shortest: float, tolerance: float) -> _Point:
         """The next point of the path, by a step of at most a length.  Collective."""
@@ -616,30 +811,52 @@ class _Follower:
         along = self._displacement_weight * float(self._last.direction.dot(self._product))
         return along + point.slope * self._last.slope / self._first_step**2
 
+    def _show(self, point: _Point, started: float) -> None:
+        """Let the view have a point, for which the CPU time from `started` [s] on was spent."""
+        self.view.point = point
+        self.view.iterations = self._iterations
+        self.view.seconds += time.process_time() - started
+
     def follow(
-        self, max_steps: int, probes: Mapping[str, Measure], tolerance: float
+        self,
+        until: float,
+        max_steps: int,
+        probes: Mapping[str, Measure],
+        tolerance: float,
+        write: Callable[[], None],
     ) -> EquilibriumPath:
-        """Follow the path to the wanted load.  Collective."""
+        """Follow the path from the last point to a load, and at its first branch point to a branch;
+        `write` lets outputs write a point.  Collective."""
+        self._until = until
+        self._sign = math.copysign(1.0, until - self._last.factor)
         points = [self._last]
         measured = {name: [float(probe(self._equilibrium))] for name, probe in probes.items()}
+        write()
         limit_points = []
         branch_points = []
-        # A first step of the load has this length, as displacements have an equal part.
-        length = first = math.sqrt(2.0) if self._displacement_weight else 1.0
         is_complete = False
         while not is_complete and len(points) <= max_steps:
-            point = self._next(length, MIN_STEP_RATIO * first, tolerance)
-            is_complete = point.factor == self._until
+            started = time.process_time()
+            point = self._next(self._length, MIN_STEP_RATIO * self._first_length, tolerance)
+            is_complete = point.factor == until
             if self._is_past_limit(point):
                 limit_points.append(len(points))
             elif self._has_event(point):
                 branch_points.append(len(points))
             self._accept(point)
+            self.view.step += 1
+            self._show(point, started)
             points.append(point)
             for name, probe in probes.items():
                 measured[name].append(float(probe(self._equilibrium)))
+            write()
             growth = math.sqrt(WANTED_ITERATIONS / max(point.iterations, 1))
-            length = max(point.length, length / 8) * min(max(growth, 0.5), MAX_GROWTH)
+            length = max(point.length, self._length / 8)
+            self._length = length * min(max(growth, 0.5), MAX_GROWTH)
+            if self.branch and branch_points == [len(points) - 1]:
+                self._turn(probes[self.branch], self.branch)
+                self._length = self._branch_length(tolerance)
+                self.branch = ""
         return EquilibriumPath(
             np.array([point.factor for point in points]),
             columns={name: np.array(values) for name, values in measured.items()},

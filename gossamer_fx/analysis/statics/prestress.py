@@ -171,6 +171,8 @@ class _PrestressOfPart:
         largest_asked = self._comm.allreduce(largest_asked, op=MPI.MAX)
         # Prestress by groups leaves out cells, which must not lower the means.
         has_stress = np.abs(asked) > NO_STRESS * largest_asked
+        # The principal value of no stress is not exactly zero.
+        has_stress &= asked_square > 0
         size = size[has_stress]
         asked = asked[has_stress]
         values = asked * product[has_stress] / asked_square[has_stress]

@@ -8,6 +8,7 @@ from .spring import Spring as Spring
 from .spring import Stop as Stop
 from .tape import Tape as Tape
 from .tether import Tether as Tether
+from .torsion import TabulatedTorsion as TabulatedTorsion
 from .torsion import TorsionDamper as TorsionDamper
 from .torsion import TorsionSpring as TorsionSpring
 from .torsion import TorsionStop as TorsionStop

@@ -12,9 +12,10 @@ exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -88,6 +89,45 @@ class AngularSpring:
         φ0, Δφ = angles(e0, e1)
         moment = self.k * (φ0 - self.change + Δφ / 2)
         return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
+
+
+@dataclass(frozen=True, eq=False)
+class AngularTable:
+    """dψ/dφ [N m] linear between points of a table, constant beyond them, |φ| < π; ψ is zero at the
+    angle `zero` [rad]."""
+
+    angle: Array
+    moment: Array
+    zero: float
+
+    def _integral(self, low: Array, high: Array) -> Array:
+        """∫ dψ/dφ dφ [J], (n,), between two angles (n,); exact, without cancellation."""
+        ends = np.concatenate([[-np.inf], self.angle, [np.inf]])
+        total = np.zeros(len(low))
+        for first, last in pairwise(ends):
+            begin = np.clip(low, first, last)
+            end = np.clip(high, first, last)
+            total += (end - begin) * self._moment((begin + end) / 2)
+        return total
+
+    def _moment(self, φ: Array) -> Array:
+        return np.interp(φ, self.angle, self.moment)
+
+    def energy(self, e: Array) -> Array:
+        φ = np.arctan2(e[:, 1], e[:, 0])
+        return self._integral(np.full(len(φ), self.zero), φ)
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        is_small = np.abs(Δφ) < SMALL_ANGLE**2
+        safe = np.where(is_small, SMALL_ANGLE**2, Δφ)
+        m0 = self._moment(φ0)
+        m1 = self._moment(φ0 + safe)
+        # The mean moment of the step, and its derivative by the angle at the end.
+        mean = self._integral(φ0, φ0 + safe) / safe
+        moment = np.where(is_small, m0, mean)
+        slope = np.where(is_small, (m1 - m0) / (2 * safe), (m1 - mean) / safe)
+        return stress(moment, slope, φ0, Δφ, e1)
 
 
 @dataclass(frozen=True)
@@ -199,6 +239,80 @@ class TorsionSpring(AboutHinge):
             (
                 Parameter("stiffness", "N m/rad", "k"),
                 Parameter("rest_angle_change", "rad", "change"),
+            ),
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class TabulatedTorsion(AboutHinge):
+    """A torsional spring about the axis of a hinge by a table of moments, e.g. those of a tape
+    spring.
+
+    φ is the angle of b against a from the rest angle, within half a turn of the middle of the
+    table.  Moments may fall, as those of a tape spring behind its snap; the energy is their
+    integral from φ = 0.
+
+    Args:
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length; angles count in its right-handed
+            sense.
+        angle: angles φ [rad] of the table, rising, over less than a turn.
+        moment: [N m] that hold b at these angles, as many; linear between them, constant beyond.
+        rest_angle: angle of b against a [rad], from the start, at which φ is zero.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, columns of different length,
+            angles that do not rise or are a turn apart.
+
+    Example:
+        >>> y = (0.0, 1.0, 0.0)
+        >>> hinge = gx.constraints.RevoluteJoint(gx.ground_frame(), hub.frame(), axis=y)
+        >>> tape = gx.connectors.TabulatedTorsion(
+        ...     gx.ground_frame(),
+        ...     hub.frame(),
+        ...     axis=y,
+        ...     angle=[-0.5, -0.2, 0.0, 0.2, 0.5],
+        ...     moment=[-0.1, -1.0, 0.0, 1.0, 0.1],
+        ...     rest_angle=1.5,
+        ... )
+        >>> run = gx.Simulation(gx.Scene(hinge, tape), gx.Midpoint(0.01))
+        >>> round(run.totals.stored["tabulated torsion"], 12)
+        0.365
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis: Vector
+    angle: Sequence[float] | Array
+    moment: Sequence[float] | Array
+    rest_angle: float = 0.0
+    name: str = "tabulated torsion"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            len(self.angle) == len(self.moment) > 1,
+            f"TabulatedTorsion '{self.name}': it has {len(self.angle)} angles and "
+            f"{len(self.moment)} moments; give two or more, and as many of both.",
+        )
+        φ = np.asarray(self.angle, dtype=float)
+        check(
+            bool((np.diff(φ) > 0).all()) and bool(φ[-1] - φ[0] < 2 * math.pi),
+            f"TabulatedTorsion '{self.name}': angle is {self.angle!r}; give rising angles [rad] "
+            "over less than a turn.",
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        # Angles from the middle: their jump by a turn is farthest from both ends.
+        middle = (self.angle[0] + self.angle[-1]) / 2
+        yield PointStoredEnergy(
+            self.name,
+            hinge_angle(*self._sides, self.axis, self.rest_angle + middle),
+            AngularTable(
+                np.asarray(self.angle, float) - middle, np.asarray(self.moment, float), -middle
             ),
         )
 

@@ -6,4 +6,5 @@ from .joint import Link as Link
 from .joint import PrismaticJoint as PrismaticJoint
 from .joint import RevoluteJoint as RevoluteJoint
 from .joint import UniversalJoint as UniversalJoint
+from .latch import HoldDown as HoldDown
 from .latch import Latch as Latch

@@ -1,10 +1,10 @@
-"""Latches: locks of hinges and rails that are engaged and released in a run."""
+"""Latches, which are engaged and released in a run, and joints that are released."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +24,16 @@ from gossamer_fx.mechanics.bodies.frames import (
     hinge_angle,
     lies_in,
 )
-from gossamer_fx.mechanics.constraints.joint import PrismaticJoint, RevoluteJoint, offset
+from gossamer_fx.mechanics.constraints.joint import (
+    BallJoint,
+    CylindricalJoint,
+    FixedJoint,
+    Link,
+    PrismaticJoint,
+    RevoluteJoint,
+    UniversalJoint,
+    offset,
+)
 from gossamer_fx.mechanics.terms.point_constraints import (
     LatchState,
     PointConstraint,
@@ -161,3 +170,83 @@ class Latch:
         latch = self._term(run).latch
         assert latch is not None
         return latch
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class HoldDown:
+    """A joint that holds from the start of a run until it is released, as of a stage or a folded
+    boom.
+
+    `release` is an action of events, so that it lets go at a time or another event, or at a force,
+    of which `gx.probes.JointForce` is the probe.  It takes effect at the end of the step, and takes
+    no energy.  The generalised-α method refuses it.
+
+    Args:
+        joint: which takes part in the scene by this item only.
+
+    Raises:
+        InputError: another item than a joint.
+
+    Example:
+        A spring between two bodies, compressed by 0.1 m, drives them apart.
+
+        >>> one = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="one")
+        >>> other = gx.RigidBody(3.0, (1.0, 1.0, 1.0), name="other")
+        >>> clamp = gx.constraints.HoldDown(gx.constraints.FixedJoint(one.frame(), other.frame()))
+        >>> ends = one.port_at((-0.1, 0.0, 0.0)), other.port_at((0.1, 0.0, 0.0))
+        >>> spring = gx.connectors.Stop(*ends, stiffness=60.0, length=0.3)
+        >>> separation = gx.At(1.0, then=clamp.release)
+        >>> run = gx.Simulation(gx.Scene(clamp, spring), gx.Midpoint(0.01), events=[separation])
+        >>> run.run(until=3.0)
+        >>> round(run.totals.kinetic, 9)
+        0.3
+    """
+
+    joint: (
+        BallJoint
+        | CylindricalJoint
+        | FixedJoint
+        | Link
+        | PrismaticJoint
+        | RevoluteJoint
+        | UniversalJoint
+    )
+
+    @property
+    def name(self) -> str:
+        """That of the joint."""
+        return self.joint.name
+
+    @property
+    def a(self) -> Any:
+        """First side of the joint."""
+        return self.joint.a
+
+    @property
+    def b(self) -> Any:
+        """Second side of the joint."""
+        return self.joint.b
+
+    def requires(self) -> Iterable[Any]:
+        return self.joint.requires()
+
+    def terms(self, start: State) -> Iterable[Term]:
+        for term in self.joint.terms(start):
+            assert isinstance(term, PointConstraint)
+            yield replace(term, latch=LatchState(term.measure, holds_all=True))
+
+    def release(self, run: HasSystem) -> None:
+        """Let the joint go from the end of the step on: an action of events."""
+        for latch in self._states(run):
+            latch.is_wanted = False
+
+    def is_engaged(self, run: HasSystem) -> bool:
+        """Whether the joint holds in the present state."""
+        return self._states(run)[0].is_engaged
+
+    def _states(self, run: HasSystem) -> list[LatchState]:
+        """Of the constraints of the joint in the scene of a run; `InputError` if there are none."""
+        terms = run.system.terms_of(self)
+        check(bool(terms), f"HoldDown '{self.name}' is not in the scene of this run; add it.")
+        return [term.latch for term in terms]

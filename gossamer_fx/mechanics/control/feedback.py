@@ -202,12 +202,15 @@ class Actuators(PointLoads):
         return found
 
     def momenta(self) -> Array:
-        """Angular momenta of the wheels, (2, 3), this rank's share."""
-        total = np.zeros((2, 3))
+        return np.array([np.zeros(3), self.wheel_momentum()])
+
+    def wheel_momentum(self) -> Array:
+        """Sum (3,) of the angular momenta [kg m²/s] of the wheels, this rank's share."""
+        total = np.zeros(3)
         vectors = self._vectors(self._system.q0)
         for k, actuation in self._actuations():
             if isinstance(actuation, _WheelTorque) and self._mine[k]:
-                total[1] += actuation.momentum(self._system.time) * vectors[k][:3]
+                total += actuation.momentum(self._system.time) * vectors[k][:3]
         return total
 
 

@@ -123,7 +123,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         self._closes = any(term.closing for term in terms)
         # Latches by the number of their term.
         self._latches = {k: term.latch for k, term in enumerate(terms) if term.latch}
-        self.losses = [terms[k].name for k in self._latches]
+        self.losses = [terms[k].name for k, latch in self._latches.items() if latch.can_engage]
         self.can_switch = bool(self._latches)
         self._is_free = self._free_equations()
         # e at the start of the scene, and the right-hand side e(q1) = target of the step.
@@ -544,22 +544,25 @@ class Closing:
 
 
 class LatchState(HistoryVariables):
-    """The history variables of a constraint that is switched: whether it holds one of its m
-    measures, and at which value.
+    """The history variables of a constraint that is switched: which of its m measures it holds, and
+    at which values.
 
-    All ranks have the same.  The measures have one free motion; that nearest to zero is held, as of
-    the sine and cosine of an angle it is the one that changes fastest.
+    All ranks have the same.  Those of a latch have one free motion; that nearest to zero is held,
+    as of the sine and cosine of an angle it is the one that changes fastest.  A constraint that
+    `holds_all` does so from the start, at zero, until it is released.
 
     Attributes:
+        can_engage: whether it may be engaged in a run, which takes energy.
         is_wanted: whether it shall be engaged; `switch` of the system follows.
         is_held: (m,) which measure is held, none while it is released.
         values: (m,) the measures when it was engaged last.
     """
 
-    def __init__(self, measure: PointMeasure) -> None:
+    def __init__(self, measure: PointMeasure, *, holds_all: bool = False) -> None:
         self._measure = measure
-        self.is_wanted = False
-        self.is_held: npt.NDArray[np.bool_] = np.zeros(len(measure.c), dtype=bool)
+        self.can_engage = not holds_all
+        self.is_wanted = holds_all
+        self.is_held: npt.NDArray[np.bool_] = np.full(len(measure.c), holds_all)
         self.values: Array = np.zeros(len(measure.c))
 
     @property

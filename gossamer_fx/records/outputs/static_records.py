@@ -226,7 +226,7 @@ def record(
         )
     check(bool(along.strip()), "record: along is empty; give the name of the load parameter.")
     equilibrium.axis = Axis.of(along)
-    with _Opened(equilibrium, outputs) as opened:
+    with OpenedOutputs(equilibrium, outputs) as opened:
         if not len(at):
             opened.write()
         for value in at:
@@ -294,7 +294,7 @@ def record_modes(
         view = ModeView(equilibrium, mode, number, amplitude, frames)
         try:
             view.show(0)
-            with _Opened(view, [recording]) as opened:
+            with OpenedOutputs(view, [recording]) as opened:
                 for step in range(frames):
                     view.show(step)
                     opened.write()
@@ -304,7 +304,7 @@ def record_modes(
     return folders
 
 
-class _Opened(ExitStack):
+class OpenedOutputs(ExitStack):
     """Locks the files of outputs and opens them; at its end closes them and releases the files."""
 
     def __init__(self, view: StateView, outputs: Sequence[Output]) -> None:

@@ -259,8 +259,7 @@ class Ledger(TableOutput):
         row |= {"supplied": t.supplied, "dissipated": t.dissipated}
         if len(t.losses) > 1:
             row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
-        if account.residual is not None:
-            row |= {"residual": account.residual}
+        row |= account.columns
         if account.balance is not None:
             row |= {"energy_error": account.balance.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}

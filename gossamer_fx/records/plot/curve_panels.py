@@ -20,6 +20,7 @@ from gossamer_fx.records.fields.units import plain_text, scaled, scaled_axis
 from gossamer_fx.records.outputs.tables import LOST
 from gossamer_fx.records.plot.colours import STATE_COLOURS
 from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.solve.view import LOAD_FACTOR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +70,8 @@ class Curves:
 
 
 def run_curves(run: RunReader, solver: bool = True) -> Curves:
-    """Return the panels of a run over time: energies, gas, states of the film, errors.
+    """Return the panels of a run over time, of a path of equilibria over the load: energies, gas,
+    states of the film, errors.
 
     There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
     points: of a longer table rows at about equal distances are drawn, the first and the last
@@ -79,7 +81,18 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     ledger = _thinned(run.table("ledger.csv"))
     if len(run.along(ledger)) < 2:
         return Curves([])
-    factor, unit = scaled_axis(run.axis, run.along(ledger))
+    axis = run.axis
+    over = run.along
+    folds = LOAD_FACTOR.column in ledger
+    if folds:
+        axis = LOAD_FACTOR
+        points = run.along(ledger)
+        loads = ledger[axis.column]
+
+        def over(table: Tables) -> Array:
+            return np.interp(run.along(table), points, loads)
+
+    factor, unit = scaled_axis(axis, over(ledger))
     gas = _thinned(run.table("gas.csv"))
     states = _thinned(run.table("states.csv"))
 
@@ -92,7 +105,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         # To be compared with the supplied energy.
         energies["stored, all"] = np.sum(list(stored.values()), axis=0)
     colours = _line_colours(energies)
-    t = run.along(ledger) / factor
+    t = over(ledger) / factor
     panels: list[Panel] = []
     if _is_seen(energies):
         panels.append(partial(_lines, t, energies, colours, "Energy", "J"))
@@ -111,15 +124,22 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         if all(f"in {name}" in colours for name in pressures):
             # a chamber has the colour of its energy
             shades = {name: colours[f"in {name}"] for name in pressures}
-        panels.append(partial(_lines, run.along(gas) / factor, pressures, shades, "Pressure", "Pa"))
+        panels.append(partial(_lines, over(gas) / factor, pressures, shades, "Pressure", "Pa"))
     tensions = _thinned(run.table("tensions.csv"))
     means = _extent(_mean_tensions(tensions))
     if means:
-        times = run.along(tensions) / factor
+        times = over(tensions) / factor
         panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
     shares = _area_shares(run, states)
-    if shares:
-        panels.append(partial(_states, run.along(states) / factor, shares))
+    if shares and folds:
+        # Areas over a load that falls again would lie on each other.
+        percent = {name: 100 * values for name, values in shares.items()}
+        title = "State of the films"
+        panels.append(
+            partial(_lines, over(states) / factor, percent, _line_colours(percent), title, "%")
+        )
+    elif shares:
+        panels.append(partial(_states, over(states) / factor, shares))
     angular = _with_prefix(ledger, _ANGULAR)
     # A scene that starts at rest has none, or what its supports give it.
     if any(values[0] != 0 for values in angular.values()):
@@ -135,11 +155,11 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         panels.append(partial(_iterations, t, ledger["iterations"]))
         probes = _thinned(run.table("probes.csv"))
         panels += [
-            partial(_probes, run.along(probes) / factor, title, _extent(curves))
+            partial(_probes, over(probes) / factor, title, _extent(curves))
             for title, curves in grouped(_without(probes, run.not_values)).items()
             if any(np.isfinite(values).any() for values in curves.values())
         ]
-    return Curves(panels, start=float(t[0]), end=float(t[-1]), label=run.axis.label(unit))
+    return Curves(panels, start=float(t.min()), end=float(t.max()), label=axis.label(unit))
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
@@ -194,10 +214,12 @@ def _area_shares(run: RunReader, states: Tables) -> Tables:
     """Shares of the area of all films by state, from the bottom to the top of the panel.
 
     Each film counts by the area of its stress-free mesh."""
+    bodies = run.about["scene"]["bodies"]
     films = [name for name in run.films if {f"{name} taut", f"{name} wrinkled"} <= set(states)]
+    # A damaged description of a scene may lack some.
+    films = [film for film in films if "area" in bodies.get(film, {})]
     if not films:
         return {}
-    bodies = run.about["scene"]["bodies"]
     areas = np.array([bodies[film]["area"] for film in films])
     taut, wrinkled = (
         np.average([states[f"{film} {state}"] for film in films], axis=0, weights=areas)

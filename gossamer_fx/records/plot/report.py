@@ -31,7 +31,7 @@ from gossamer_fx.records.plot.page import Views, write_page
 from gossamer_fx.records.plot.plot import file_to_write
 from gossamer_fx.records.plot.run_reader import RunReader
 from gossamer_fx.records.plot.viewer import RunView
-from gossamer_fx.solve.view import Axis
+from gossamer_fx.solve.view import LOAD_FACTOR, Axis
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
@@ -79,6 +79,10 @@ _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 _LEDGER_HEAD = ("", "start", "end", "largest magnitude")
 _EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
+_SUPPLIED_NOTE = (
+    "Supplied is the work of loads and supports from state to state, with the loads of the later "
+    "one: it differs from what is stored by the jumps of the load, which does not make the states wrong."
+)
 # Rows of the table of equilibria, which are evenly spread over a longer path.
 _MAX_EQUILIBRIA = 12
 _PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
@@ -140,6 +144,7 @@ def _page(run: RunReader) -> Iterable[str]:
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
     if run.kind == "equilibrium":
         yield "<h2>Equilibria</h2>" + _table(_EQUILIBRIA_HEAD, _equilibria(run, ledger))
+        yield f"<p>{_SUPPLIED_NOTE}</p>"
     elif run.kind == "run":
         yield "<h2>Ledger</h2>" + _table(_LEDGER_HEAD, _ledger(run, ledger))
     prestress = run.about.get("prestress", {})
@@ -237,7 +242,8 @@ def _image(words: str, views: Views | None, curves: Curves | None = None) -> str
 def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
     """Load, unbalanced force over the load, iterations, work of loads and supports, and stored
     energy of all parts, in states of a path."""
-    loads = run.along(dict(ledger))
+    axis = LOAD_FACTOR if LOAD_FACTOR.column in ledger else run.axis
+    loads = ledger[axis.column]
     stored = sum(values for name, values in ledger.items() if name.startswith(STORED))
     energy = np.broadcast_to(stored, loads.shape)
     # Older records do not have it.
@@ -245,7 +251,7 @@ def _equilibria(run: RunReader, ledger: Mapping[str, Any]) -> Iterable[tuple[str
     for row in np.unique(np.linspace(0, len(loads) - 1, _MAX_EQUILIBRIA).astype(int)):
         residual = f"{residuals[row]:.1e}" if np.isfinite(residuals[row]) else ""
         yield (
-            run.axis.words(float(loads[row]), digits=4),
+            axis.words(float(loads[row]), digits=4),
             residual,
             f"{ledger['iterations'][row]:.0f}",
             f"{ledger['supplied'][row]:.6g}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,13 +17,21 @@ from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
 
 
+@runtime_checkable
+class _HasWheels(Protocol):
+    """What knows the angular momentum of reaction wheels."""
+
+    def wheel_momentum(self) -> Array:
+        """Sum (3,) [kg m²/s] of the wheels' angular momenta at q0, this rank's share."""
+        ...
+
+
 @check_arguments
 class AngularMomentum:
     """Component [kg m²/s] of the angular momentum of the scene about its centre of mass.
 
     In axes of space it is constant without external loads.  In the axes of a hub its first two
-    components grow as the hub leans away from it.  Reaction wheels are not counted; the totals of a
-    run and the ledger count them.
+    components grow as the hub leans away from it.
 
     Args:
         axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
@@ -97,7 +105,8 @@ def _check_three_axes(probe: str, frame: Frame) -> None:
 
 
 def angular_momentum_about_centre(run: StateView) -> Array:
-    """Angular momentum (3,) [kg m²/s] of all bodies about their centre of mass."""
+    """Angular momentum (3,) [kg m²/s] of all bodies and reaction wheels about their centre of
+    mass."""
     system = run.system
     momenta = system.v0.duplicate()
     system.M.mult(system.v0, momenta)
@@ -109,6 +118,8 @@ def angular_momentum_about_centre(run: StateView) -> Array:
     q = system.q0.array_r[:size].reshape(-1, 3)
     # Directors have angular momentum, but no momentum.
     own = np.concatenate([is_position @ p, np.cross(q, p).sum(axis=0)])
+    for wheels in system.compiled_as(_HasWheels):
+        own[3:] += wheels.wheel_momentum()
     momenta.destroy()
     sums = run.comm.allreduce(own)
     about_centre: Array = sums[3:] - np.cross(centre_of_mass(system), sums[:3])
