@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import lapack
 
 import gossamer_fx.solve.solvers.factorisation as factorisation
 from gossamer_fx.core.model.body import Array, Indices
@@ -80,6 +80,9 @@ MAX_APPLICATIONS_TO_KEEP = 7
 # solve with many Krylov iterations says little about the next step: when ten steps followed it,
 # complete factorisations took 11 % of the time of the sail of IKAROS at 3.5 s.
 MAX_FACTORISED_STEPS = 8
+
+# A problem, in words.
+SINGULAR = "the Schur complement of the joints is singular"
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
@@ -241,7 +244,10 @@ class EliminatedJoints:
             columns = self._columns(matrix)
             self._Z = np.array([self._films_of(column) for column in columns])
         coupling = self._sum(self._C @ self._Z[:, self._coupled].T)
-        self._schur = lu_factor(self._D - coupling, check_finite=False)
+        # LAPACK itself, as SciPy prints a warning where joints depend on each other.
+        self._schur, self._pivots, zero_pivot = lapack.dgetrf(self._D - coupling)
+        if zero_pivot:
+            self.problem = SINGULAR
 
     def _factorise_incompletely(self, F: PETSc.Mat) -> None:
         """Set up F̃: an incomplete factorisation of F, on several ranks of overlapping parts of
@@ -325,9 +331,9 @@ class EliminatedJoints:
         of_films = self._films_of(values[self._film_slice])
         right = -(self._C @ of_films[self._coupled])
         right[self._own] += values[self._rest]
-        of_rest = lu_solve(self._schur, self._sum(right), check_finite=False)
+        of_rest, _ = lapack.dgetrs(self._schur, self._pivots, self._sum(right))
         if not np.isfinite(of_rest).all():
-            self.problem = "the Schur complement of the joints is singular"
+            self.problem = SINGULAR
         with z as out:
             out[self._film_slice] = of_films - of_rest @ self._Z
             out[self._rest] = of_rest[self._own]
