@@ -15,6 +15,7 @@ from .arrays import (
     Groups,
     Length,
     Numbers,
+    Order,
     Points,
     around_centres,
     cell_corners,
@@ -36,6 +37,7 @@ def sheet(
     width: Length = 1.0,
     height: Length = 1.0,
     crossed: bool = False,
+    order: Order = 1,
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] in z = 0 of nx × ny cells of two triangles.
 
@@ -46,6 +48,7 @@ def sheet(
         width, height: [m].
         crossed: whether diagonals alternate instead of being parallel; then a triangle fills every
             corner of the sheet if nx and ny are even.
+        order: of the geometry, 1, or 2 with nodes in the middle of edges, to be moved to a curve.
 
     Raises:
         InputError: a length is not positive, or there are no cells.
@@ -80,6 +83,7 @@ def sheet(
         for name, point in zip(CORNERS, points, strict=True):
             model.addPhysicalGroup(0, [point], name=name)
         model.mesh.generate(2)
+        model.mesh.setOrder(order)
 
     return gmsh_mesh(build, comm)
 

@@ -8,13 +8,15 @@ corners and at four points around the centre, the film's centre on a ball joint.
 of the paper's "outer diameter R" disagree: the radius is taken.)
 
 The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the
-centre, R = R_w(γ) R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever
-the mesh; with 3 × 3 cells that is the mean over the triangles around the centre node.  On that
-square acts, about the axis of each angle,
+centre, R = R_w(γ) R_v(β) R_u(θ).  With attitude="mean" F is its mean over the square of the four
+inner points, whatever the mesh; with "node", as printed, that at the centre node, the mean of the
+triangles around it; with 3 × 3 cells of order 1 both are the same.  There acts, about the axis of
+each angle,
 
     T = K_p (target - angle) - K_d d(angle)/dt,   K_p = I Ω²,   K_d = 2 ζ I Ω
 
-with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and ζ = 1.
+with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s (`rate`) and ζ = 1
+(`zeta`); the paper does not print its gains.
 
     case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
 
@@ -27,6 +29,7 @@ fall at the rate η, and is linear in s where |s| < φ:
     ./gossamer demo antenna_attitude
     ./gossamer run demos/antennas/antenna_attitude.py case=2 dt=0.04 --output out/turn
     ./gossamer run demos/antennas/antenna_attitude.py law=sliding stepper=generalized_alpha
+    ./gossamer run demos/antennas/antenna_attitude.py case=2 rate=2.4 zeta=0.1 attitude=node order=2
     ./gossamer report out/turn
 """
 
@@ -43,7 +46,8 @@ import gossamer_fx as gx
 from demos.common.deployment import effort, print_figures, run_case
 from demos.common.figures import draw_film, finish, new_figure, save, triangles
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, combine
+from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.records.outputs.output import Probe
 
@@ -133,7 +137,34 @@ def angles_and_rates(control: gx.control.AttitudeControl, run: gx.Simulation) ->
     return np.concatenate(control.angles_and_rates(X, V, control.reference()))
 
 
-def sliding_mode(control: gx.control.AttitudeControl, inertias: Array) -> gx.control.Feedback:
+def measured_frames(
+    film: gx.Membrane, points: np.ndarray, cells: int, order: int
+) -> dict[str, Frame]:
+    """The frames whose directors give the position gradient, by the values of `attitude`; `points`
+    are A to H."""
+    centre = film.port_at((0, 0, 0))
+    inner = [film.port_at(point) for point in points[4:]]
+    frames = {"mean": gx.control.patch(centre, inner)}
+    # The centre is that of a cell, whose corners are these points, or of four cells, whose centres
+    # they are: half of a cell away along both axes.
+    cells_of_middle_third = cells - 2 * round(cells / 3)
+    half_cell = SIDE / 6 / cells_of_middle_third
+    near = [film.port_at(half_cell * np.sign(point)) for point in points[4:]]
+    if order == 1:
+        frames["node"] = gx.control.patch(centre, near)
+        return frames
+    # The derivative at the end of an edge of order 2, times its length: -3 f(0) + 4 f(½) - f(1).
+    arms = []
+    for point, corner in zip(points[4:], near, strict=True):
+        middle = film.port_at(half_cell / 2 * np.sign(point))
+        arms.append(combine((-3.0, 4.0, -1.0), (centre, middle, corner)))
+    frames["node"] = Frame(centre, tuple(arms))
+    return frames
+
+
+def sliding_mode(
+    control: gx.control.AttitudeControl, inertias: Array, rate: float
+) -> gx.control.Feedback:
     """The sliding-mode law on the frame and with the angles of a control, which is left out of the
     scene; its commands are torques in space axes [N m]."""
 
@@ -143,21 +174,24 @@ def sliding_mode(control: gx.control.AttitudeControl, inertias: Array) -> gx.con
     def law(t: float, values: Array) -> Array:
         angles = values[:3]
         rates = values[3:]
-        s = rates + RATE * (angles - control.target)
+        s = rates + rate * (angles - control.target)
         reaching = REACHING * np.clip(s / LAYER, -1.0, 1.0)
-        return control.in_space(angles, -inertias * (RATE * rates + reaching))
+        return control.in_space(angles, -inertias * (rate * rates + reaching))
 
     torque = gx.control.BodyTorque(control.frame)
     return gx.control.Feedback([measure(k) for k in range(6)], law, [torque], period=PERIOD)
 
 
 def control_probes(
-    control: gx.control.AttitudeControl, feedback: gx.control.Feedback | None
+    control: gx.control.AttitudeControl,
+    other: gx.control.AttitudeControl,
+    feedback: gx.control.Feedback | None,
 ) -> dict[str, Probe]:
     """The three controlled angles [deg], and the torques [N m] about their axes, those of a
-    feedback about axes in space."""
+    feedback about axes in space; the angles that another control, left out of the scene, would
+    measure."""
 
-    def angle(axis: int) -> Probe:
+    def angle(control: gx.control.AttitudeControl, axis: int) -> Probe:
         return lambda run: float(np.degrees(angles_and_rates(control, run)[axis]))
 
     def torque(axis: int) -> Probe:
@@ -165,8 +199,12 @@ def control_probes(
             return lambda run: float(feedback.commands(run)[axis])
         return lambda run: float(control.torques[axis])
 
-    angles = {f"angle {axis} [deg]": angle(k) for k, axis in enumerate("uvw")}
-    return angles | {f"torque {axis} [N m]": torque(k) for k, axis in enumerate("uvw")}
+    found: dict[str, Probe] = {}
+    for k, axis in enumerate("uvw"):
+        found[f"angle {axis} [deg]"] = angle(control, k)
+        found[f"other angle {axis} [deg]"] = angle(other, k)
+        found[f"torque {axis} [N m]"] = torque(k)
+    return found
 
 
 def build(
@@ -179,33 +217,48 @@ def build(
     order: int = 1,
     law: str = "pd",
     stepper: str = "midpoint",
+    attitude: str = "mean",
+    rate: float = RATE,
+    zeta: float = DAMPING,
+    shell: bool = False,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` of each boom, and its control
-    in `case` 1 or 2 by the `law` "pd" or "sliding" and one of the `STEPPERS`.
+    """The antenna and its control; it records angles, torques and the displacement of the corner A.
 
-    It tells angles, torques and the displacement of the corner A.
+    Args:
+        case: 1 or 2.
+        cells: squares along a side of the film.
+        elements: of a boom.
+        until, dt: end of the run and step [s].
+        order: of the film.
+        law: "pd" or "sliding".
+        stepper: one of `STEPPERS`.
+        attitude: gradient that is measured, and on which the torque acts: "mean" or "node".
+        rate, zeta: natural frequency [rad/s] and damping ratio of the controlled motion.
+        shell: a film that does not wrinkle, see `antenna`.
     """
     check(
-        law in ("pd", "sliding") and stepper in STEPPERS,
-        f"law is {law!r} and stepper {stepper!r}; "
-        f"give pd or sliding, and one of {', '.join(STEPPERS)}.",
+        law in ("pd", "sliding") and stepper in STEPPERS and attitude in ("mean", "node"),
+        f"law is {law!r}, stepper {stepper!r} and attitude {attitude!r}; "
+        f"give pd or sliding, one of {', '.join(STEPPERS)}, and mean or node.",
     )
-    model = antenna(comm, cells, elements, order)
-    centre = model.film.port_at((0, 0, 0))
+    check(cells >= 3, f"cells is {cells}; give 3 or more, so that the film has E to H as nodes.")
+    model = antenna(comm, cells, elements, order, shell)
     corner = model.film.port_at(model.points[0])
-    # The patch measures the mean position gradient over the inner square.
-    ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
-    control = gx.control.AttitudeControl(
-        ring,
-        np.radians(TARGETS[case]),
-        stiffness=I * RATE**2,
-        damping=2 * DAMPING * I * RATE,
-    )
-    feedback = sliding_mode(control, I) if law == "sliding" else None
+    controls = {
+        name: gx.control.AttitudeControl(
+            frame, np.radians(TARGETS[case]), stiffness=I * rate**2, damping=2 * zeta * I * rate
+        )
+        for name, frame in measured_frames(
+            model.film, model.points, cells, 2 if shell else order
+        ).items()
+    }
+    control = controls.pop(attitude)
+    feedback = sliding_mode(control, I, rate) if law == "sliding" else None
+    centre = model.film.port_at((0, 0, 0))
     joint = gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre")
     scene = gx.Scene(*model.items, joint, feedback or control)
-    probes = control_probes(control, feedback)
+    probes = control_probes(control, *controls.values(), feedback)
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
     # The torque begins at zero, so that the first residuals are small: `floor` ends their
     # iteration.
@@ -225,24 +278,33 @@ def main(
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
     over the time.
 
-    With `output`, a folder: the recording of the run, and a picture.  "film" are the corners of the
-    triangles of this rank at the end [m], "booms" the nodes of the booms.
+    Relative to the angle of the case: angle_error at the end; overshoot; residual, the largest
+    error in the last quarter of the run; other_angle, the largest difference to the attitude that
+    is not controlled.  With `output`, a folder: the recording of the run, and a picture.  "film"
+    are the corners of the triangles of this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
     # Times of the picture, scaled with a shorter run.
     looks = (0.05, 0.1, 0.2, 0.4, 1.0)
     run, series = run_case(turn, output, "antenna", looks)
-    angles, torques, moved = (
+    angles, others, torques, moved = (
         np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T
         for what, axes, unit in (
             ("angle", "uvw", "deg"),
+            ("other angle", "uvw", "deg"),
             ("torque", "uvw", "N m"),
             ("A", "xyz", "m"),
         )
     )
     target = np.array(TARGETS[case])
+    errors = np.abs(angles - target).max(axis=1) / target.max()
+    # The vibration that is left: in the last quarter of the run.
+    is_late = series.time >= 0.75 * series.time[-1]
     return {
-        "angle_error": float(np.abs(angles[-1] - target).max() / np.abs(target).max()),
+        "angle_error": float(errors[-1]),
+        "overshoot": float((angles @ target).max() / (target @ target) - 1),
+        "residual": float(errors[is_late].max()),
+        "other_angle": float(np.abs(others - angles).max() / target.max()),
         "angles": angles,
         "torque": torques,
         "time": series.time,
@@ -300,15 +362,17 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
         ]
         words = ", ".join(f"{t:.1f}" for t in settled)
         axes[0, k].set_title(f"case {case}: within 5, 2, 0.2 % after {words} s", fontsize=9)
+        # Numbers of the paper's figures with these axes.
+        numbers = {1: ("Fig. 10", "Fig. 11", "Fig. 12"), 2: ("Fig. 14", "", "Fig. 15")}[case]
         rows = (
             ("angle [deg]", result["angles"], ("θ about u", "β about v", "γ about w")),
             ("torque [N m]", result["torque"], ("about u", "about v", "about w")),
             ("displacement of A [m]", result["point_A"], ("X", "Y", "Z")),
         )
-        for ax, (label, values, names) in zip(axes[:, k], rows, strict=True):
+        for ax, (label, values, names), number in zip(axes[:, k], rows, numbers, strict=True):
             for component, name in zip(values.T, names, strict=True):
                 ax.plot(result["time"], component, label=name)
-            finish(ax, "", label)
+            finish(ax, "", label, title=number or None)
         axes[-1, k].set_xlabel("time [s]")
     save(figure, path)
 

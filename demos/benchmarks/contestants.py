@@ -14,6 +14,7 @@ import os
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -29,6 +30,7 @@ PACKAGES = {
     "ngsolve": ("ngsolve==6.2.2608", "netgen-mesher==6.2.2608"),
 }
 SELF = "gossamer"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gossamer_fx"
 # Its libraries lie next to the folder of modules, where pip puts them with a prefix only.
 PREFIXED = ("ngsolve",)
 LOG = logging.getLogger("gossamer_fx")
@@ -46,11 +48,10 @@ def installed(program: str) -> Path:
         Failed: pip does not find or install them.
     """
     packages = PACKAGES[program]
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     version = (
         f"{packages[0].split('==')[1]}-python{sys.version_info.major}.{sys.version_info.minor}"
     )
-    folder = cache / "gossamer_fx" / f"{program}-{version}"
+    folder = CACHE / f"{program}-{version}"
     if not (folder / ".complete").exists():
         print(f"installing {', '.join(packages)} in {folder}", file=sys.stderr)
         pip = [
@@ -101,6 +102,9 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
         f"{key}={value}" for key, value in case.items() if not key.isupper() and key != "ranks"
     ]
     start = ["mpirun", "-n", str(case["ranks"])] if "ranks" in case else []
+    if "ranks" in case and problem == "rank_counts":
+        # Of the ranks alone: mpirun would not start with it.
+        start += ["env", f"LD_PRELOAD={message_counter()}"]
     with subprocess.Popen(
         [*start, *script, *given],
         stdout=subprocess.PIPE,
@@ -128,6 +132,27 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     for text in figures.pop("warnings", []):
         LOG.warning("%s", text)
     return figures
+
+
+def message_counter() -> Path:
+    """The library of `count_messages.c`, compiled in the user's cache for the MPI of `mpicc`.
+
+    Raises:
+        Failed: there is no `mpicc`, or it does not compile.
+    """
+    source = HERE / "count_messages.c"
+    library = CACHE / f"count_messages-{zlib.crc32(source.read_bytes()):08x}.so"
+    if not library.exists():
+        library.parent.mkdir(parents=True, exist_ok=True)
+        # Fortran's part of MPI is named, as C does not link it by itself.
+        command = ["mpicc", "-shared", "-fPIC", "-O2", "-o", library, source, "-lmpi_mpifh"]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True)
+        except FileNotFoundError as why:
+            raise Failed(f"mpicc is missing: {why}") from None
+        if done.returncode:
+            raise Failed(f"cannot be compiled: {_last_words(done)}")
+    return library
 
 
 class Clock:

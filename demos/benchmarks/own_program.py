@@ -21,7 +21,9 @@ from contact_cost import contact_cost
 from contestants import Clock, words
 from gradient_cost import gradient
 from mpi4py import MPI
-from newton_times import limit, profile
+from newton_times import profile
+from rank_counts import rank_counts
+from scaling_model import scaling_model
 from shared_problems import CASES, MODULI
 from stopwatch import Stopwatch
 
@@ -282,7 +284,7 @@ def orthotropic(law: str = "braid", order: int = 1, n: int = 48, steps: int = 20
 
 SOLVERS: tuple[Callable[..., Figures], ...] = (
     *(sheet, tube, antenna, pendulum, airbag, plate, contact, orthotropic),
-    *(limit, profile, gradient, contact_cost),
+    *(profile, rank_counts, scaling_model, gradient, contact_cost),
 )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from demos.common.deployment import dissipation, run_figures
-from demos.common.figures import BLUE, RED
+from demos.common.figures import BLUE, RED, finish
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.records.outputs.output import Probe
 from gossamer_fx.solve.system.totals import relative_drift
@@ -99,6 +99,39 @@ def attitude_probes(hub: gx.RigidBody, tips: list[gx.Port]) -> dict[str, Probe]:
     for part in ("cosine", "sine"):
         probes[f"wave of heights {part} [m]"] = gx.probes.Waves(tips, frame, number=1, part=part)
     return probes
+
+
+def momentum_probes(hub: gx.RigidBody) -> dict[str, Probe]:
+    """Components in space of the angular momentum of the scene about its centre of mass, and of the
+    part that the hub has about its own [kg m²/s]."""
+    directors = hub.frame().directors
+
+    def of_hub(k: int) -> Probe:
+        def component(run: Any) -> float:
+            d = run.system.state.vectors(directors)
+            rates = run.system.state.rates(directors)
+            # Σ E_ij d_i × d_j' with Euler's tensor E
+            return float(np.cross(d, hub.euler_tensor @ rates).sum(axis=0)[k])
+
+        return component
+
+    found: dict[str, Probe] = {}
+    for k, axis in enumerate("xyz"):
+        found[f"angular momentum {axis} [kg m²/s]"] = gx.probes.AngularMomentum(axis)
+        found[f"angular momentum of the hub {axis} [kg m²/s]"] = of_hub(k)
+    return found
+
+
+def plot_momentum(panels: Any, series: gx.Series) -> None:
+    """Components of the angular momentum over the time in three axes: of all, of the hub about its
+    centre, and of the rest."""
+    for axes, axis in zip(panels, "xyz", strict=True):
+        whole = series[f"angular momentum {axis} [kg m²/s]"]
+        hub = series[f"angular momentum of the hub {axis} [kg m²/s]"]
+        axes.plot(series.time, whole, color="black", label="all")
+        axes.plot(series.time, hub, color=BLUE, label="hub")
+        axes.plot(series.time, whole - hub, color=RED, label="sail")
+        finish(axes, "t [s]", f"angular momentum about {axis} [kg m²/s]")
 
 
 def spins(hub: gx.RigidBody, film: gx.Membrane | None) -> dict[str, Probe]:

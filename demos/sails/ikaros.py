@@ -22,12 +22,18 @@ Where the values come from:
     hub 85 kg m²         of a uniform cylinder 93; less, as docs/measured.md says
     tethers              1e4 N/m, chosen
     film                 polyimide of 7.5 µm, 3 GPa; devices are spread evenly
+    reinforcing tapes    cables on the film, as in Miyazaki, KAKENHI 19360384 final report (2009),
+                         fig. 7; their stiffness was not published: 25 µm × 10 mm of polyimide have
+                         750 N
     damping              chosen: the flight's is not known
 
     ./gossamer demo ikaros
     ./gossamer run demos/sails/ikaros.py until=8.0 --output out/ikaros
     ./gossamer report out/ikaros
     ./gossamer run demos/sails/ikaros.py pitch=0.32 until=8.0
+
+The picture of the angular momentum by component is of `main("out/tilted", until=4.0, tilt=1.0,
+largest=2e-2)`.
 """
 
 from __future__ import annotations
@@ -49,6 +55,8 @@ from demos.common.spinning import (
     Disturbance,
     attitude_probes,
     drum,
+    momentum_probes,
+    plot_momentum,
     plot_spins,
     radii_of_tips,
     spin_figures,
@@ -56,6 +64,7 @@ from demos.common.spinning import (
 )
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import trapezoids
+from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))
@@ -71,6 +80,8 @@ FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
 TETHER = 1e4  # stiffness of a tether [N/m]
 # Most steps of film that do not converge in as many iterations never do.
 MAX_ITERATIONS = 25
+# Mass of a reinforcing tape per length: 25 µm × 10 mm of polyimide [kg/m].
+TAPE_LINE_DENSITY = 3.6e-4
 # The sail counts as open when the middles of its edges are at this radius.
 OUT = 6.0  # m
 ARM_END = 7.4  # spin at the end of stage 1 [rpm]
@@ -115,6 +126,7 @@ def build(
     tether_damping: float = 0.0,
     friction: float = 0.0,
     crease: float = 0.0,
+    tape: float = 0.0,
     until: float = 8.0,
     dt: float = 2e-3,
     largest: float = 1e-2,
@@ -137,6 +149,7 @@ def build(
         tether_damping: damping of a tether [N s/m].
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        tape: stiffness EA of the reinforcing tapes [N]; 0: no tapes.
         until: end of the run [s].
         dt, largest: first and largest step [s].
         growth: factor by which a step may be longer than the last one; steps that grow by half are
@@ -153,6 +166,8 @@ def build(
     items: list[object] = [film, folds.start(film), hub, *tip_masses(film)]
     radius = min(HUB_RADIUS, folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact)
     items.append(tethers(film, hub, pitch, radius, tether_damping))
+    strips = tapes(film, pitch, tape, refine)
+    items += strips
     flat_middle = np.array([0.0, -outer * pitch, 0.0])
     middle = film.port_at(flat_middle)
     folded_middle = folds.place(flat_middle[None], np.ones(1))[0]
@@ -170,7 +185,10 @@ def build(
         **spin_probes(hub, film, tips, "rpm"),
         "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
         "middle [m]": gx.probes.PolarPosition(middle, axis, quantity="radius"),
+        "largest stress [Pa]": gx.probes.LargestStress(film),
+        "largest tension of tapes [N]": largest_tension(strips),
         **attitude_probes(hub, tips),
+        **momentum_probes(hub),
     }
     if contact:
         touching = gx.Contact(
@@ -185,6 +203,45 @@ def build(
         probes["penetrations"] = gx.probes.Crossings(film)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     return deployment_case(items, TITLE, probes, until, control, dt, max_iterations=MAX_ITERATIONS)
+
+
+def tapes(
+    film: gx.Membrane, pitch: float, stiffness: float, refine: int = 1
+) -> list[gx.connectors.Tape]:
+    """Tapes along the outer and inner edge and along the four seams of the sail.
+
+    Args:
+        film: the sail, with `refine` cells between folds.
+        pitch: between folds [m].
+        stiffness: EA of a tape, which bears tension only [N]; 0: no tapes.
+    """
+    if not stiffness:
+        return []
+    law = gx.TensionOnly(EA=stiffness, line_density=TAPE_LINE_DENSITY)
+    inner, outer, _ = rows(pitch)
+    found = []
+
+    def add(name: str, start: Array, end: Array, cells: int) -> None:
+        """A tape from one point (2,) of the pattern [m] to another, over some folds."""
+        points = [(*(pitch * start), 0.0), (*(pitch * end), 0.0)]
+        tape = gx.connectors.Tape.through(
+            film, law, points=points, bars_per_segment=cells * refine, name=name
+        )
+        found.append(tape)
+
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    for k, corner in enumerate(corners):
+        following = corners[(k + 1) % 4]
+        add(f"outer tape {k}", outer * corner, outer * following, 2 * outer)
+        add(f"inner tape {k}", inner * corner, inner * following, 2 * inner)
+        add(f"seam tape {k}", inner * corner, outer * corner, outer - inner)
+    return found
+
+
+def largest_tension(tapes: list[gx.connectors.Tape]) -> Probe:
+    """The largest tension [N] in any of the tapes; 0 without tapes."""
+    tensions = [gx.probes.Tension(tape, "largest") for tape in tapes]
+    return lambda run: max((tension(run) for tension in tensions), default=0.0)
 
 
 def hub_body(
@@ -225,6 +282,7 @@ def swinging(
     extra: float,
     viscosity: float,
     tether_damping: float = 0.0,
+    tape: float = 0.0,
 ) -> tuple[list[object], gx.Membrane, gx.RigidBody]:
     """The open sail that spins as a search of `steady` found it, its hub `extra` [rpm] faster.
 
@@ -236,10 +294,11 @@ def swinging(
         extra: spin of the hub in addition [rpm].
         viscosity: of the film over its stiffness [s]; 0: none.
         tether_damping: of a tether [N s/m].
+        tape: stiffness EA of the reinforcing tapes [N]; 0: no tapes.
     """
     film = sail(comm, pitch)
     hub = hub_body(comm, rpm=extra)
-    items: list[object] = [film, hub, *tip_masses(film)]
+    items: list[object] = [film, hub, *tip_masses(film), *tapes(film, pitch, tape)]
     items.append(tethers(film, hub, pitch, HUB_RADIUS, tether_damping))
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM))]
     # Viscous damping of the film, proportional to its stiffness.
@@ -303,13 +362,15 @@ def steady(
     rpm: float = 2.5,
     bent: float = 0.0,
     held: bool = True,
+    tape: float = 0.0,
 ) -> tuple[gx.Equilibrium, float, float]:
     """The open sail that spins steadily; the tethers' stiffness against swinging [N m/rad] and the
     sail's J1 [kg m²].
 
-    The search begins `bent` [m] out of the plane; the hub is `held` in turning axes, or free.  As
-    if the sail were rigid in its plane, tethers of length l with the tension T from the radius R on
-    the hub to r on the sail have the stiffness k = Σ T R r/l, and the lowest modes are
+    The search begins `bent` [m] out of the plane; the hub is `held` in turning axes, or free;
+    `tape` is the stiffness EA of the reinforcing tapes [N].  As if the sail were rigid in its
+    plane, tethers of length l with the tension T from the radius R on the hub to r on the sail have
+    the stiffness k = Σ T R r/l, and the lowest modes are
 
         swing about the hub   ω² = k/J, with a free hub of inertia I: k (1/J + 1/I)
         tilt against the hub  ω² = Ω² + k/J
@@ -325,7 +386,8 @@ def steady(
     support: object = gx.loads.Centrifugal(hub, spin)
     if held:
         support = gx.constraints.FixedJoint(hub.frame(), gx.ground_frame())
-    items = [*tip_masses(film), ropes, gx.loads.Centrifugal(film, spin), support]
+    items = [*tip_masses(film), *tapes(film, pitch, tape), ropes]
+    items += [gx.loads.Centrifugal(film, spin), support]
     search = gx.Equilibrium(gx.Scene(film, hub, *items))  # type: ignore[arg-type]
     search.find()
     stiffness = 0.0
@@ -368,14 +430,18 @@ def main(
     pictures.
 
     Returns the figures of `spin_figures`, the spin of the closed form at the end [rpm], the time at
-    which the middles of the edges are 6 m out [s], and the energy that is still to be dissipated
-    before hub and sail spin as one [J].
+    which the middles of the edges are 6 m out [s], the energy that is still to be dissipated before
+    hub and sail spin as one [J], and the largest stress of the film [Pa] and tension of a tape [N]
+    of the run.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
     run, series = run_case(case, output, "ikaros", parts, VIEW)
     if output is not None and comm.rank == 0:
         draw(series, Path(output) / "ikaros_spin.png")
+        figure = new_figure(12.0, 3.8)
+        plot_momentum(figure.subplots(1, 3), series)
+        save(figure, Path(output) / "ikaros_momentum.png", TITLE)
     hub_inertia = float(given.get("hub_inertia", HUB_INERTIA[2]))  # type: ignore[arg-type]
     inertia = hub_inertia + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(run.first.angular_momentum[2]) / inertia
@@ -384,6 +450,8 @@ def main(
         "spin_in_the_end": steady / RPM,
         "opened": first_time(series.time, series["middle [m]"], OUT),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
+        "largest_stress": float(series["largest stress [Pa]"].max()),
+        "tape_tension": float(series["largest tension of tapes [N]"].max()),
     }
 
 
@@ -415,7 +483,11 @@ def plot_radii(axes: Any, series: gx.Series) -> None:
 
 
 # Units of the figures of the stages.
-UNITS = deployment_units | {"spin": "rpm", "released_spin": "rpm", "released_as_one": "rpm"}
+UNITS = deployment_units | {
+    **dict.fromkeys(("spin", "released_spin", "released_as_one"), "rpm"),
+    "largest_stress": "Pa",
+    "tape_tension": "N",
+}
 
 if __name__ == "__main__":
     print_figures(main(output="out/ikaros"), UNITS)

@@ -111,12 +111,19 @@ def build(
     rpm: float = START,
     brake: float = 20.0,
     damping: float = 2e-2,
+    tape: float = 0.0,
     until: float = 6.4,
     dt: float = 5e-3,
     largest: float = 2e-2,
     iterations: int = 10,
 ) -> gx.Case:
-    """Hub, ring and four arms of `cells` cells; `damping` [s] of the arms' stretch."""
+    """Hub, ring and four arms of `cells` cells.
+
+    Args:
+        damping: of the arms' stretch [s].
+        tape: stiffness EA of the reinforcing tapes [N].  An arm has those of the outer edges of its
+            two half strips along it; the others run across it.
+    """
     corners, angle = wound(cells)
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -142,7 +149,7 @@ def build(
     )
     items: list[object] = [hub, guides]
     arms: list[gx.Cable] = []
-    law = gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM)
+    law = gx.TensionOnly(EA=EA + 2 * tape, line_density=PETALS / 4 / ARM)
     for k in range(4):
         wound_arm = turned(corners, math.pi / 2 * k)
         arm = gx.Cable(

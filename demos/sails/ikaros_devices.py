@@ -29,7 +29,7 @@ Where the values come from:
     front with aluminium the optics of the demo `windmill`
 
     ./gossamer demo ikaros_devices
-    ./gossamer study tapes
+    ./gossamer study ikaros_devices
 """
 
 from __future__ import annotations
@@ -110,8 +110,6 @@ class Build:
 BUILD = Build()
 # Rest angle of a crease over the angle of the pressed fold: film that was folded for months.
 SET_ANGLE_RATIO = 0.5
-# Mass of a tape per length: 25 µm × 10 mm of polyimide [kg/m].
-TAPE_LINE_DENSITY = 3.6e-4
 
 
 def device_numbers(X: Array) -> Array:
@@ -194,41 +192,12 @@ def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
     )
 
 
-def tapes(film: gx.Membrane, build: Build) -> list[gx.connectors.Tape]:
-    """Tapes along the outer and inner edge and along the four seams."""
-    if not build.tape:
-        return []
-    law = gx.TensionOnly(EA=build.tape, line_density=TAPE_LINE_DENSITY)
-    found = []
-
-    def add(name: str, start: Array, end: Array, cells: int) -> None:
-        """A tape from one point (2,) [m] to another, over some folds."""
-        tape = gx.connectors.Tape.through(
-            film,
-            law,
-            points=[(*start, 0.0), (*end, 0.0)],
-            bars_per_segment=cells * build.refine,
-            name=name,
-        )
-        found.append(tape)
-
-    directions = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    tips = OUTER * PITCH * directions
-    inner = INNER * PITCH * directions
-    for k in range(4):
-        following = (k + 1) % 4
-        add(f"outer tape {k}", tips[k], tips[following], 2 * OUTER)
-        add(f"inner tape {k}", inner[k], inner[following], 2 * INNER)
-        add(f"seam tape {k}", inner[k], tips[k], OUTER - INNER)
-    return found
-
-
 def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
     """The hub, and what is with the sail: masses at the tips, tethers, tapes and creases."""
     hub = ikaros.hub_body(film.comm)
     items: list[Any] = [*ikaros.tip_masses(film)]
     items.append(ikaros.tethers(film, hub, PITCH, ikaros.HUB_RADIUS))
-    items += tapes(film, build)
+    items += ikaros.tapes(film, PITCH, build.tape, build.refine)
     if build.crease and build.bends:
         items += folds().creases(film, stiffness=build.crease, set_angle_ratio=SET_ANGLE_RATIO)
     return hub, items

@@ -62,6 +62,7 @@ from demos.sails.ikaros import (
     rows,
     sail,
     square_inertia,
+    tapes,
     tethers,
     tip_masses,
     tip_ports,
@@ -109,6 +110,7 @@ def build(
     out: float = OUT,
     rods: int = RODS,
     damping: float = 2e-3,
+    tape: float = 0.0,
     until: float = 24.0,
     dt: float = 2e-3,
     largest: float = 1e-2,
@@ -118,7 +120,7 @@ def build(
     """The sail on the hub, held by the rods.
 
     Args:
-        pitch, refine, contact, gap, damping, largest, growth: as in the demo `ikaros`.
+        pitch, refine, contact, gap, damping, tape, largest, growth: as in the demo `ikaros`.
         brake: of the ring [N m s/rad].
         release: when the ring begins to be drawn down [s].
         out: length of the tips that stand out at the start [m].
@@ -135,6 +137,7 @@ def build(
     items: list[object] = [film, folds.start(film), hub, guides, touching]
     items += _tethers(film, hub, pitch, radius, folds, release)
     items += tip_masses(film)
+    items += tapes(film, pitch, tape, refine)
     items += [
         gx.Damping(film, stiffness_factor=damping, name="film damping"),
         gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),

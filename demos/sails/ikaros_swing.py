@@ -45,6 +45,7 @@ def main(
     dt: float = 0.2,
     pitch: float = 0.64,
     rpm: float = 2.5,
+    tape: float = 0.0,
 ) -> dict[str, Any]:
     """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build`
     for the rest.
@@ -54,12 +55,14 @@ def main(
     each cause [J], steps, iterations (a step), seconds, and the times [s] and the swing at them
     [rad/s].
     """
-    search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
+    search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False, tape=tape)
     inertia = ikaros.HUB_INERTIA[2]
     # Frequency of two bodies with inertias I and J about an axis, which a spring of stiffness k
     # joins.
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
-    items, film, hub = ikaros.swinging(comm, search, pitch, rpm, extra, damping, tether_damping)
+    items, film, hub = ikaros.swinging(
+        comm, search, pitch, rpm, extra, damping, tether_damping, tape
+    )
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     probes = spins(hub, film)
     run, series = run_case(gx.Case(scene, gx.Midpoint(dt=dt), until=until, probes=probes))

@@ -129,6 +129,33 @@ def test_attitude_follows_the_designed_response() -> None:
     assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("cells", [3, 4, 6])
+def test_the_gradient_at_the_centre_node_is_exact_for_a_quadratic_shape(comm, cells: int) -> None:
+    """Of order 2; the mean over the middle square has the same gradient by its symmetry, and
+    vectors in which the bulge of the film shows."""
+    turn = 0.3
+    R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+
+    def bulge(X: np.ndarray) -> np.ndarray:
+        quadratic = np.stack([0.1 * X[0] * X[1], 0.05 * X[1] ** 2, 0.2 * (X[0] ** 2 + X[1] ** 2)])
+        return R @ X + quadratic - X
+
+    mesh = antenna_attitude.meshes.film(comm, cells, antenna_attitude.SIDE)
+    film = gx.Membrane(mesh, antenna_attitude.FILM, order=2, displacement=bulge)
+    points = antenna_attitude.meshes.tie_points(antenna_attitude.SIDE)
+    frames = antenna_attitude.measured_frames(film, points, cells, order=2)
+    state = gx.Equilibrium(gx.Scene(film)).system.state
+    # The inner points are at the corners of a square, and those near the centre on its diagonals.
+    signs = np.sign(points[4:])
+    node = state.vectors(frames["node"].directors)
+    size = np.linalg.norm(node[0]) / np.sqrt(2)
+    assert node == pytest.approx(size * signs @ R.T, abs=1e-12)
+    mean = state.vectors(frames["mean"].directors)
+    assert np.abs(mean[:, 2]).min() > 0.04
+    assert signs.T @ mean / 4 == pytest.approx(points[4, 0] * np.diag([1, 1, 0]) @ R.T, abs=1e-12)
+
+
 @pytest.mark.parametrize("stepper", ["midpoint", "generalized_alpha"])
 def test_sliding_mode_follows_its_design(stepper: str) -> None:
     """From rest s = -Ω·8° rises at η = 0.05 rad/s² to -φ, and from there as exp(-η t/φ); then

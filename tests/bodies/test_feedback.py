@@ -41,7 +41,7 @@ def proportional_derivative(t: float, values: np.ndarray) -> float:
     return float(1.5 * (1.0 - values[0]) - 2.0 * values[1])
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_sampled_thruster_meets_its_recursion(delay: int) -> None:
     """Position, command and work at each sample, with a command that acts `delay` samples late."""

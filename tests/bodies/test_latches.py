@@ -58,7 +58,7 @@ def test_generalised_alpha_refuses_a_latch() -> None:
         gx.Simulation(gx.Scene(two_bars()), gx.GeneralizedAlpha(dt=0.07))
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("stop", [0.21, 1.0, 2.5])
 def test_a_restart_knows_whether_it_is_latched(folder: Path, stop: float) -> None:
     """Before the latch engages, while it holds and after it was released."""

@@ -20,7 +20,7 @@ from gossamer_fx.meshes.line import line
 ALL = [read_case(CASES / f"{name}.toml", MODELS) for name in NAMES]
 TESTS = [(case.model, test) for case in ALL if case.family == "peers" for test in case.tests]
 # On two ranks as well; beams and bodies have their other tests there.
-ON_TWO_RANKS = {"loaded_square", "heavy_span"}
+ON_TWO_RANKS = {"heavy_span"}
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def test_a_port_snaps_to_the_nearest_node(comm) -> None:
     np.testing.assert_allclose(state.vector(middle), (0.25, 0.25, 0), atol=1e-12)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("in_time", [False, True])
 def test_a_force_on_each_node_of_a_group_is_that_on_its_ports(comm, in_time) -> None:
     """A bar that is pulled at its two last nodes, with the elongations of a chain: N/(E A) each."""

@@ -60,7 +60,7 @@ def resultant(film, *loads):
     return run.totals.momentum / dt
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_lift_is_the_weight_of_the_displaced_fluid(comm, order):
     film = gx.Membrane(sphere(comm, 1.0, 12, order=order), LINEAR, order=order)

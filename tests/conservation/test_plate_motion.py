@@ -49,6 +49,23 @@ def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
     assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
 
 
+@pytest.mark.mpi(1)
+def test_a_thrown_shell_keeps_energy_and_both_momenta(comm):
+    mesh = sheet(comm, 8, 2, 0.6, 0.15, crossed=True, order=2)
+    x, y, _ = mesh.domain.geometry.x.T
+    mesh.domain.geometry.x[:, 2] = x**2 - 2 * y**2
+    plate = gx.Plate(mesh, LAW, velocity=thrown)
+    tight = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=2e-4, tolerances=tight))
+    first = run.totals
+    run.run(until=0.01)
+    assert run.totals.stored["plate bending"] > 1e-6 and run.substeps == 0
+    assert abs(run.totals.energy - first.energy) < 1e-9 * first.kinetic
+    scale = np.abs(first.angular_momentum).max()
+    assert run.totals.angular_momentum == pytest.approx(first.angular_momentum, abs=1e-10 * scale)
+    assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
+
+
 def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
     def direction(X, t):
         angle = math.sin(40 * t)

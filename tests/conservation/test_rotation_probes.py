@@ -135,7 +135,7 @@ def test_bad_arguments_of_waves_are_named(comm):
         gx.probes.Waves(ring, frame, number=2)
     with pytest.raises(gx.InputError, match="2 points do not show waves"):
         gx.probes.Waves(ring[:2], frame, number=1)
-    with pytest.raises(gx.InputError, match="no quantity 'depth'"):
+    with pytest.raises(gx.InputError, match="quantity is 'depth'"):
         gx.probes.Waves(ring, frame, number=1, quantity="depth")
     with pytest.raises(gx.InputError, match="do not increase"):
         gx.analysis.travelling_waves([0.0] * 20, [0.0] * 20, [0.0] * 20)

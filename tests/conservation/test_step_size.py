@@ -31,7 +31,7 @@ def test_means_over_long_steps_do_not_alternate(comm, caplog) -> None:
         assert "Damping with a stiffness_factor" in warnings[0]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("dt", "alternates"), [(0.1, True), (5e-3, False)])
 def test_ropes_that_are_taut_at_every_other_end_are_named_once(
     comm, caplog, dt: float, alternates: bool

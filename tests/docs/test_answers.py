@@ -103,11 +103,6 @@ def test_a_folded_start_has_no_energy_and_does_not_change_the_inflated_bag() -> 
     assert ratio == pytest.approx(1e4, rel=0.01)
 
 
-@pytest.mark.mpi
-def test_a_tube_is_inflated_from_its_folds_on_any_number_of_ranks() -> None:
-    assert folded_bag.build(MPI.COMM_WORLD, cells=4).find().residual < 1e-7
-
-
 def test_a_table_of_a_sail_balances_its_frame(tmp_path: Path) -> None:
     found = sail_table.main(cells=6, step=40, output=tmp_path)
     assert found["imbalance with the frame"] < 1e-7
@@ -125,12 +120,6 @@ def test_a_table_of_a_sail_balances_its_frame(tmp_path: Path) -> None:
     along_y = table[(table[:, 0] == 40) & (table[:, 1] == 90)][0]
     assert along_y[3] == pytest.approx(along_x[2], rel=1e-4)
     assert along_y[5] == pytest.approx(-along_x[6], rel=1e-4)
-
-
-@pytest.mark.mpi
-def test_a_sail_finds_its_shape_on_any_number_of_ranks() -> None:
-    oblique = np.array([sail_table.light_direction(30.0, 0.0)])
-    assert sail_table.build(MPI.COMM_WORLD, oblique, cells=6).find().residual < 1e-7
 
 
 def test_the_order_of_folds_is_that_of_the_layers() -> None:

@@ -15,7 +15,6 @@ from demos.sails import spin_deployment
 from demos.studies import fold_memory
 
 
-@pytest.mark.mpi(1)
 @pytest.mark.parametrize(("ratio", "share"), [(0.0, 1.0), (0.5, 0.25), (1.0, 0.0)])
 def test_creases_begin_with_the_energy_of_their_rest_angle(
     comm, ratio: float, share: float

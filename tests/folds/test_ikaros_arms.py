@@ -11,7 +11,6 @@ from demos.sails import ikaros_arms
 from tests.small_scenes import run_until, spin_drift
 
 
-@pytest.mark.mpi
 def test_the_arms_turn_the_ring_and_nothing_passes_through(comm) -> None:
     case = ikaros_arms.build(comm, cells=12, until=0.2)
     run = case.simulation([series := gx.Series(case.probes)])

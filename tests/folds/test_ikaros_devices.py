@@ -98,7 +98,6 @@ def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
     assert -1e-5 < found["spin change"] < 0
 
 
-@pytest.mark.mpi
 def test_the_whole_sail_and_its_frozen_shape_fly() -> None:
     search = spinning()
     whole = ikaros_devices.fly_plate(search, FILM_ONLY, 1.0, math.radians(1), turns=0.1, steps=30)

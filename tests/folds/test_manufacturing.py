@@ -94,7 +94,6 @@ def test_a_seed_is_one_specimen_and_the_seed_zero_is_as_drawn(comm) -> None:
     assert other != many[1]
 
 
-@pytest.mark.mpi
 def test_a_specimen_with_errors_begins_to_deploy_and_conserves_energy(comm) -> None:
     case = folded_tube.build(comm, seed=3, crease=0.02, yield_angle=0.3)
     specimen = draw_specimen(3, 3, folded_tube.SCATTER)

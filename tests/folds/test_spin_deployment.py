@@ -13,7 +13,6 @@ from demos.sails import spin_deployment
 from gossamer_fx.solve.system.totals import relative_drift
 
 
-@pytest.mark.mpi
 def test_the_roll_leaves_the_hub(comm, tmp_path) -> None:
     """At first its tips go off as free particles do, r² = r0² + (v t)²."""
     found = spin_deployment.main(

@@ -25,7 +25,6 @@ def test_the_closed_form_keeps_energy_and_angular_momentum() -> None:
     assert momentum == pytest.approx(momentum[0], rel=1e-12)
 
 
-@pytest.mark.mpi
 def test_cords_begin_to_unwind(comm) -> None:
     case = yo_yo.build(comm, cells=12, until=4e-3)
     run = case.simulation([series := gx.Series(case.probes)])

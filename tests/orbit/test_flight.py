@@ -165,7 +165,6 @@ def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None
     assert abs(run.energy_error) < 1e-10
 
 
-@pytest.mark.mpi
 def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
     orbit = Orbit(Elements(A, 0.2, i=1.0))
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), position=(0.0, 0.0, 0.5), velocity=(0.02, 0, 0))

@@ -11,6 +11,7 @@ import pytest
 import gossamer_fx as gx
 from demos.common.flight_picture import FlightPicture
 from gossamer_fx.mechanics.orbit.elements import elements_of
+from gossamer_fx.records.probes.flight import resultant
 from tests.orbit.test_orbit_loads import AIR, film, plate
 from tests.small_scenes import run_until
 
@@ -88,6 +89,17 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
 
 
 @pytest.mark.mpi
+@pytest.mark.mpi
+def test_the_weight_of_a_body_without_mesh_has_a_resultant() -> None:
+    place = np.array([2.0, 1.0, 0.0])
+    hub = gx.RigidBody(3.0, (1.0, 1.1, 1.2), position=place, name="hub")
+    run = run_until(1e-3, gx.Gravity(hub, (0.0, 0.0, -2.0)), dt=1e-3)
+    force, torque = resultant(run, "gravity of hub")
+    assert force == pytest.approx([0.0, 0.0, -6.0], abs=1e-12)
+    # It has fallen along its weight only, which does not change the torque.
+    assert torque == pytest.approx(np.cross(place, force), abs=1e-12)
+
+
 def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     def flight(**options: object) -> tuple[gx.Simulation, gx.orbit.Orbit]:
         orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1, i=0.5), gravity="J2", sun=(1.0, 0, 0))

@@ -291,7 +291,6 @@ def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     assert expected[0, 2] == pytest.approx(0.1, rel=1e-3) and outside < 1e-3
 
 
-@pytest.mark.mpi
 def test_the_demo_predicts_another_flight() -> None:
     result = main(cells=6, modes=30, training=12.0, until=4.0)
     # The text of the demo states both limits.

@@ -204,7 +204,7 @@ def test_what_is_refused(comm):
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=1e-3))
     with pytest.raises(gx.InputError, match="'other' is not in the scene"):
         gx.probes.Tension(other)(run)
-    with pytest.raises(gx.InputError, match="mean, least, largest"):
+    with pytest.raises(gx.InputError, match="'mean' or 'least' or 'largest'"):
         gx.probes.Tension(spring, "max")
     with pytest.raises(gx.InputError, match="Spring, Rope, RopeBundle, Tether or Tape"):
         gx.probes.Tension(mass)

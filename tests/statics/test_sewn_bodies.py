@@ -262,4 +262,10 @@ def test_demo_of_a_pumpkin_balloon(tmp_path: Path) -> None:
     # Eight gores: 6 % from the limit.
     assert found["radius/limit"] == pytest.approx(1.0, abs=0.06)
     assert 0.5 < found["load in tendons"] < 1.0
+    # The fixed pole holds the lift.
+    assert found["lift/weight of air less gas"] == pytest.approx(1.0, rel=1e-10)
+    assert found["sideways/lift"] < 1e-10
+    assert found["heavy gas: radius/by hand"] == pytest.approx(1.0, abs=0.03)
+    assert 0.5 < found["heavy gas: tension/by hand"] < 1.0
+    assert 0.01 < found["heavy gas: bulge between seams [m]"] < 0.1
     assert (tmp_path / "pumpkin.png").read_bytes()[1:4] == b"PNG"

@@ -195,7 +195,7 @@ def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
     assert "alone" not in said.stderr
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("what", ["Ledger", "Probes", "VTU", "Checkpoints"])
 def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     folder: Path, what: str

@@ -98,7 +98,7 @@ def test_iterations_are_near_their_target() -> None:
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 10**6))
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("kind", ["film", "film and gas", "beam, hub and control"])
 def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None:
     """Random steps over three decades, also backwards and forwards again."""
@@ -123,7 +123,7 @@ def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None
         assert last.angular_momentum == pytest.approx(first.angular_momentum, rel=1e-10, abs=1e-11)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("scene", [fluttering_sheet, filled_tube, turning_beam])
 def test_a_step_that_is_taken_back_leaves_no_trace(
     scene: Callable[[MPI.Intracomm], gx.Scene],

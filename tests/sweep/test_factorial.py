@@ -86,7 +86,7 @@ def test_a_picture_says_what_it_leaves_out(
     sweep = Factorial(lambda comm, folder, a: {f"n{k}": a for k in range(count)}, {"a": [1, 2]})
     run_factorial(sweep, MPI.COMM_SELF, tmp_path)
     assert len(drawn[0].axes) == 12
-    assert drawn[0].get_supxlabel().split(";")[0] == words
+    assert drawn[0].get_suptitle().split(";")[0] == words
 
 
 def test_words_of_the_command_line_are_values() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -18,6 +18,8 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.presets.fibres import VECTRAN_HT
+from gossamer_fx.presets.films import KAPTON_HN
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -376,6 +378,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("Tie", a=film, group_a="left", b=plate, group_b="left")
     add("Tolerances")
     add("loads.Torque", frame=A, torque=z)
+    add("loads.Viscoelasticity", body=beam, ratios=(0.5, 0.2), times=(1.0, 60.0))
     add("connectors.TorsionDamper", **hinge, damping=1.0)
     add("connectors.TorsionSpring", **hinge, stiffness=1.0)
     add("outputs.VTU", path=folder / "a.pvd", times=(0.1,))
@@ -529,6 +532,58 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     add("sections.tube", outer_radius=0.02, wall_thickness=5e-4, **tube)
     add("write_report", run=reader, path=folder / "a.html")
     return calls
+
+
+def method_calls(inputs: Inputs) -> dict[str, tuple[Callable[..., Any], Call]]:
+    """Methods that users call, by a name for messages, and arguments that are taken."""
+    film = inputs.film
+    mesh = sheet(WORLD, 2, 2)
+    zigzag = gx.fold.Zigzag(1.0, 2)
+    marked = gx.Membrane(zigzag.mark(mesh), film.law)
+    gores = gx.patterns.gores([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], 6)
+    sewn = gx.Membrane(gores.mesh(WORLD, along=4, across=2), film.law)
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
+    section = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
+    beam = gx.Beam(line(WORLD, [(0, 0, 0), (1, 0, 0)], 2), section)
+    cable = gx.TabulatedCable([0.0, 0.1], [0.0, 50.0], line_density=0.1)
+    elements = gx.orbit.Elements(7e6)
+    support = next(item for item in inputs.equilibrium.scene.items if isinstance(item, gx.Fixed))
+    derivative = gx.analysis.gradient(
+        inputs.equilibrium, of=gx.analysis.Energy(), by=[f"{film.name}.E"]
+    ).derivatives[0]
+    point = (0.5, 0.5, 0.0)
+    origin = (0.0, 0.0, 0.0)
+    stiffnesses = gx.LinearOrthotropic.from_stiffnesses
+    per_width = {"A11": 1e5, "A12": 3e4, "A22": 1e5, "A66": 3e4, "direction": (1.0, 0.0, 0.0)}
+    return {
+        "film.nodes": (film.nodes, {"group": "left"}),
+        "film.port": (film.port, {"group": "top left"}),
+        "film.port_at": (film.port_at, {"point": point, "snap": False}),
+        "body.port": (body.port, {"point": point}),
+        "body.port_at": (body.port_at, {"place": point}),
+        "body.frame": (body.frame, {"point": point}),
+        "body.frame_at": (body.frame_at, {"place": point}),
+        "beam.frame": (beam.frame, {"group": "start"}),
+        "cable.force_at": (cable.force_at, {"strain": np.array([0.05])}),
+        "law.from_stiffnesses": (stiffnesses, {"thickness": 1e-4, "density": 1.0} | per_width),
+        "film preset.law": (KAPTON_HN.law, {"thickness": 1e-5, "residual_stiffness": 0.0}),
+        "fibre preset.law": (VECTRAN_HT.law, {"linear_density": 1e-4}),
+        "fold.mark": (zigzag.mark, {"mesh": mesh}),
+        "fold.start": (zigzag.start, {"film": film, "origin": origin, "turn": origin}),
+        "fold.creases": (zigzag.creases, {"film": marked, "stiffness": 1.0}),
+        "gores.mesh": (gores.mesh, {"comm": WORLD, "along": 2, "across": 2}),
+        "gores.placed": (gores.placed, {"X": np.zeros((3, 2)), "apart": 0.1}),
+        "gores.seams": (gores.seams, {"film": sewn}),
+        "elements.after": (elements.after, {"t": 1.0, "mu": 1e14}),
+        "elements.period": (elements.period, {"mu": 1e14}),
+        "elements.state": (elements.state, {"mu": 1e14}),
+        "equilibrium.find": (inputs.equilibrium.find, {"at": 0.0}),
+        "equilibrium.reaction": (
+            inputs.equilibrium.reaction,
+            {"support": support, "about": origin},
+        ),
+        "derivative.along": (derivative.along, {"change": 1.0}),
+    }
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from operator import attrgetter
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.scene.scene import Item
 from tests.sentences import is_line_of_command, is_sentence
 from tests.small_scenes import LINEAR
-from tests.unit.public_calls import UNCALLED, Call, make_inputs, spoiled, valid_calls
+from tests.unit.public_calls import UNCALLED, Call, make_inputs, method_calls, spoiled, valid_calls
 
 WORLD = MPI.COMM_WORLD
 
@@ -60,9 +60,14 @@ def calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Call]]
 
 
 def taken_or_words(name: str, call: Call) -> str:
+    """What is said of a call of a public name; "taken" if nothing."""
+    return answer(attrgetter(name)(gx), call)
+
+
+def answer(function: Callable[..., object], call: Call) -> str:
     """What is said of a call; "taken" if nothing."""
     try:
-        attrgetter(name)(gx)(**call)
+        function(**call)
     except gx.InputError as error:
         return str(error)
     except Exception as error:
@@ -119,6 +124,22 @@ def test_every_argument_of_another_kind_is_one_sentence(calls: dict[str, Call]) 
     assert not silent, "\n".join(silent)
     assert tried > 1500
     assert written == {name: path.stat().st_mtime_ns for name, path in files_of(calls).items()}
+
+
+def test_every_argument_of_a_method_of_another_kind_is_one_sentence(tmp_path: Path) -> None:
+    tried = 0
+    silent = []
+    methods = method_calls(make_inputs(tmp_path))
+    said = {name: answer(method, call) for name, (method, call) in methods.items()}
+    assert {name: words for name, words in said.items() if words != "taken"} == {}
+    for name, (method, call) in methods.items():
+        for argument, bad in spoiled(call):
+            tried += 1
+            words = answer(method, call | {argument: bad})
+            if not is_sentence(words):
+                silent.append(f"{name}({argument}={bad!r}): {words}")
+    assert not silent, "\n".join(silent)
+    assert tried > 100
 
 
 def test_every_probe_asks_for_a_run(calls: dict[str, Call]) -> None:
@@ -317,7 +338,7 @@ SCENES = {
     "an error inside": ("def build(comm):\n    return 1 / 0\n", [], "line 2: ZeroDivisionError"),
     "an exit inside": ("raise SystemExit\n", [], "line 1: SystemExit"),
     "a scene that cannot be": (GOOD.replace("1400.0", "-1.0"), [], "density"),
-    "an option that is unknown": (GOOD, ["cell=3"], "'cell'"),
+    "an option that is unknown": (GOOD, ["cell=3"], "takes no cell"),
     "an option without value": (GOOD, ["cells"], "'cells'"),
     "an option of another kind": (GOOD, ["until=long"], "until"),
     "a value that is missing": (GOOD.replace("cells=2", "cells"), [], "cells"),

@@ -145,7 +145,7 @@ def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch):
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-9)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("factorised", [1_000_000, 100])
 def test_a_step_after_an_infinite_matrix_is_solved_as_ever(comm, monkeypatch, factorised):
     monkeypatch.setattr(coarse_space, "MAX_UNKNOWNS_FACTORISED", factorised)

@@ -96,7 +96,7 @@ def simulation(make, comm, monkeypatch=None, **options):
     return run
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", SCENES)
 def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeypatch):
     """With enough levels of fill and an overlap of the whole film the inner preconditioner is
@@ -126,7 +126,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     assert left.norm() < 1e-9 * r.norm()
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("make", SCENES)
 def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     """Energies, multipliers and Newton iterations are those of the complete factorisation on one

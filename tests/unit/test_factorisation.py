@@ -22,7 +22,7 @@ def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
     assert x.array.tolist() == [-1.0, 2.0]
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("masses", [64, 128])
 def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses, monkeypatch):
     """Pivots that MUMPS puts off need more than the workspace that it reckons with: INFOG(1) =

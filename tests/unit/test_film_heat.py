@@ -10,6 +10,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN
+from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.presets.gases import AIR
 from tests.rates import observed_order
@@ -20,7 +23,15 @@ OUTSIDE = 300.0  # K
 
 
 def balloon(
-    comm, coefficient=50.0, dt=1e-3, E=1e7, held=False, velocity=None, temperature=START, **options
+    comm,
+    coefficient=50.0,
+    dt=1e-3,
+    E=1e7,
+    held=False,
+    velocity=None,
+    temperature=START,
+    outside=OUTSIDE,
+    **options,
 ):
     """A sphere of hot air in a cold vacuum."""
     law = gx.Linear(E=E, nu=0.3, density=1000.0, thickness=1e-4)
@@ -30,7 +41,7 @@ def balloon(
         bag,
         gx.gas.FilmArea(film),
         coefficient=coefficient,
-        temperature=OUTSIDE,
+        temperature=outside,
         name="cold",
     )
     supports = [gx.Fixed(film, "film")] if held else []
@@ -75,6 +86,73 @@ def test_free_convection_cools_by_its_law():
         errors.append((one.bag.temperature - OUTSIDE) / exact - 1)
     assert abs(errors[-1]) < 1e-4
     assert observed_order(steps, errors) == pytest.approx(2, abs=0.2)
+
+
+def test_the_gas_follows_a_temperature_that_changes():
+    """With T_outside = 300 K + b t the gas has T = T_outside - b τ + (100 K + b τ) exp(-t/τ),
+    τ = m c_v/(h A): of first order in the step, as T_outside is taken at its start."""
+    steps = (5e-3, 2.5e-3, 1.25e-3)
+    errors = []
+    for dt in steps:
+        one = balloon(
+            MPI.COMM_SELF, dt=dt, held=True, outside=lambda run: OUTSIDE + 200.0 * run.system.time
+        )
+        τ = one.bag.mass * AIR.cv / (50.0 * one.area(0.0))
+        one.run.run(until=0.2)
+        exact = OUTSIDE + 40.0 - 200.0 * τ + (START - OUTSIDE + 200.0 * τ) * math.exp(-0.2 / τ)
+        errors.append(one.bag.temperature / exact - 1)
+    # Half a step of 200 K/s
+    assert errors[-1] == pytest.approx(-0.125 / exact, rel=0.05)
+    assert observed_order(steps, errors) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.mpi
+def test_the_outside_may_follow_the_altitude_of_the_run(comm):
+    """A payload that rises fast through the troposphere is cooled by 6.5 K in a kilometre."""
+    air = gx.loads.StandardAtmosphere()
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-5))
+    payload = gx.PointMass(1.0, velocity=(0.0, 0.0, 100.0), comm=comm)
+    height = gx.probes.Position(payload.port(), "z")
+    tank = gx.Tank(0.01, gas=AIR, pressure=1e4, temperature=288.15)
+    cold = gx.gas.FilmHeat(
+        tank,
+        gx.gas.FilmArea(film),
+        coefficient=100.0,
+        temperature=lambda run: air.temperature(height(run)),
+    )
+    run = gx.Simulation(gx.Scene(gx.Fixed(film, "film"), payload, cold), gx.Midpoint(dt=0.1))
+    run.run(until=10.0)
+    # The gas follows within a step, at whose start the air is 0.065 K warmer than at its end.
+    assert run.chamber("tank").temperature == pytest.approx(air.temperature(990.0), rel=1e-6)
+    assert abs(run.energy_error) <= 1e-12
+
+
+@pytest.mark.mpi
+def test_the_gas_becomes_as_warm_as_a_film_in_sunlight(comm):
+    """A film over the equator with the Sun over the pole: (ε_f + ε_b) σ T⁴ = α S, and the gas that
+    touches it has the same temperature."""
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-5))
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=(0.0, 0.0, 1.0), shadow="none")
+    properties = gx.orbit.ThermalProperties(15.0, absorptivity=0.2, emissivity=(0.05, 0.6))
+    sunlight = gx.orbit.SolarHeating(
+        film, orbit, properties, initial_temperature=250.0, space_temperature=0.0
+    )
+    tank = gx.Tank(0.01, gas=AIR, pressure=1e4, temperature=START)
+    warm = gx.gas.FilmHeat(
+        tank,
+        gx.gas.FilmArea(film),
+        coefficient=1.0,
+        temperature=lambda run: sunlight.balance(run).mean,
+    )
+    damping = gx.Damping(film, stiffness_factor=1e-2)
+    run = gx.Simulation(gx.Scene(film, orbit, sunlight, damping, warm), gx.Midpoint(dt=2.0))
+    run.run(until=200.0)
+    expected = (0.2 * LIGHT_SPEED * orbit.pressure / (0.65 * STEFAN_BOLTZMANN)) ** 0.25
+    assert sunlight.balance(run).mean == pytest.approx(expected, rel=1e-6)
+    assert run.chamber("tank").temperature == pytest.approx(expected, rel=1e-5)
+    supplied = run.system.scalar_unknowns[0].supplied_heat(warm)
+    gain = run.chamber("tank").internal_energy - 1e4 * 0.01 / (AIR.gamma - 1)
+    assert supplied == pytest.approx(gain, rel=1e-9)
 
 
 @pytest.mark.mpi
@@ -139,6 +217,21 @@ def test_a_function_has_no_gradient():
     pressure = gx.analysis.ChamberPressure(one.bag.chamber)
     with pytest.raises(gx.InputError, match="'cold' has no gradient"):
         gx.analysis.gradient(tape, of=pressure, by=["cold.temperature"])
+
+
+def test_a_temperature_that_is_a_function_has_no_gradient():
+    one = balloon(MPI.COMM_SELF, outside=lambda run: OUTSIDE)
+    tape = gx.analysis.RunTape(one.run)
+    one.run.run(until=2e-3)
+    pressure = gx.analysis.ChamberPressure(one.bag.chamber)
+    with pytest.raises(gx.InputError, match="'cold' has no gradient: its temperature"):
+        gx.analysis.gradient(tape, of=pressure, by=["cold.coefficient"])
+
+
+@pytest.mark.parametrize("wrong", [0.0, math.nan, "much"])
+def test_a_wrong_temperature_of_a_function_is_refused(wrong):
+    with pytest.raises(gx.InputError, match=r"FilmHeat 'cold': its temperature at t = 0 s"):
+        balloon(MPI.COMM_SELF, outside=lambda run: wrong)
 
 
 @pytest.mark.parametrize("wrong", [-1.0, math.nan, "much"])

@@ -239,6 +239,30 @@ def test_a_restart_in_the_middle_goes_on_with_the_same_masses(tmp_path: Path):
     assert again.totals.mass_supplied == run.totals.mass_supplied
 
 
+def test_a_recording_has_the_masses_of_species_of_mixtures_only(tmp_path: Path):
+    """Helium and nitrogen of a closed scene are constant in the sum of both tanks."""
+    mixed = [
+        gx.Tank(0.01, gas=gas, pressure=p, temperature=300.0, name=name)
+        for gas, p, name in ((HELIUM, 4e5, "a"), (NITROGEN, 2e4, "b"))
+    ]
+    alone = gx.Tank(0.01, gas=NITROGEN, pressure=1e5, temperature=300.0, name="alone")
+    scene = gx.Scene(gx.Orifice(*mixed, area=1e-4, name="joint"), alone)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[gx.Recording(tmp_path / "run")])
+    run.run(until=0.02)
+    rows = gx.plot.RunReader(tmp_path / "run").table("gas.csv")
+    columns = [name for name in rows if " mass of " in name]
+    assert sorted(columns) == [
+        f"{tank.name} mass of {gas.name}" for tank in mixed for gas in (HELIUM, NITROGEN)
+    ]
+    for gas in (HELIUM, NITROGEN):
+        total = sum(rows[f"{tank.name} mass of {gas.name}"] for tank in mixed)
+        assert total == pytest.approx(total[0], rel=1e-12)
+    assert rows["b mass of helium"][0] == 0 < rows["b mass of helium"][-1]
+    assert rows["a mass"] == pytest.approx(
+        rows["a mass of helium"] + rows["a mass of nitrogen"], rel=1e-12
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "argument", "value"),
     [("inlet.area", "area", 2e-5), ("bottle.fraction of helium", "fraction", 0.3)],

@@ -417,7 +417,7 @@ def test_the_nearer_triangle_hides_the_farther_where_they_cross() -> None:
     assert np.all(images[0][:, :50] == 0) and np.all(images[0][:, 50:] == 1)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) -> None:
     """Pixel by pixel, of the start alone: curves of later errors differ by round-off."""
@@ -457,7 +457,7 @@ def test_picture_of_gas_alone(folder: Path) -> None:
 def test_too_many_times_are_refused() -> None:
     with pytest.raises(gx.InputError, match="at most 24"):
         gx.plot.Picture("a.png", times=np.linspace(0, 1, 100))
-    with pytest.raises(gx.InputError, match=r"times is \(0.1, nan\); give numbers"):
+    with pytest.raises(gx.InputError, match=r"times is \(0.1, nan\); give a list"):
         gx.plot.Picture("a.png", times=(0.1, float("nan")))
 
 

@@ -71,7 +71,7 @@ def length(mesh: gx.Mesh, group: str) -> float:
     return float(np.linalg.norm(np.roll(x[order], -1, axis=0) - x[order], axis=1).sum())
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", CLOSED)
 def test_a_closed_mesh_has_the_volume_of_its_shape(comm, name) -> None:
     make, exact = CLOSED[name]
@@ -86,7 +86,6 @@ def test_a_closed_mesh_has_the_volume_of_its_shape(comm, name) -> None:
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.3)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("name", CLOSED)
 def test_triangles_are_well_shaped(comm, name) -> None:
     make, _ = CLOSED[name]
@@ -94,7 +93,7 @@ def test_triangles_are_well_shaped(comm, name) -> None:
     assert comm.allreduce(worst, op=MPI.MIN) > 0.45
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("name", GROUPS)
 def test_groups_are_complete(comm, name) -> None:
     make, _ = CLOSED[name]

@@ -262,12 +262,6 @@ def test_what_cannot_be_plotted_is_told(recorded: Path, act, culprit: str) -> No
 @pytest.mark.parametrize(
     "spoil, culprit",
     [
-        (lambda folder: (folder / "run.json").write_text("{"), "run.json"),
-        (
-            lambda folder: (folder / "run.json").write_text('{"format": 99, "fields": {}}'),
-            "format 99",
-        ),
-        (lambda folder: (folder / "points.csv").write_text("time,step\n0,x\n"), "points.csv"),
         (lambda folder: (folder / "fields" / "cable.pvd").unlink(), "cable.pvd"),
         (lambda folder: shutil.rmtree(folder / "fields" / "cable_files"), "cable_files"),
         (

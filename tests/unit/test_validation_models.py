@@ -231,7 +231,6 @@ def hencky_height(poisson):
     return np.trapezoid(slope, radius)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("strain", LAWS)
 def test_a_slack_disc_bulges_by_the_solution_of_hencky(comm, strain):
     """From a flat film without stress, under a fifth of a pascal; then stiffer the larger."""
@@ -297,7 +296,6 @@ def test_a_vessel_decays_by_its_laminar_leak_and_fills_to_a_steady_pressure(comm
     assert abs(filled.details["energy error"]) < 1e-12
 
 
-@pytest.mark.mpi
 def test_a_tube_everts_by_the_balance_of_its_gas(comm):
     """The tip rests until the gas has the growth pressure p, and then the volumes of vessel and
     tube at p, less what was there, are the inflow less the leak."""
@@ -363,7 +361,6 @@ def test_the_first_shape_of_an_everting_film_keeps_lengths_along_it_and_is_on_it
     assert np.array(shape.normal) @ x == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.mpi
 def test_an_everting_film_pulls_its_tail_by_half_the_pressure_force(comm):
     """T = p (A - a)/2, with the areas of the stretched wall and of the tail at the distance of
     contact, less the strain energy of the wall; with the sections that the coarse mesh has."""
@@ -390,7 +387,6 @@ def test_masses_that_leave_a_hub_keep_energy_and_momentum():
     assert rate == pytest.approx(6.7 * math.pi / 30, rel=0.02)
 
 
-@pytest.mark.mpi
 def test_a_taut_skin_adds_its_bending_stiffness(comm):
     """A small load bends the wing by F L³/(3 (EI + E t ∮z² ds)), whatever the skin's tension."""
     skin = gx.TensionField(E=5e9, nu=0.0, density=1400.0, thickness=12e-6)

@@ -124,7 +124,7 @@ def test_a_list_that_names_a_file_elsewhere_is_refused(tmp_path: Path) -> None:
         read_pvd(tmp_path / "a.pvd")
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_a_run_writes_is_the_same_to_its_reader(folder: Path, order: int) -> None:
     recorded(folder / "run", order).run(until=4 * DT)

@@ -20,6 +20,7 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.forms.kinematics import Expr, area_vector
 from gossamer_fx.core.model.body import Array, MeshBody
+from gossamer_fx.core.model.state import HasSystem
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.solve.system.system import System
 
@@ -27,15 +28,6 @@ if TYPE_CHECKING:
     # A scene without gas does not load it.
     from gossamer_fx.mechanics.gas.contract import ChamberState
     from gossamer_fx.mechanics.gas.volumes import Chamber
-
-
-class HasScene(Protocol):
-    """A run or an equilibrium, as far as objectives read it."""
-
-    @property
-    def system(self) -> System:
-        """The compiled scene in its present state."""
-        ...
 
 
 @runtime_checkable
@@ -111,7 +103,7 @@ class Integral:
         system.coordinates[self.body].take(self._q, owned)
         return self._compiled
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         value, _ = self._prepare(run.system)
         return float(run.system.comm.allreduce(fem.assemble_scalar(value)))
 
@@ -185,7 +177,7 @@ class Rate:
         self.of = of
         self.unit = f"{of.unit}/s"
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         system = run.system
         by_position = system.numbering.vector()
         by_velocity = system.numbering.vector()
@@ -209,7 +201,7 @@ class Energy:
 
     unit = "J"
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         totals = run.system.totals()
         return float(totals.kinetic + sum(totals.stored.values()))
 
@@ -284,7 +276,7 @@ class CrossingTime:
         self.of = of
         self.value = value
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
         raise InputError(
             "CrossingTime: one state does not know when a value was passed; "
@@ -358,7 +350,7 @@ class Functional:
         self._derivative = derivative
         self.unit = unit
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         return float(self._value(run))
 
     def add_derivative(
@@ -411,7 +403,7 @@ class ChamberPressure:
         )
         return next(k for k, one in enumerate(chambers) if one is self.chamber)
 
-    def __call__(self, run: HasScene) -> float:
+    def __call__(self, run: HasSystem) -> float:
         return float(chambers_of(run.system)[self._index(run.system)].pressure)
 
     def add_derivative(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from itertools import cycle, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,11 +36,7 @@ MAX_RUNS = 10_000
 
 # Panels of the picture; the table has all numbers.
 _MAX_PANELS = 12
-_PANEL_COLUMNS = 3
-_PANEL_WIDTH = 4.0  # inches
-_PANEL_HEIGHT = 2.9  # inches
-_PAD = 0.12  # inches around each panel
-_RESOLUTION = 150  # dots per inch
+_MARGIN = 0.05  # of the axis, at both of its ends
 
 
 @check_arguments
@@ -156,7 +153,7 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
 def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     """Draw each number over the first factor, with a curve for each combination of the others.
 
-    The first 12 numbers are drawn; below them stands how many there are.  A failed run leaves a gap
+    The first 12 numbers are drawn; above them stands how many there are.  A failed run leaves a gap
     in its curve; nothing is written if all runs failed.
 
     Args:
@@ -165,75 +162,62 @@ def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
         path: of the PNG.
 
     Raises:
-        OSError: the file cannot be written.
+        OutputFailure: the file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
+    from gossamer_fx.records.plot.curve_panels import Curves
+    from gossamer_fx.records.plot.page import write_page
 
     names = number_names(results)
-    numbers = names[:_MAX_PANELS]
-    if not numbers:
+    shown = names[:_MAX_PANELS]
+    if not shown:
         return
-    columns = min(len(numbers), _PANEL_COLUMNS)
-    rows = -(-len(numbers) // columns)
-    figure = Figure(
-        figsize=(_PANEL_WIDTH * columns, _PANEL_HEIGHT * rows),
-        layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
-        facecolor="white",
-    )
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for panel in panels[len(numbers) :]:
-        panel.remove()
-    for panel, number in zip(panels, numbers, strict=False):
-        _draw_panel(panel, sweep, results, number)
-    if len(names) > len(numbers):
-        words = f"{len(numbers)} of {len(names)} numbers; runs.csv has all."
-        figure.supxlabel(words, x=0.01, ha="left", fontsize=9.5)
-    figure.savefig(path, dpi=_RESOLUTION)
-
-
-def _draw_panel(
-    axes: Axes,
-    sweep: Factorial,
-    results: Sequence[Result],
-    number: str,
-) -> None:
-    """Draw one number over the first factor that varies."""
-    from gossamer_fx.records.fields.units import plain_text
-    from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
-
+    title = ""
+    if len(names) > len(shown):
+        title = f"{len(shown)} of {len(names)} numbers; runs.csv has all."
     varied = [name for name, values in sweep.over.items() if len(set(values)) > 1]
     first = (varied or list(sweep.over))[0]
     others = [name for name in varied if name != first]
-    levels = list(dict.fromkeys(sweep.over[first]))
     # In a list the factors vary together: there is one curve.
     if sweep.listed:
         others = []
-    curves: dict[str, list[tuple[float, float]]] = {}
+    # Words are drawn at equal distances, numbers on their scale.
+    levels = list(dict.fromkeys(sweep.over[first]))
+    has_words = any(isinstance(level, str) for level in levels)
+    positions = [float(k if has_words else level) for k, level in enumerate(levels)]
+    margin = _MARGIN * (max(positions) - min(positions)) or 1.0
+    curves: dict[str, list[tuple[float, Result]]] = {}
     for result in results:
         label = values_text({name: result.values[name] for name in others})
-        level = result.values[first]
-        # Words are drawn at equal distances, numbers on their scale.
-        position = float(levels.index(level)) if _has_words(levels) else float(level)
-        curves.setdefault(label, []).append((position, result.numbers.get(number, np.nan)))
+        position = positions[levels.index(result.values[first])]
+        curves.setdefault(label, []).append((position, result))
+    ticks = dict(zip(positions, map(value_text, levels), strict=True)) if has_words else {}
+    panels = [partial(_draw_panel, number, curves, ticks) for number in shown]
+    start = min(positions) - margin
+    end = max(positions) + margin
+    write_page(path, title, None, Curves(panels, start, end, first))
+
+
+def _draw_panel(
+    number: str,
+    curves: Mapping[str, Sequence[tuple[float, Result]]],
+    ticks: Mapping[float, str],
+    axes: Axes,
+) -> None:
+    """Draw one number of the runs of each curve over their positions on the axis."""
+    from gossamer_fx.records.fields.units import plain_text
+    from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
+
     ends = {}
-    for (label, points), colour in zip(curves.items(), cycle(LINES), strict=False):
-        at_levels, numbers = np.array(sorted(points)).T
+    for (label, runs), colour in zip(curves.items(), cycle(LINES), strict=False):
+        points = sorted((position, run.numbers.get(number, np.nan)) for position, run in runs)
+        at_levels, numbers = np.array(points).T
         axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
         finite = numbers[np.isfinite(numbers)]
         if label and len(finite):
             ends[label] = (float(finite[-1]), colour)
-    if _has_words(levels):
-        axes.set_xticks(range(len(levels)), [value_text(level) for level in levels])
-    axes.set_title(wrapped(plain_text(number), 40, 2), loc="left", fontsize=9.5)
-    axes.set_xlabel(plain_text(first))
-    axes.spines[["top", "right"]].set_visible(False)
+    if ticks:
+        axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.set_title(wrapped(plain_text(number), 40, 2))
     # More names than this would cover each other.
     if len(ends) <= len(LINES):
         label_ends(axes, ends)
-
-
-def _has_words(levels: Sequence[Any]) -> bool:
-    return any(isinstance(level, str) for level in levels)

@@ -158,39 +158,19 @@ def fetch(
     """
     # Send names and values to their homes, and sort there what has arrived.
     size = np.uint64(comm.size)
-    rows_by_home = [np.flatnonzero(names % size == home) for home in range(comm.size)]
-    arrived = comm.alltoall([(names[rows], values[rows]) for rows in rows_by_home])
-    known = np.concatenate([some_names for some_names, _ in arrived])
-    known_values = np.concatenate([some_values for _, some_values in arrived])
+    to_homes = RankExchange(comm, (names % size).astype(np.int64))
+    known = to_homes.send(names.astype(np.uint64))
     order = np.argsort(known)
     known = known[order]
-    known_values = known_values[order]
+    known_values = to_homes.send(values.astype(float))[order]
     if twice is not None:
         check_on_all(comm, bool((known[1:] != known[:-1]).all()), twice)
 
-    # Send questions to the homes of the wanted names.
-    wanted_by_home = [np.flatnonzero(wanted % size == home) for home in range(comm.size)]
-    questions = comm.alltoall([wanted[rows] for rows in wanted_by_home])
-    all_found = True
-    positions_by_rank = []
-    for asked in questions:
-        positions = np.searchsorted(known, asked)
-        # A name above all known ones has the position len(known), one beyond the last index.
-        positions = np.minimum(positions, max(len(known) - 1, 0))
-        if len(asked):
-            all_found &= len(known) > 0 and bool((known[positions] == asked).all())
-        positions_by_rank.append(positions)
+    # Ask the homes of the wanted names.
+    questions = RankExchange(comm, (wanted % size).astype(np.int64))
+    asked = questions.send(wanted)
+    # A name above all known ones has the position len(known), one beyond the last index.
+    positions = np.minimum(np.searchsorted(known, asked), max(len(known) - 1, 0))
+    all_found = not len(asked) or (len(known) > 0 and bool((known[positions] == asked).all()))
     check_on_all(comm, all_found, lacks)
-
-    # Reply, and put the values into the order of the questions.
-    replies = []
-    for positions in positions_by_rank:
-        # Without known names there are no questions either; the positions are empty or not valid.
-        if len(known):
-            replies.append(known_values[positions])
-        else:
-            replies.append(known_values)
-    result = np.zeros((len(wanted), values.shape[1]))
-    for rows, reply in zip(wanted_by_home, comm.alltoall(replies), strict=True):
-        result[rows] = reply
-    return result
+    return questions.answer(known_values[positions])

@@ -488,7 +488,11 @@ def _class(kind: type) -> Kind:
     if kind.__name__[0] in "AEIOU":
         article = "an"
     words = _DESCRIPTIONS.get(kind.__name__, f"{article} {kind.__name__}")
-    return Kind(lambda value: isinstance(value, kind), words)
+    # A class has the methods of its instances, and so counts as an instance of a protocol.
+    return Kind(
+        lambda value: isinstance(value, kind) and not (is_protocol and isinstance(value, type)),
+        words,
+    )
 
 
 # ---- values ------------------------------------------------------------------------------------

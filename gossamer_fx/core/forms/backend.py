@@ -33,11 +33,13 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from dolfinx.fem import coordinate_element
 from dolfinx.mesh import (
     GhostMode,
     Mesh,
     Topology,
     create_cell_partitioner,
+    create_geometry,
     create_mesh,
     create_submesh,
     to_type,
@@ -58,6 +60,7 @@ __all__ = [
     "cell_nodes",
     "distribute",
     "evaluate",
+    "facets_of",
     "gmsh_order",
     "interpolation_points",
     "loaded_kernel",
@@ -132,6 +135,28 @@ def submesh_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
         local_cells = np.arange(count, dtype=np.int32)
         parents = parents.sub_topology_to_topology(local_cells, False)
     return submesh, np.asarray(parents, dtype=np.int32)
+
+
+def facets_of(curved: Mesh) -> Mesh:
+    """The plane triangles between the corners of curved ones, a mesh with the same topology.
+    Collective."""
+    # Corners of the cells, numbered apart from other nodes.
+    corners = fem.functionspace(curved, ("Lagrange", 1))
+    cells = corners.dofmap.list
+    index_map = corners.dofmap.index_map
+    count = index_map.size_local + index_map.num_ghosts
+    original = np.zeros(count, dtype=np.int64)
+    nodes = curved.geometry.dofmap[:, : cells.shape[1]]
+    original[cells] = curved.geometry.input_global_indices[nodes]
+    points = np.zeros((count, 3))
+    points[cells] = curved.geometry.x[nodes]
+    element = coordinate_element(curved.topology.cell_type, 1)._cpp_object
+    geometry = create_geometry(index_map, cells, element, points, original)
+    compiled = type(curved._cpp_object)(
+        curved.comm, curved.topology._cpp_object, geometry._cpp_object
+    )
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", curved.basix_cell(), 1, shape=(3,)))
+    return Mesh(compiled, domain)
 
 
 def gmsh_order(kind: str, nodes: int) -> Indices:

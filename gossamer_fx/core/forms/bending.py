@@ -35,6 +35,20 @@ M0:κ dA + const., with M0 the moment of H0, and κ = n·D²x the curvature of t
 normal n makes these terms triple products of vectors (`Bending.rest_in_cells`,
 `Bending.rest_at_edges`).
 
+Curved plates.  The stress-free shape x0 is of order 2 on the plane triangles between its corners,
+and H0 = n0·D²x0.  Three changes make x0, wherever it is turned, free of energy and of forces:
+
+    ∇²x = D²x - F (F0⁺ D²x0)    in place of D²x: second derivatives in the metric of x0          (4)
+    x,ν with |x0,ν| = 1 and x0,ν·x0,t = 0    in place of x,n                                     (5)
+    [x,ν] - [x0,ν], turned with the plate    in place of [x,n]: x0 has small kinks of angle θ0   (6)
+
+with F = ∂x and the pseudo-inverse F0⁺ of F0 = ∂x0.  While lengths are those of x0, ∇²x is the
+curvature times the normal (the Christoffel symbols belong to the metric, not to the shape).  For
+kinks (6) is a multiple of the two products of `rest_at_edges`, whose derivatives vanish at x0.
+The products of M0 with n = x,1 × x,2/|x0,1 × x0,2| grow with the area.  So that this leaves no
+membrane stress at x0, M0:H0 times half the trace of the metric of x in that of x0 is added, the
+same in cells and at kinks.
+
 Limits.  Positions of order 1 leave only the angles between cells.  The usual energy of such hinges,
 ½ D Σ 3 l²/(A₊ + A₋) θ², converges to a value that depends on the pattern of the mesh: the tip of a
 cantilever under PL²/EI = 10 rises to 0.65 L on parallel and alternating diagonals, 0.56 L on
@@ -180,9 +194,9 @@ class Bending:
     those of the module.
 
     B (3, 2) are the cell axes, `penalty` the factor on the bound (3), `rest` the
-    curvature (2, 2) [1/m] of the plate without bending moments, None for a flat plate.  In the
-    methods x (3,) [m] are positions of order 2, w a test function like x; the degree of measures of
-    cells is `DEGREE`, of edges `EDGE_DEGREE`.
+    curvature (2, 2) [1/m] of the plate without bending moments, None for a flat plate, `shape` the
+    stress-free positions x0 of a curved one.  In the methods x (3,) [m] are positions of order 2, w
+    a test function like x; the degree of measures of cells is `DEGREE`, of edges `EDGE_DEGREE`.
     """
 
     def __init__(
@@ -192,8 +206,10 @@ class Bending:
         stiffness: BendingStiffness,
         penalty: Expr,
         rest: Expr | None = None,
+        shape: Expr | None = None,
     ) -> None:
         self._B = B
+        self._shape = shape
         self._stiffness = stiffness
         self._penalty = penalty
         self.rest = rest
@@ -205,19 +221,21 @@ class Bending:
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
         """Integral ∫ M(x):D²w dA over the cells; the bending energy is half of it with w = x."""
-        H = second_gradient(x, self._B)
-        G = second_gradient(w, self._B)
+        H = self._second_gradient(x)
+        G = self._second_gradient(w)
         densities = []
         for i in range(3):
             M = self._moment(H[i, :, :])
             densities.append(ufl.inner(M, G[i, :, :]))
+        if self._shape is not None:
+            stretch = ufl.dot(self._gradient(x), ufl.inv(self._metric))
+            densities.append(self._bent_shape() * ufl.inner(stretch, self._gradient(w)))
         return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
         """Integral over interior edges that transmit bending: moments times jumps of slopes, and a
         penalty on the jumps with the factor s [N], the second term of (1)."""
-        stiffness_per_area = sum((self._edge_stiffness() / self._area)(side) for side in ("+", "-"))
-        s = 0.75 * self._penalty * self._length("+") * stiffness_per_area
+        s = self._edge_penalty()
         jump_x = jump(self.slope, x)
         jump_w = jump(self.slope, w)
         moment_x = mean(self._edge_moment, x)
@@ -226,7 +244,10 @@ class Bending:
         work_of_moments = ufl.dot(moment_x, jump_w)
         # The transposed term makes the form symmetric.
         work_of_test_moments = ufl.dot(moment_w, jump_x)
-        return (penalty_term - work_of_moments - work_of_test_moments) * dS
+        form = penalty_term - work_of_moments - work_of_test_moments
+        if self._shape is not None:
+            form += self._stretch_at_kinks(x, w)
+        return form * dS
 
     def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
         """Integral over boundary edges where the plate is tangent to a unit vector d (3,), with
@@ -270,11 +291,14 @@ class Bending:
         """Three vectors whose triple product is -M0:(n·D²x), the energy of a rest curvature in
         cells: x,1 and x,2 (3,) [-], and -M0:D²x (3,) [N/m].  M0 [N] is the moment of the rest
         curvature, n = x,1 × x,2 the normal in the cell axes."""
-        F = ufl.dot(ufl.grad(x), self._B)
+        F = self._gradient(x)
+        # The normal removes what (4) subtracts.
         H = second_gradient(x, self._B)
         M0 = self.rest_moment
         pairs = [(a, b) for a in range(2) for b in range(2)]
         third = -sum(M0[a, b] * H[:, a, b] for a, b in pairs)
+        if self._shape is not None:
+            third /= ufl.sqrt(ufl.det(self._metric))
         return F[:, 0], F[:, 1], third
 
     def rest_at_edges(self, x: Expr) -> tuple[Expr, Expr, Expr]:
@@ -283,20 +307,65 @@ class Bending:
 
         {m0} is the mean of both sides of the moment m0 [N] of the rest curvature across the edge,
         [x,n] the jump of the slope.  The normal n = x,n × x,t of either cell gives the same
-        product.
+        product.  With the kinks θ0 of a curved plate the product is
+
+            ({m0} - s sin θ0) n·[x,ν]/cos θ0 + 2 tan(½θ0) n·{m(x)}.
         """
-        sides = [self._across(self.rest_moment)(side) for side in ("+", "-")]
-        m0 = (sides[0] + sides[1]) / 2
         n_here = self.slope(x)("+")
         t_here = self._along(x)("+")
         n_there = self.slope(x)("-")
-        return n_here, t_here, m0 * n_there
+        m0 = mean(self._across, self.rest_moment)
+        if self._shape is None:
+            return n_here, t_here, m0 * n_there
+        sine, cosine = self._kink()
+        of_jump = (m0 - self._edge_penalty() * sine) / cosine * n_there
+        of_moment = 2 * sine / (1 + cosine) * mean(self._edge_moment, x)
+        return n_here, t_here, of_jump + of_moment
+
+    def shape_energy(self, dx: ufl.Measure, dS: ufl.Measure) -> ufl.Form:
+        """The constant [J] that `cells`, `edges` and the rest curvature of a curved plate leave in
+        its shape, with the opposite sign and without `rest_energy`."""
+        _, cosine = self._kink()
+        return -self._bent_shape() * dx + self._kink_energy() * (1 / cosine - 2) * dS
+
+    # ---- in a cell -------------------------------------------------------------------------------
+
+    def _gradient(self, x: Expr) -> Expr:
+        """F (3, 2) of positions x along the cell axes."""
+        return ufl.dot(ufl.grad(x), self._B)
+
+    @property
+    def _metric(self) -> Expr:
+        """Metric (2, 2) of the shape of a curved plate in the cell axes."""
+        F0 = self._gradient(self._shape)
+        return ufl.dot(F0.T, F0)
+
+    def _bent_shape(self) -> Expr:
+        """M0:H0 [J/m²] of the shape of a curved plate."""
+        H0 = curvature(self._shape, self._B)
+        return ufl.inner(self._moment(H0), H0)
+
+    def _second_gradient(self, x: Expr) -> Expr:
+        """D²x (3, 2, 2) [1/m] in the cell axes, of a curved plate ∇²x by (4)."""
+        H = second_gradient(x, self._B)
+        if self._shape is None:
+            return H
+        F = self._gradient(x)
+        pseudo_inverse = ufl.dot(ufl.inv(self._metric), self._gradient(self._shape).T)
+        H0 = second_gradient(self._shape, self._B)
+        i, k, a, b, c = ufl.indices(5)
+        Γ = ufl.as_tensor(pseudo_inverse[c, k] * H0[k, a, b], (c, a, b))
+        return H - ufl.as_tensor(F[i, c] * Γ[c, a, b], (i, a, b))
 
     # ---- on an edge ------------------------------------------------------------------------------
 
     def slope(self, x: Expr) -> Expr:
-        """Slope x,n (3,) along the outer conormal n of the cell."""
-        return ufl.dot(ufl.grad(x), self._n)
+        """Slope x,n (3,) along the outer conormal n of the cell; x,ν of a curved plate."""
+        if self._shape is None:
+            return ufl.dot(ufl.grad(x), self._n)
+        n = ufl.dot(self._B.T, self._n)
+        ν = ufl.dot(ufl.inv(self._metric), n)
+        return ufl.dot(self._gradient(x), ν) / ufl.sqrt(ufl.dot(n, ν))
 
     def edge_normal(self, x: Expr) -> Expr:
         """Normal x,n × x,t (3,) of the moved surface at the edge."""
@@ -306,7 +375,10 @@ class Bending:
         """Derivative x,t (3,) along the edge; (n, t, normal of the mesh) is right-handed."""
         mesh_normal = ufl.cross(self._B[:, 0], self._B[:, 1])
         t = ufl.cross(mesh_normal, self._n)
-        return ufl.dot(ufl.grad(x), t)
+        if self._shape is None:
+            return ufl.dot(ufl.grad(x), t)
+        t0 = ufl.dot(ufl.grad(self._shape), t)
+        return ufl.dot(ufl.grad(x), t) / ufl.sqrt(ufl.dot(t0, t0))
 
     def _across(self, M: Expr) -> Expr:
         """Component n·M n of a tensor (2, 2) across the edge."""
@@ -317,9 +389,42 @@ class Bending:
         """Stiffness [N m] of bending across the edge."""
         return self._stiffness.across(ufl.dot(self._B.T, self._n))
 
+    def _edge_penalty(self) -> Expr:
+        """Factor s [N] of the penalty on interior edges, a multiple of the bound (3)."""
+        stiffness_per_area = sum((self._edge_stiffness() / self._area)(side) for side in ("+", "-"))
+        return 0.75 * self._penalty * self._length("+") * stiffness_per_area
+
+    def _kink(self) -> tuple[Expr, Expr]:
+        """Sine and cosine of the angle θ0 between both sides of an edge of a curved plate."""
+        x0 = self._shape
+        n_there = self.slope(x0)("-")
+        sine = ufl.dot(self.edge_normal(x0)("+"), n_there)
+        return sine, -ufl.dot(self.slope(x0)("+"), n_there)
+
+    def _stretch_at_kinks(self, x: Expr, w: Expr) -> Expr:
+        """What removes the membrane stress that the other terms of the kinks leave in the shape of
+        a curved plate: stretches of x,ν on both sides and of x,t, each with its factor [N]."""
+        sine, cosine = self._kink()
+        m0 = self._across(self.rest_moment)
+        of_penalty = self._edge_penalty() * (1 - cosine)
+        # `rest_at_edges` has the normal of the cell "+" only.
+        here = of_penalty - sine * (m0("+") + m0("-") / 2)
+        there = of_penalty - sine * m0("-") / 2
+        along = 2 * of_penalty - sine * (m0("+") + m0("-"))
+        slope_x = self.slope(x)
+        slope_w = self.slope(w)
+        of_slopes = here * ufl.dot(slope_x, slope_w)("+") + there * ufl.dot(slope_x, slope_w)("-")
+        return of_slopes + along * ufl.dot(self._along(x), self._along(w))("+")
+
+    def _kink_energy(self) -> Expr:
+        """½ s θ0² - {m0} θ0 [J/m] for small kinks θ0 of a curved plate."""
+        sine, cosine = self._kink()
+        m0 = mean(self._across, self.rest_moment)
+        return self._edge_penalty() * (1 - cosine) - m0 * sine
+
     def _edge_moment(self, x: Expr) -> Expr:
         """Bending moment m(x) (3,) [N] across the edge, for each component of the positions."""
-        H = second_gradient(x, self._B)
+        H = self._second_gradient(x)
         components = []
         for i in range(3):
             M = self._moment(H[i, :, :])

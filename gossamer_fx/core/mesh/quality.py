@@ -16,6 +16,7 @@ from dolfinx import la
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.core.mesh.edges import EdgeTable
 from gossamer_fx.core.model.body import Array
 
@@ -233,8 +234,7 @@ def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[n
     rounded = np.rint(midpoints / pitch).astype(np.int64)
     keys = np.column_stack([rounded, side])
     home = (keys[:, :3] @ HASH_PRIMES) % comm.size
-    outgoing = [keys[home == rank] for rank in range(comm.size)]
-    received = np.concatenate(comm.alltoall(outgoing))
+    received = RankExchange(comm, home).send(keys)
     _, midpoint, counts = np.unique(
         received[:, :3],
         axis=0,

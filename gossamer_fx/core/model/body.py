@@ -141,7 +141,12 @@ class Port:
     vectors: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse nodes that the body does not have."""
+        """Refuse nodes that the body does not have, and another number of weights."""
+        check(
+            len(self.weights) == len(self.nodes),
+            f"A port of '{self.body.name}' has {len(self.nodes)} nodes and {len(self.weights)} "
+            "weights; give a weight for each node.",
+        )
         count = self.body.block.index_map.size_global
         check(
             all(0 <= node < count for node in self.nodes),

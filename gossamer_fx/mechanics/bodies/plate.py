@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
+from dolfinx import fem
+from dolfinx.mesh import Geometry, meshtags
 from dolfinx.mesh import Mesh as DolfinxMesh
-from dolfinx.mesh import meshtags
 
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, real_numbers
+from gossamer_fx.core.forms.backend import (
+    cell_nodes,
+    facets_of,
+    interpolation_points,
+    tabulation,
+)
 from gossamer_fx.core.forms.bending import (
     DEGREE,
     EDGE_DEGREE,
@@ -20,7 +28,7 @@ from gossamer_fx.core.forms.bending import (
     OrthotropicBending,
     curvature,
 )
-from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.compilation import compile_expression, constant
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.edges import EdgeTable
@@ -42,6 +50,9 @@ if TYPE_CHECKING:
 
 # Sine of the angle between neighbouring cells below which they count as lying in one plane.
 FLAT = 1e-6
+
+# The same below which the plane triangles of a curved plate are close to it: 45 degrees.
+CLOSE = 0.7
 
 # Share of a given curvature below which its antisymmetric and its normal part count as zero.
 CURVATURE_TOLERANCE = 1e-6
@@ -67,8 +78,8 @@ class Plate(Membrane):
     costs less.
 
     Args:
-        mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is
-            between them.
+        mesh: plane triangles with straight edges, of which neighbours lie in one plane unless a
+            hinge is between them; or curved triangles of order 2.
         law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness
             give the bending stiffness, D_ij = A_ij t²/12 of an orthotropic one.
         order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone
@@ -80,14 +91,15 @@ class Plate(Membrane):
         rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group:
             tensor} of surfaces of the mesh; or a function of points (3, n) that returns (3, 3, n).
             H0 is positive where the plate without moments bends towards the normal of the mesh.
+            It is added to the curvature of a curved mesh.
         thermal: thermal expansion; its `gradient` across the thickness changes the curvature
             without moments.
         properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
-            curvature out of the plane.
+        InputError: a mesh of order 1 that is curved, a group that is not a line of interior edges,
+            a rest curvature out of the plane.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -121,8 +133,18 @@ class Plate(Membrane):
             "use 2 (of order 1 the curvature is zero in every cell, and the angles "
             "between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
+        given = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
+        geometry = given.domain.geometry
+        degree = geometry.cmap.degree
+        check(
+            degree <= 2,
+            f"Plate '{name}': its mesh is of order {degree}; use a mesh of order 1 or 2.",
+        )
+        # The forms are written for plane triangles.
+        if degree == 2:
+            given = Mesh(facets_of(given.domain), given.groups)
         super().__init__(
-            mesh,
+            given,
             law,
             order=2,
             properties=properties,
@@ -133,12 +155,9 @@ class Plate(Membrane):
             velocity=velocity,
             name=name,
         )
-        domain = self.mesh.domain
-        check(
-            domain.geometry.cmap.degree == 1,
-            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; "
-            "use plane triangles with straight edges (order 1).",
-        )
+        self.shape: fem.Function | None = None
+        if degree == 2:
+            self._take_shape(geometry)
         self.hinges = tuple(hinges)
         repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
         check(
@@ -151,17 +170,40 @@ class Plate(Membrane):
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
-        self._check_flat(table)
+        self._check_angles(table)
         # A restart compares this argument, too.
         self._bending = bending
         self.bending_stiffness = self.law.bending_stiffness(self.constants)
         if bending is not None:
             self.bending_stiffness = self._given_bending(bending)
         rest = None
+        if self.shape is not None:
+            rest = self.curvature(self.shape)
         if rest_curvature is not None:
-            rest = self._rest(rest_curvature)
+            given_rest = self._rest(rest_curvature)
+            rest = given_rest if rest is None else rest + given_rest
         # The penalty is a constant, so that another one needs no new kernel.
         self.bending = self._bending_about(rest)
+
+    def _take_shape(self, geometry: Geometry) -> None:
+        """Take the nodes of a mesh of order 2 as the stress-free shape.  Collective."""
+        self.shape = fem.Function(self.space, name="shape")
+        # Nodes of a cell have the same order in both.
+        self.shape.x.array.reshape(-1, 3)[cell_nodes(self.space)] = geometry.x[geometry.dofmap]
+        # The strain of the shape from the plane triangles, which is linear in each of them.
+        strain = tied_strain(self.mesh.domain, self.shape, self._frame)
+        linear = fem.functionspace(self.mesh.domain, ("Discontinuous Lagrange", 1, (3,)))
+        self._strain_of_shape = fem.Function(linear)
+        points = interpolation_points(linear)
+        tabulation(compile_expression(strain, points), self._strain_of_shape)()
+
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
+        x, v = super()._start
+        if self.shape is not None:
+            x = x + self.shape.x.array[: len(x)]
+            x -= self.space.tabulate_dof_coordinates().ravel()[: len(x)]
+        return x, v
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
         """The bending stiffness D11, D12, D22, D66 [N m] that a user gave, in the axes of the
@@ -192,7 +234,10 @@ class Plate(Membrane):
 
     def strain_from_mesh(self, x: Expr) -> Expr:
         """Tied Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
-        return tied_strain(self.mesh.domain, x, self._frame)
+        strain = tied_strain(self.mesh.domain, x, self._frame)
+        if self.shape is not None:
+            strain -= self._strain_of_shape
+        return strain
 
     def curvature(self, x: Expr) -> Expr:
         """κ (2, 2) [1/m] of the positions x, in the frame of the mesh."""
@@ -263,17 +308,23 @@ class Plate(Membrane):
         # A bending stiffness [N m] of each cell, by which the products are scaled.
         D = self.bending_stiffness.reference
         mean = (D("+") + D("-")) / 2
-        inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+        # In a curved plate the energies of a cell cancel point by point.
+        inside = dx
+        if self.shape is None:
+            inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
         products = [
             (D / area, scaled(bending.rest_in_cells, D / area), inside),
             (mean / length, scaled(bending.rest_at_edges, mean / length), dS),
         ]
-        return TripleProductEnergy(name, self, products, bending.rest_energy(dx), varying)
+        constant_energy = bending.rest_energy(dx)
+        if self.shape is not None:
+            constant_energy += bending.shape_energy(dx, dS)
+        return TripleProductEnergy(name, self, products, constant_energy, varying)
 
     def _bending_about(self, rest: Expr | None) -> Bending:
         domain = self.mesh.domain
         penalty = constant(domain, PENALTY)
-        return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
+        return Bending(domain, self._frame, self.bending_stiffness, penalty, rest, self.shape)
 
     def _transmitting(self) -> ufl.Measure:
         """The measure "dS" of the interior edges that transmit bending moments: all but the hinges.
@@ -290,22 +341,26 @@ class Plate(Membrane):
         tags = meshtags(domain, 1, others, np.ones(len(others), dtype=np.int32))
         return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
 
-    def _check_flat(self, table: EdgeTable) -> None:
-        """Check that neighbouring triangles lie in one plane unless a hinge is between them.
-        Collective."""
-        # The curvature of the forms is that of a plate flat in its stress-free shape.
+    def _check_angles(self, table: EdgeTable) -> None:
+        """Check that neighbouring triangles lie in one plane unless a hinge is between them, those
+        of a curved mesh nearly so.  Collective."""
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
         corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]
         normals = area_vectors(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SMALLEST_NORMAL)
         left, right = normals[table.cells[edges]].transpose(1, 0, 2)
-        check_on_all(
-            self.comm,
-            bool((np.linalg.norm(np.cross(left, right), axis=1) < FLAT).all()),
-            f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; "
-            "mesh its flat development, and give the shape as rest_curvature and displacement.",
+        sines = np.linalg.norm(np.cross(left, right), axis=1)
+        advice = (
+            "its mesh is curved, or folded elsewhere than at its hinges; give curved triangles "
+            "(a mesh of order 2), or hinges."
         )
+        limit = FLAT
+        if self.shape is not None:
+            limit = CLOSE
+            sines[np.einsum("ni,ni->n", left, right) < 0] = 1.0
+            advice = "neighbours in its curved mesh are at more than 45 degrees; use smaller cells."
+        check_on_all(self.comm, bool((sines < limit).all()), f"Plate '{self.name}': {advice}")
 
     def _rest(self, given: Any) -> Expr:
         """The curvature H0 (2, 2) [1/m] without moments in the frame of the mesh, from a given

@@ -58,8 +58,8 @@ class EdgeRotation:
         edge: one that changes with time for a direction that does, and another for a plate with a
         difference of temperature across its thickness."""
         # X (3, n) [m] are nodes of the edge, d the direction; x and w trial and test functions.
-        clamp = self.plate.bending.clamp
         ds = self._measure()
+        slope = self._slope(start[self.plate].positions().ravel())
         name = f"{self.plate.name} bending"
         if callable(self.direction):
             nodes = self.plate.nodes(self.edges)
@@ -75,23 +75,29 @@ class EdgeRotation:
             def set_directions(directions: fem.Function, t: float) -> None:
                 directions.x.array.reshape(-1, 3)[nodes] = self._directions(X, t)
 
+            at_start = fem.Function(self.plate.space)
+            set_directions(at_start, 0.0)
+            side = ufl.sign(ufl.dot(slope, at_start))
+
             yield MovingEnergy(
                 name=name,
                 body=self.plate,
-                form=lambda x, w, d: clamp(x, w, d, ds),
+                form=lambda x, w, d: self.plate.bending.clamp(x, w, side * d, ds),
                 space=self.plate.space,
                 set=set_directions,
             )
             return
         if self.direction is None:
-            d = self._initial_direction()
+            slope = self._slope(self.plate.initial_state()[0])
+            d = slope / ufl.sqrt(ufl.dot(slope, slope))
         else:
             direction = unit(self.direction)
             self._check_is_across(
                 start, lambda midpoints: np.tile(direction, (midpoints.shape[1], 1))
             )
-            d = fem.Constant(self.plate.mesh.domain, direction)
-        yield QuadraticEnergy(name, self.plate, lambda x, w: clamp(x, w, d, ds))
+            given = fem.Constant(self.plate.mesh.domain, direction)
+            d = ufl.sign(ufl.dot(slope, given)) * given
+        yield QuadraticEnergy(name, self.plate, lambda x, w: self.plate.bending.clamp(x, w, d, ds))
         if self.plate.has_thermal_curvature:
             yield self._thermal_moment(name, d, ds)
 
@@ -178,13 +184,12 @@ class EdgeRotation:
         )
         return ds(1)
 
-    def _initial_direction(self) -> Expr:
-        """The unit direction across the edge in the initial state that the plate has by itself."""
-        start = fem.Function(self.plate.space)
-        positions, _ = self.plate.initial_state()
-        self.plate.reconstruct(start, positions)
-        slope = ufl.dot(ufl.grad(start), ufl.FacetNormal(self.plate.mesh.domain))
-        return slope / ufl.sqrt(ufl.dot(slope, slope))
+    def _slope(self, coordinates: Array) -> Expr:
+        """The slope (3,) along the outer conormal of the edge, of coordinates of this rank's nodes.
+        A given direction counts with its sign, since moments at rest bend to one side."""
+        x = fem.Function(self.plate.space)
+        self.plate.reconstruct(x, coordinates)
+        return self.plate.bending.slope(x)
 
 
 def _three(vector: list[float]) -> str:

@@ -47,7 +47,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
-from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import Balance, HeatPath, Passage
 from gossamer_fx.mechanics.gas.contract import (
@@ -233,8 +233,8 @@ class GasAdjoint:
         walls = []
         wall_states = zip(self._walls, x["conductance"], x["wall temperature"], strict=True)
         for path, conductance, temperature in wall_states:
-            given = _constant_conductance(conductance)
-            walls.append(HeatPath(path.wall, path.chamber, temperature, given))
+            given = _constant_wall(temperature, conductance)
+            walls.append(HeatPath(path.wall, path.chamber, given))
         balance = Balance(contents=network.contents, passages=passages, walls=walls)
         # Internal energy [J] at the start
         U0 = network.contents.energies(x["p0"] * x["V0"], x["m0"])
@@ -390,13 +390,17 @@ def _constant(area: Number) -> Any:
     return lambda h, t: area
 
 
-def _constant_conductance(conductance: Number) -> Any:
-    return lambda h: lambda T: conductance
+def _constant_wall(temperature: Number, conductance: Number) -> Any:
+    return lambda h: (temperature, lambda T: conductance)
 
 
 def _coefficient_of(wall: Wall) -> tuple[str, str]:
     """Name and unit of the number to which the conductance of a wall is proportional.
-    `InputError`: it has none."""
+    `InputError`: it has none, or its temperature is a function, whose derivatives are not known."""
+    check(
+        not callable(wall.temperature),
+        f"'{wall.name}' has no gradient: its temperature is a function; give a number.",
+    )
     for name, unit in (("conductance", "W/K"), ("coefficient", "W/(m² K)")):
         if isinstance(getattr(wall, name, None), int | float):
             return name, unit

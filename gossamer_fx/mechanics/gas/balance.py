@@ -50,7 +50,6 @@ all species in all chambers (s,), s = n for one gas; units are SI.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,7 +57,15 @@ import numpy as np
 
 from gossamer_fx.core.algebra.dual_numbers import Dual, Number
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.gas.contract import Aperture, Conductance, Gas, Holder, Opening, Wall
+from gossamer_fx.mechanics.gas.contract import (
+    Aperture,
+    Conductance,
+    Gas,
+    Holder,
+    Opening,
+    Wall,
+    WallState,
+)
 from gossamer_fx.mechanics.gas.mixture import Blend, Contents
 
 # Pressure [Pa], temperature [K] and gas at one end of an opening; complex for derivatives
@@ -142,16 +149,16 @@ class HeatPath:
     Attributes:
         wall: the item of the scene.
         chamber: number of the chamber that it heats.
-        temperature: of the wall [K].
-        conductance_in: its conductance in a step of a length [s].
+        state_in: temperature and conductance of the wall in a step.
+        temperature: of the wall in the current step [K].
         conductance: that of the current step.
         weight: of the end of the step in the temperature of the gas, ½ to 1.
     """
 
     wall: Wall
     chamber: int
-    temperature: Number
-    conductance_in: Callable[[float], Conductance]
+    state_in: WallState
+    temperature: Number = 0.0
     conductance: Conductance = lambda T: 0.0
     weight: Number = 0.5
 
@@ -205,7 +212,7 @@ class Balance:
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         """Start a step: store its initial state, without a copy, and choose the weights θ of its
         flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a
-        number."""
+        number, or the temperature of a wall is not positive."""
         self.h = h
         self._p0 = p
         self._m0 = m
@@ -215,7 +222,7 @@ class Balance:
         for passage in self.passages:
             passage.area = passage.aperture(h, t) if passage.is_open else 0.0
         for path in self.walls:
-            path.conductance = path.conductance_in(h)
+            path.temperature, path.conductance = path.state_in(h)
         self._choose_weights(V)
 
     # ---- equations -------------------------------------------------------------------------------

@@ -25,6 +25,9 @@ Aperture = Callable[[float, float], float]
 # Conductance [W/K] of a wall as a function of the temperature [K] of the gas.
 Conductance = Callable[[Number], Number]
 
+# Temperature [K] and conductance of a wall in a step, functions of its length h [s].
+WallState = Callable[[float], tuple[Number, Conductance]]
+
 
 # Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
 @runtime_checkable
@@ -232,7 +235,7 @@ class Discharge(Opening, Protocol):
 
 @runtime_checkable
 class Wall(Protocol):
-    """Something of constant temperature that exchanges heat with a volume: a wall, or what is
+    """Something of known temperature that exchanges heat with a volume: a wall, or what is
     outside of a film."""
 
     @property
@@ -246,13 +249,13 @@ class Wall(Protocol):
         ...
 
     @property
-    def temperature(self) -> float:
-        """Temperature of the wall [K]."""
+    def temperature(self) -> object:
+        """Temperature of the wall [K], a number or a function of the run."""
         ...
 
-    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
-        """Its conductance in a running scene, heat transfer coefficient times area, for a step of
-        length h [s].  Collective, as is the function that it returns."""
+    def compile(self, geometry: Geometry) -> WallState:
+        """Its temperature and conductance, heat transfer coefficient times area, in a running
+        scene.  Collective, as is the function that it returns."""
         ...
 
 

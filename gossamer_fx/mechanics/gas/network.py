@@ -119,7 +119,7 @@ class GasNetwork(ScalarUnknowns):
             if isinstance(passage.opening, Switch)
         ]
         self._walls = [
-            HeatPath(item, numbers[id(item.chamber)], item.temperature, item.compile(self.geometry))
+            HeatPath(item, numbers[id(item.chamber)], item.compile(self.geometry))
             for item in items
             if isinstance(item, Wall)
         ]

@@ -29,6 +29,7 @@ from gossamer_fx.mechanics.gas.contract import (
     Holder,
     Pair,
     Volume,
+    WallState,
 )
 from gossamer_fx.mechanics.gas.film_area import FilmArea
 from gossamer_fx.mechanics.gas.network import GasNetwork
@@ -299,9 +300,9 @@ class WallHeat:
     def requires(self) -> Iterable[Any]:
         yield self.chamber
 
-    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
-        """The given number [W/K] in every step."""
-        return lambda h: lambda T: self.conductance
+    def compile(self, geometry: Geometry) -> WallState:
+        """The given numbers [K] and [W/K] in every step."""
+        return lambda h: (self.temperature, lambda T: self.conductance)
 
 
 @check_arguments
@@ -585,8 +586,8 @@ class FilmHeat:
 
         Q = h A (T_outside - T)
 
-    The heat counts as supplied in the energy balance.  The film itself takes none, and sunlight
-    does not reach the gas.  Films that fold on each other exchange heat as if they were apart.
+    The heat counts as supplied in the energy balance.  The film itself takes none.  Films that fold
+    on each other exchange heat as if they were apart.
 
     Args:
         chamber: the chamber or tank.
@@ -594,11 +595,13 @@ class FilmHeat:
         coefficient: h [W/(m² K)] from the gas to the outside, ≥ 0: 1/h is the sum of 1/h on both
             sides and of thickness over conductivity of the film.  A number, or a function of the
             temperatures [K] of the gas and outside; gradients take a number.
-        temperature: T_outside [K], > 0.
+        temperature: T_outside [K], > 0: a number, or a function of the run, called at the start of
+            every step with an object that has `run.system`, as probes are: the temperature of the
+            air at an altitude, or of a film in sunlight.  Gradients take a number.
         name: in messages.
 
     Raises:
-        InputError: a quantity is out of its range, also when the function gives it.
+        InputError: a quantity is out of its range, also when a function gives it.
 
     Example:
         >>> outside = gx.gas.FilmHeat(
@@ -609,13 +612,21 @@ class FilmHeat:
         >>> outside = gx.gas.FilmHeat(
         ...     tank, gx.gas.FilmArea(film), coefficient=free_convection, temperature=223.0
         ... )
+        >>> air = gx.loads.StandardAtmosphere()
+        >>> height = gx.probes.Position(film.port_at((0.0, 0.0, 0.0)), "z")
+        >>> outside = gx.gas.FilmHeat(
+        ...     tank,
+        ...     gx.gas.FilmArea(film),
+        ...     coefficient=5.0,
+        ...     temperature=lambda run: air.temperature(12e3 + height(run)),
+        ... )
     """
 
     chamber: Chamber
     area: FilmArea
     _: KW_ONLY
     coefficient: Annotated[float, not_negative("W/(m² K)")] | Callable[[float, float], float]
-    temperature: Annotated[float, positive("K")]
+    temperature: Annotated[float, positive("K")] | Callable[[HasSystem], float]
     name: str = "heat through film"
     scalar_unknowns = GasNetwork
 
@@ -623,23 +634,34 @@ class FilmHeat:
         yield self.chamber
         yield from self.area.requires()
 
-    def compile(self, geometry: Geometry) -> Callable[[float], Conductance]:
-        """h A [W/K] with the area in the middle of the step."""
+    def compile(self, geometry: Geometry) -> WallState:
+        """T_outside [K], and h A [W/K] with the area in the middle of the step."""
         area = geometry.area(self.area)
 
-        def conductance_in(h: float) -> Conductance:
+        def state_in(h: float) -> tuple[Number, Conductance]:
             # Measured once a step, not in each iteration
             size = area.aperture(h)
-            return lambda T: size * self._coefficient_at(T, geometry)
+            outside = self._outside(geometry)
+            return outside, lambda T: size * self._coefficient_at(T, outside, geometry)
 
-        return conductance_in
+        return state_in
 
-    def _coefficient_at(self, T: Number, geometry: Geometry) -> float:
-        """The coefficient [W/(m² K)] at a temperature of the gas [K].  Collective."""
+    def _outside(self, geometry: Geometry) -> float:
+        """T_outside [K] at the start of a step.  Collective."""
+        given = self.temperature
+        if not callable(given):
+            return given
+        what = f"FilmHeat '{self.name}': its temperature at t = {geometry.system.time:.6g} s"
+        found = float(ask_numbers(geometry.comm, what, lambda: given(geometry)))
+        check(found > 0, f"{what} is {found!r} K; give one that is positive.")
+        return found
+
+    def _coefficient_at(self, T: Number, outside: float, geometry: Geometry) -> float:
+        """The coefficient [W/(m² K)] at temperatures of the gas and outside [K].  Collective."""
         given = self.coefficient
         if not callable(given):
             return given
         what = f"FilmHeat '{self.name}': its coefficient at {T:.6g} K"
-        found = float(ask_numbers(geometry.comm, what, lambda: given(T, self.temperature)))
+        found = float(ask_numbers(geometry.comm, what, lambda: given(T, outside)))
         check(found >= 0, f"{what} is {found!r} W/(m² K); give one that is not negative.")
         return found

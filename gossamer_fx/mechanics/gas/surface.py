@@ -350,7 +350,7 @@ class Geometry:
 
     def __init__(self, system: Assembly) -> None:
         self.comm = system.comm
-        self._system = system
+        self.system = system
         self._loops: dict[Ring, Loop] = {}
         self._surfaces: dict[Membrane, FilmSurface] = {}
         self._areas: dict[DeformedArea, MovingArea] = {}
@@ -359,7 +359,7 @@ class Geometry:
     def loop(self, ring: Ring) -> Loop:
         """The loop of a ring, created on the first call.  Collective."""
         if ring not in self._loops:
-            self._loops[ring] = Loop(ring, self._system)
+            self._loops[ring] = Loop(ring, self.system)
         return self._loops[ring]
 
     def area(self, area: Ring | DeformedArea) -> MovingArea:
@@ -367,13 +367,13 @@ class Geometry:
         if isinstance(area, Ring):
             return self.loop(area)
         if area not in self._areas:
-            self._areas[area] = area.compile(self._system)
+            self._areas[area] = area.compile(self.system)
         return self._areas[area]
 
     def surface(self, film: Membrane) -> FilmSurface:
         """The surface of a film, created on the first call."""
         if film not in self._surfaces:
-            self._surfaces[film] = FilmSurface(film, self._system)
+            self._surfaces[film] = FilmSurface(film, self.system)
         return self._surfaces[film]
 
     def add(self, moving: Moving) -> None:

@@ -7,3 +7,4 @@ from .force import Torque as Torque
 from .pressure import FluidPressure as FluidPressure
 from .pressure import StandardAtmosphere as StandardAtmosphere
 from .pressure import UniformFluid as UniformFluid
+from .viscoelasticity import Viscoelasticity as Viscoelasticity

@@ -37,9 +37,9 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
-        # Names of loads on masses that are attached to a body on a mesh.
-        self._on_meshes: list[str] = []
-        # P, offsets, M and A of one kinetic energy.
+        # For each pair of a load and a kinetic energy with masses on its body: the load and the
+        # weights of positions in the ports (n, k), and P, offsets, M and A.
+        self._loads: list[tuple[AttachedLoad, Array]] = []
         self._masses: list[tuple[Array, Array, Array, Array]] = []
         self._indices: list[GlobalIndices] = []
         self._constant: list[Array] = []
@@ -69,6 +69,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         indices, P, o = attach_all(system.numbering, system.bodies, tuples, 3 * k)
         # The weight of the body's positions in each port: a director has no weight.
         points = np.array([[translation_weight(port) for port in ports] for ports in tuples])
+        points = points.reshape(n, k)
         # A tuple may have ports of several bodies; the load acts on those of this one.
         is_on_body = np.array([[port.body is term.body for port in ports] for ports in tuples])
         is_on_body = is_on_body.reshape(n, k)
@@ -78,12 +79,11 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         A = A.reshape(n, 3 * k, 3 * k)
         # a + A (x - c) = (a - A c) + A x
         at_origin = term.acceleration - term.gradient @ term.centre
-        a = ((is_on_body * points.reshape(n, k))[:, :, None] * at_origin).reshape(n, 3 * k)
+        a = ((is_on_body * points)[:, :, None] * at_origin).reshape(n, 3 * k)
+        self._loads.append((term, points))
         self._masses.append((P, o, M, A))
         self._indices.append(indices)
         self._constant.append(a)
-        if is_on_mesh(term.body):
-            self._on_meshes.append(term.name)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
         """Attached vectors (n, 3k) of each term at unknowns q.  Collective."""
@@ -92,9 +92,9 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         pairs = zip(self._masses, self._gather(q), strict=True)
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
-    def _forces(self) -> list[Array]:
-        """Forces M (a + A X) (n, 3k) [N], for directors [N m], where forces of the step act: for
-        each pair of a load and a kinetic energy with masses on its body.  Collective.
+    def _forces(self) -> list[tuple[Array, Array]]:
+        """Vectors X (n, 3k) where forces of the step act, and forces M (a + A X) (n, 3k) [N], for
+        directors [N m], of each pair of a load and a kinetic energy.  Collective.
 
         X is at (1 - α) X0 + α X1, α the weight of the end of the step: ½ is its middle, 1 its end.
         A and a are zero for ports of other bodies, a also for directors.
@@ -108,7 +108,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         for (_, _, M, A), a, X0, X1 in groups:
             X = (1 - α) * X0 + α * X1
             acceleration = a + np.einsum("nab,nb->na", A, X)
-            found.append(np.einsum("nab,nb->na", M, acceleration))
+            found.append((X, np.einsum("nab,nb->na", M, acceleration)))
         return found
 
     def begin_step(self, t: float) -> None:
@@ -116,7 +116,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def add_forces(self, r: PETSc.Vec) -> None:
         groups = zip(self._masses, self._indices, self._forces(), strict=True)
-        for (P, _, _, _), indices, F in groups:
+        for (P, _, _, _), indices, (_, F) in groups:
             force = -np.einsum("nax,na->nx", P, F)
             r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         if self._masses:
@@ -132,13 +132,24 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def without_gradient(self) -> str:
         # Its accelerations are numbers of loads, which it does not derive.
-        for name in self._on_meshes:
-            return f"'{name}' acts on masses attached to its body; leave them out of the scene"
+        for term, _ in self._loads:
+            if is_on_mesh(term.body):
+                return f"'{term.name}' acts on masses attached to its body; leave them out"
         return ""
 
     def supplied(self) -> float:
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
-        return sum(float(np.sum(F * (X1 - X0))) for F, X0, X1 in ends)
+        return sum(float(np.sum(F * (X1 - X0))) for (_, F), X0, X1 in ends)
+
+    def resultants(self) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        for (term, points), (X, F) in zip(self._loads, self._forces(), strict=True):
+            f = F.reshape(*points.shape, 3)
+            torque = np.cross(X.reshape(f.shape), f).sum(axis=(0, 1))
+            # A force on a director is a couple: it has a moment, but pushes no point.
+            total = np.array([np.einsum("nk,nki->i", points, f), torque])
+            found[term.name] = found.get(term.name, 0.0) + total
+        return found
 
 
 @dataclass(frozen=True, eq=False)

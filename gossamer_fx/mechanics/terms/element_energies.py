@@ -123,7 +123,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             if isinstance(term, StoredEnergy):
                 self._stored.append(StoredForces(term, at, system.rule))
             else:
-                self._viscous.append(ViscousForces(term, at, system.rule))
+                self._viscous.append(self._viscous_forces(term, at, system.rule))
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms: list[ElementForms] = []
         for alike in _with_one_measure(self.elements):
@@ -134,6 +134,11 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
         # One vector for each body, to which all of its terms are assembled, and its array.
         self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
         self._arrays = {body: b.array for body, b in self._forces.items()}
+
+    def _viscous_forces(
+        self, term: ViscousDissipation, at: Coordinates, rule: StressRule
+    ) -> ViscousForces:
+        return ViscousForces(term, at, rule)
 
     def begin_step(self, t: float) -> None:
         for body in self._forces:
@@ -301,7 +306,7 @@ class ViscousForces(ElementForces):
         self.measure = term.measure(at.q1)
         self._set_stresses(_linearised(term, self.measure, at), term.measure(at.q0))
         change = self.measure - term.measure(at.q0)
-        self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
+        self._work = compile_form(self._loss(change) * term.dx)
 
     def share_strains(self, stored: StoredForces) -> None:
         """Use the strains at the quadrature points that a stored energy with the same measure
@@ -320,6 +325,10 @@ class ViscousForces(ElementForces):
     def _stress(self, change: Expr) -> Expr:
         """The damping stress of a change of strain within the step, to which it is proportional."""
         return gradient(self.term.density, change / self._at.h)
+
+    def _loss(self, change: Expr) -> Expr:
+        """The loss of a change of strain within the step, per unit of the mesh."""
+        return ufl.dot(self._stress(change), change)
 
     def dissipated(self) -> float:
         """Energy [J] dissipated in the step, this rank's share; asked before the step is

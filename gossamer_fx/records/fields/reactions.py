@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, attach, evaluated_here
-from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Attached, Port, Vector
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
@@ -41,12 +41,6 @@ class Joint(NamedPart, Protocol):
     def b(self) -> Any: ...
 
 
-def check_vector(what: str, about: Vector) -> Array:
-    """Three finite numbers."""
-    check(is_vector(about), f"{what}: the point is {about!r}; give three numbers.")
-    return np.asarray(about, dtype=float)
-
-
 def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
     """Force and moment that a support exerts in the last solution.  Collective.
 
@@ -56,11 +50,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     Returns:
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
     """
-    check(
-        hasattr(support, "terms"),
-        f"{support!r} is not a support; give a Fixed of the scene.",
-    )
-    centre = check_vector(f"The reaction of '{support.name}'", about)
+    centre = np.asarray(about, dtype=float)
     total = np.zeros((2, 3))
     found = False
     # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
@@ -92,25 +82,21 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     return total[0], total[1]
 
 
-def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tuple[Array, Array]:
+def joint_force(
+    system: System, joint: Joint, about: Vector = (0.0, 0.0, 0.0)
+) -> tuple[Array, Array]:
     """Force and moment that a joint exerts on its second side `b` in the last solution.
     Collective.
 
     Side `a` bears the opposite.
 
     Args:
-        about: point (3,) [m] of the moment; default: the origin.
+        about: point (3,) [m] of the moment.
 
     Returns:
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
     """
-    check(
-        hasattr(joint, "b"),
-        f"'{getattr(joint, 'name', joint)}' is not a joint; give a BallJoint, FixedJoint, ...",
-    )
-    centre = check_vector(
-        f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about
-    )
+    centre = np.asarray(about, dtype=float)
     terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
     check(
         bool(terms),
@@ -191,7 +177,6 @@ def _tied(
     Returns:
         Force [N] and moment [N m], as rows (2, 3).
     """
-    # α: weight of the end of the step in the point at which its forces acted.
     # α: weight of the end of the step in the point at which its forces acted.
     α = system.rule.alpha
     total = np.zeros((2, 3))

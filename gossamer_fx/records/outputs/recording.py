@@ -3,8 +3,8 @@
     run.json           the scene, the arguments of its items, versions, how the run was made and how
                        it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
-    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas, and
-                       mass flow of each opening
+    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas, of a
+                       mixture also the masses of its species, and mass flow of each opening
     states.csv         fractions of area of the films that are taut and wrinkled, as means over a
                        step, as the tensions
     points.csv         positions of the bodies without a mesh, if there are any
@@ -29,8 +29,9 @@ import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -62,6 +63,9 @@ from gossamer_fx.records.outputs.vtu import VTU
 from gossamer_fx.records.probes.points import GAS, GasFlow, GasState, gas_flows
 from gossamer_fx.solve.system.system import System
 from gossamer_fx.solve.view import StateView
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.contract import Gas
 
 # Origin and axes of a solid that is not moved, (4, 3).
 REST = np.vstack([np.zeros(3), np.eye(3)])
@@ -369,6 +373,9 @@ class Recording:
         for name, state in run.chambers.items():
             for quantity in GAS:
                 gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
+            # The mass of one species is that of the chamber.
+            for one in state.species if len(state.species) > 1 else ():
+                gas[f"{name} mass of {one.name}"] = partial(_mass_of, name, one)
         flows = gas_flows(run.system)
         items: Sequence[Any] = run.scene.items
         for item in items:
@@ -458,6 +465,11 @@ class Recording:
         }
         text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
+
+
+def _mass_of(chamber: str, gas: Gas, run: StateView) -> float:
+    """Mass [kg] of a species in a chamber, as a probe."""
+    return run.chamber(chamber).mass_of(gas)
 
 
 class _Coordinate:

@@ -214,10 +214,12 @@ def _area_shares(run: RunReader, states: Tables) -> Tables:
     """Shares of the area of all films by state, from the bottom to the top of the panel.
 
     Each film counts by the area of its stress-free mesh."""
+    bodies = run.about["scene"]["bodies"]
     films = [name for name in run.films if {f"{name} taut", f"{name} wrinkled"} <= set(states)]
+    # A damaged description of a scene may lack some.
+    films = [film for film in films if "area" in bodies.get(film, {})]
     if not films:
         return {}
-    bodies = run.about["scene"]["bodies"]
     areas = np.array([bodies[film]["area"] for film in films])
     taut, wrinkled = (
         np.average([states[f"{film} {state}"] for film in films], axis=0, weights=areas)

@@ -81,7 +81,7 @@ _LEDGER_HEAD = ("", "start", "end", "largest magnitude")
 _EQUILIBRIA_HEAD = ("at", "unbalanced force", "iterations", "supplied [J]", "stored [J]")
 _SUPPLIED_NOTE = (
     "Supplied is the work of loads and supports from state to state, with the loads of the later "
-    "one: it differs from what is stored by the jumps of the load, and is no error of the states."
+    "one: it differs from what is stored by the jumps of the load, which does not make the states wrong."
 )
 # Rows of the table of equilibria, which are evenly spread over a longer path.
 _MAX_EQUILIBRIA = 12

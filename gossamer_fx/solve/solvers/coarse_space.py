@@ -26,17 +26,20 @@ Algorithm.
 
        z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
 
-   with Pᵀ A P factorised by MUMPS.
-6. If it has more than `MAX_UNKNOWNS_FACTORISED` unknowns, its inverse is replaced by one V-cycle of
-   PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They are linear
-   combinations of those on the small patches, so that Pᵀ P2 takes one level to the other.
+   with Pᵀ A P factorised by MUMPS, on every rank as a whole.
+6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
+   V-cycle of PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They
+   are linear combinations of those on the small patches, so that Pᵀ P2 takes one level to the
+   other.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
 without smoothing; large patches with affine functions replace the hierarchy of levels.
 
 Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
-matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks; the
-V-cycle does.
+matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks, and one
+by MUMPS on several ranks makes a hundred collective operations in each solution, 1520 of the 1680
+of a step of a sheet with 20 thousand unknowns.  Therefore every rank factorises the whole matrix,
+and a solution gathers one vector.  The V-cycle divides, except for its coarse level.
 
 Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
 number.
@@ -62,9 +65,10 @@ Indices = npt.NDArray[np.integer]
 # solve.
 NODES_PER_PATCH = 100
 
-# Coarse unknowns up to which the coarse matrix is factorised.  With 17 thousand (300 thousand
-# unknowns) a step of a sheet takes 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle
-# on one rank, 10.7 and 9.1 s on two.
+# Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
+# among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) a step of a sheet takes
+# 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle on one rank, 10.7 and 9.1 s on
+# two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a patch of the V-cycle's coarse level.
@@ -101,19 +105,24 @@ class CoarseSpace:
         self._coarse_matrix: PETSc.Mat | None = None
         self._to_large_patches: PETSc.Mat | None = None
         coarse_unknowns = self._P.getSize()[1]
-        if coarse_unknowns > MAX_UNKNOWNS_FACTORISED:
+        if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
             large = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
             self._to_large_patches = self._P.transposeMatMult(large)
+        self._own_matrix: PETSc.Mat | None = None
         self._solver = self._new_solver()
         self._r = self._P.createVecRight()
         self._z = self._P.createVecRight()
+        # To the vector of all coarse unknowns that each rank has.
+        self._gather, self._all_r = PETSc.Scatter.toAll(self._r)
+        self._all_z = self._all_r.duplicate()
 
     def _new_solver(self) -> PETSc.PC:
         """A factorisation of the coarse matrix, or a V-cycle if it is large."""
-        solver = PETSc.PC().create(self._P.comm)
         if self._to_large_patches is None:
+            solver = PETSc.PC().create(PETSc.COMM_SELF)
             factorisation.choose(solver)
         else:
+            solver = PETSc.PC().create(self._P.comm)
             _choose_multigrid(solver, self._to_large_patches)
         return solver
 
@@ -129,16 +138,25 @@ class CoarseSpace:
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        self._solver.setOperators(self._coarse_matrix)
         if self._to_large_patches is None:
+            self._own_matrix = self._coarse_matrix.getRedundantMatrix(
+                self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
+            )
+            self._solver.setOperators(self._own_matrix)
             factorisation.set_up(self._solver)
         else:
+            self._solver.setOperators(self._coarse_matrix)
             self._solver.setUp()
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Set z to (3)."""
         self._P.multTranspose(r, self._r)
-        self._solver.apply(self._r, self._z)
+        if self._to_large_patches is None:
+            self._gather.scatter(self._r, self._all_r)
+            self._solver.apply(self._all_r, self._all_z)
+            self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
+        else:
+            self._solver.apply(self._r, self._z)
         self._P.mult(self._z, z)
 
 
@@ -160,6 +178,13 @@ def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
         choices["mg_levels_pc_type"] = "asm"
         choices["mg_levels_pc_asm_overlap"] = 1
         smoother = "mg_levels_sub_"
+        # Every rank has the whole coarse level, as above.
+        choices["mg_coarse_pc_type"] = "redundant"
+        choices["mg_coarse_redundant_pc_type"] = "lu"
+        choices["mg_coarse_redundant_pc_factor_mat_solver_type"] = "mumps"
+    else:
+        choices["mg_coarse_pc_type"] = "lu"
+        choices["mg_coarse_pc_factor_mat_solver_type"] = "mumps"
     choices[smoother + "pc_type"] = "ilu"
     choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     options = PETSc.Options(prefix)
@@ -170,7 +195,6 @@ def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
     pc.setType("mg")
     pc.setMGLevels(2)
     pc.setMGInterpolation(1, interpolation)
-    factorisation.choose(pc.getMGCoarseSolve().getPC())
     pc.setFromOptions()
 
 

@@ -153,7 +153,7 @@ def test_films_rub_on_solids_of_a_free_body(kind) -> None:
     assert_conserved(run)
 
 
-@pytest.mark.mpi
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("μ", [0.0, 0.5])
 def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     """It is thrown along a free film and presses on it: what it loses along the film, it gains as

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.mesh.linear_pieces import linear_pieces
 from gossamer_fx.core.model.body import MeshBody
 from gossamer_fx.mechanics.contact.contract import Array, ByteArray, Int32Array, Int64Array
 
@@ -57,16 +58,8 @@ class DistributedRows:
         return self._exchange.answer(total[self._row_of])
 
 
-# Linear pieces of one cell by its dofs, for cells of a dimension with a number of dofs: lines and
-# triangles of order 1 and 2.  dolfinx numbers the vertices first, then the middles of the edges;
-# edge k of a triangle is opposite to vertex k.
-PIECES_OF_CELLS = {
-    (1, 2): [[0, 1]],
-    (1, 3): [[0, 2], [2, 1]],
-    (2, 3): [[0, 1, 2]],
-    (2, 6): [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]],
-}
-# The vertices between which the middle nodes of cells of order 2 lie.
+# The vertices between which the middle nodes of cells of order 2 lie, for cells of a dimension with
+# a number of dofs.  dolfinx numbers the vertices first, then the middles of the edges.
 EDGES_OF_CELLS = {(1, 2): [], (1, 3): [(0, 1)], (2, 3): [], (2, 6): [(1, 2), (0, 2), (0, 1)]}
 
 
@@ -104,19 +97,16 @@ def facets_of(body: MeshBody) -> Facets:
     own_count = mesh.topology.index_map(dimension).size_local
     dofs = space.dofmap.list[:own_count]
     dof_count = dofs.shape[1]
-    kind_of_cell = (dimension, dof_count)
 
     corners = mesh.geometry.dofmap[:own_count, : dimension + 1]
     vertices = mesh.geometry.input_global_indices[corners].astype(np.int64)
-    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[kind_of_cell]).reshape(-1, 2)
+    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[dimension, dof_count]).reshape(-1, 2)
     # Sorting by name makes one point of the dofs that cells share.
     points, first, point = np.unique(names, axis=0, return_index=True, return_inverse=True)
     dof_of_point = dofs.ravel()[first].astype(np.int32)
     last_vertex = body.comm.allreduce(int(names.max(initial=0)), op=MPI.MAX)
 
-    pieces = np.array(PIECES_OF_CELLS[kind_of_cell])
-    facets = point.reshape(-1, dof_count)[:, pieces].reshape(-1, pieces.shape[1])
-    sorted_facets = np.sort(facets, axis=1)
+    sorted_facets = np.sort(linear_pieces(point.reshape(-1, dof_count), dimension), axis=1)
     ordered: Int32Array = sorted_facets[np.lexsort(sorted_facets.T[::-1])].astype(np.int32)
     is_film = dimension == 2
     no_triangles: Int32Array = np.zeros((0, 3), dtype=np.int32)
