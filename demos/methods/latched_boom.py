@@ -194,7 +194,8 @@ def draw(series: gx.Series, bars: int, hinges: Hinges, end: float, path: Path) -
         color = str(0.8 * (1 - share))
         left.plot(x, y, "o-", color=color, ms=3, label=f"{times[k]:.1f} s")
     left.set_aspect("equal")
-    finish(left, "x [m]", "y [m]", loc="lower right")
+    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "columnspacing": 1.0}
+    finish(left, "x [m]", "y [m]", ncols=len(SHOWN), **above)
     for name, color in (("stored", BLUE), ("kinetic", GREY), ("latches", RED)):
         right.plot(times, series[f"{name} [J]"], color=color, label=name)
     finish(right, "t [s]", "energy [J]")

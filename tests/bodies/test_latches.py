@@ -164,6 +164,12 @@ def test_gradients_refuse_a_latch_by_name() -> None:
         tape = gx.analysis.RunTape(run)
         run.run(until=0.1)
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["other.spin"])
+    clamp, spring = held_down()
+    run = gx.Simulation(gx.Scene(clamp, spring), MIDPOINT)
+    with pytest.raises(gx.InputError, match="'weld' has no gradient"):
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.1)
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["other.spin"])
 
 
 def held_down(comm: MPI.Intracomm = COMM) -> tuple[gx.constraints.HoldDown, gx.connectors.Stop]:

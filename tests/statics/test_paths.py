@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import gossamer_fx as gx
-from demos.studies import equilibrium_paths
+from demos.studies import equilibrium_paths, tape_spring
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
@@ -194,6 +194,51 @@ def test_the_branch_of_a_higher_arch_is_unstable(comm):
     np.testing.assert_allclose(found.loads[branch:], made.exact(heights), atol=0.01)
     sway = found.columns["branch"] - found.columns["x"] / math.sqrt(2)
     assert abs(sway[:branch]).max() < 1e-5 < sway[branch + 1]
+
+
+def test_a_tape_spring_snaps_and_folds(comm):
+    """Half of the tape of the study `tape_spring`, with the moment on its curved end: the largest
+    moment of uniform bending, which a short tape exceeds, a way back on which the end turns back,
+    too, and a fold whose moment (1+ν) D α is constant."""
+    cells = 4
+    length = tape_spring.HALF
+    width = tape_spring.WIDTH
+    radius = tape_spring.RADIUS
+
+    def curved(X):
+        a = X[1] / radius - tape_spring.ANGLE / 2
+        y = radius * (np.sin(a) + tape_spring.ANGLE / 2)
+        return np.stack([0 * a, y - X[1], radius * (1 - np.cos(a))])
+
+    mesh = sheet(comm, round(cells * length / width), cells, length, width, crossed=True)
+    bend = np.diag((0.0, 1 / radius, 0.0))
+    tape = gx.Plate(mesh, tape_spring.STEEL, rest_curvature=bend, displacement=curved)
+    middle = gx.Fixed(tape, "left", rotation=True, components=(0,), direction=(1.0, 0.0, 0.0))
+    low = gx.Fixed(tape, "bottom left", components=(2,))
+    end = gx.RigidRegion(tape, "right", fixed_components=(1,))
+    peak = tape_spring.peak_of_section()
+    torque = gx.loads.Torque(end.frame, lambda t: (0.0, t * peak, 0.0))
+    axis = end.frame.directors[0]
+
+    def turn(state):
+        x, _, z = state.system.state.vector(axis)
+        return math.atan2(-z, x)
+
+    equilibrium = gx.Equilibrium(gx.Scene(tape, middle, low, end, torque))
+    found = gx.analysis.path(equilibrium, 1.5, first_step=0.1, probes={"turn": turn}, max_steps=65)
+    # Between the largest and the smallest moment, further ones come from coarse cells.
+    upper = found.limit_points[0]
+    lower = found.limit_points[-1]
+    assert 1.0 < found.loads[upper] < 1.15
+    assert (found.loads[upper + 1 :] < found.loads[upper]).all()
+    is_between = (np.arange(len(found.loads)) >= upper) & (np.arange(len(found.loads)) < lower)
+    np.testing.assert_array_equal(found.unstable > 0, is_between)
+    turned = np.degrees(found.columns["turn"] - found.columns["turn"][0])
+    assert turned[upper:lower].min() < turned[upper] - 1.5
+    fold = turned > 2 * turned[upper]
+    assert turned[-1] > 25 and fold.sum() > 5
+    plateau = tape_spring.PLATEAU / peak
+    np.testing.assert_allclose(found.loads[fold], plateau, rtol=0.1)
 
 
 @pytest.mark.mpi

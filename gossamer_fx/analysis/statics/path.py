@@ -701,7 +701,8 @@ class _Follower:
 
     def _has_event(self, point: _Point) -> bool:
         """Whether a limit or branch point lies between the last point and another one."""
-        has_branch = not self._last.turns and point.unstable != self._last.unstable
+        counts = {point.unstable, self._last.unstable}
+        has_branch = not self._last.turns and len(counts) > 1 and UNKNOWN not in counts
         return has_branch or self._is_past_limit(point)
 
     def _is_past_limit(self, point: _Point) -> bool:

@@ -287,11 +287,12 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
     # ---- latches ---------------------------------------------------------------------------------
 
     def without_gradient(self) -> str:
-        if not self.losses:
+        if not self._latches:
             return ""
+        first = self._terms[min(self._latches)]
         return (
-            f"'{self.losses[0]}' has no gradient, "
-            "as an impact within a run is not differentiated; leave it out of the scene"
+            f"'{first.name}' has no gradient, as an impact or a release within a run is not "
+            "differentiated; leave it out of the scene"
         )
 
     def dissipated(self) -> Array:
