@@ -106,6 +106,10 @@ class Ring:
     body: Membrane
     edges: str
 
+    def __post_init__(self) -> None:
+        # Refuses a name that is not a group of curves of the mesh.
+        self.body.mesh.curve(self.edges, f"Ring on '{self.body.name}'")
+
     def requires(self) -> Iterable[Any]:
         yield self.body
 

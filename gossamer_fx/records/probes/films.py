@@ -94,6 +94,7 @@ class StressSearch:
     """Finds the largest principal stress of a film; its expression is compiled once."""
 
     def __init__(self, film: Membrane, group: str, at: At) -> None:
+        cells_of(film, group)  # refuses a group that the mesh does not have
         self._film = film
         self._group = group
         self._at: At = at
@@ -138,6 +139,7 @@ class _FilmArea:
         group: str = "",
         at: At = "mean",
     ) -> None:
+        cells_of(body, group)  # refuses a group that the mesh does not have
         self.state = state
         self._areas = AreaFractions([body], at, group)
 
@@ -226,6 +228,7 @@ class SurfaceError:
         axis: Vector = Z_AXIS,
         at: At = "end",
     ) -> None:
+        cells_of(film, group)  # refuses a group that the mesh does not have
         self.film = film
         self.surface: Surface = surface
         self.quantity = quantity
