@@ -1,6 +1,7 @@
-"""Volume that a surface encloses, and with its sign the side to which the normals point.
+"""Volume that a surface encloses, whose sign tells to which side the normals point, and triangles
+turned so that normals agree and point outwards.
 
-With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it is positive if the
+Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it is positive if the
 normals point outwards.  An open surface is closed for this purpose: each of its rims is spanned by
 a fan of triangles between the edges of the rim and the mean of its points.  If the fans are small
 against the surface, as those of the polar rings of a balloon, the surface has an inside; if they
@@ -252,6 +253,7 @@ def _neighbours(corners: Integers) -> _Neighbours:
     forwards = directed[:, 0] < directed[:, 1]
     low_ends = directed.min(axis=1)
     high_ends = directed.max(axis=1)
+    # One number for each pair of nodes; equal ones are the same edge.
     keys = low_ends * (int(corners.max()) + 1) + high_ends
     order = np.argsort(keys, kind="stable")
     _, start, count = np.unique(keys[order], return_index=True, return_counts=True)

@@ -154,7 +154,8 @@ def extract(model: Any) -> RawMesh:
 
 
 def check_cells(what: str, cells: float) -> None:
-    """Raise `InputError` unless a mesh has so few cells that it can be made; before it is."""
+    """Raise `InputError` if a mesh that is to be made would have more than `MAX_CELLS` cells, by an
+    estimate of their number; `what` begins the message."""
     check(
         cells <= MAX_CELLS,
         f"{what} has about {cells:.2g} cells; give larger ones, at most {MAX_CELLS:g} in all.",
@@ -323,8 +324,8 @@ def _limit_memory() -> None:
 
 
 def _sentence(error: BaseException, what: str) -> str:
-    """What is wrong, in one sentence."""
-    # Those of the package are sentences.
+    """What is wrong, in one sentence, by an error that was raised while gmsh made `what`."""
+    # Messages of the package's errors are sentences already.
     if isinstance(error, ValueError) and type(error).__module__.startswith("gossamer_fx."):
         return str(error)
     # gmsh has no words when memory runs out.
@@ -362,8 +363,8 @@ def _received(pipe: int, what: str, time_limit: float) -> RawMesh | tuple[str, s
 
 
 def read_file(path: Path, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of one
-    rank.
+    """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of this
+    rank, which takes at most `time_limit` [s].
 
     A file that cannot be read, is in another format, on which gmsh fails or whose mesh `extract`
     refuses raises `BadMesh` with a sentence for the user.

@@ -47,7 +47,8 @@ def corner_points(domain: dmesh.Mesh) -> Array:
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
-    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) of all ranks."""
+    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) [m] of all ranks; inf and
+    -inf if there are none."""
     low = points.min(axis=0, initial=np.inf)
     high = points.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
@@ -75,7 +76,8 @@ def area_vectors(corners: Array) -> Array:
 
 
 def sizes(corners: Array) -> Array:
-    """Areas (n,) [m²] of triangles (n, 3, 3), or lengths (n,) [m] of line elements (n, 2, 3)."""
+    """Areas (n,) [m²] of triangles (n, 3, 3) [m], or lengths (n,) [m] of line elements (n, 2, 3)
+    [m], by their corners."""
     vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
     if corners.shape[1] == 3:
         vectors = area_vectors(corners)
