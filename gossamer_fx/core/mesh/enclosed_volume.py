@@ -1,11 +1,11 @@
 """Volume that a surface encloses, whose sign tells to which side the normals point, and triangles
 turned so that normals agree and point outwards.
 
-Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it is positive if the
-normals point outwards.  An open surface is closed for this purpose: each of its rims is spanned by
-a fan of triangles between the edges of the rim and the mean of its points.  If the fans are small
-against the surface, as those of the polar rings of a balloon, the surface has an inside; if they
-are not, as that of the rim of a reflector, its sides are equal.
+Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it
+is positive if the normals point outwards.  An open surface is closed for this purpose: each of its
+rims is spanned by a fan of triangles between the edges of the rim and the mean of its points.  If
+the fans are small against the surface, as those of the polar rings of a balloon, the surface has an
+inside; if they are not, as that of the rim of a reflector, its sides are equal.
 
 Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
 same side.  Two neighbours agree if they pass their common edge in opposite directions.  Fronts and

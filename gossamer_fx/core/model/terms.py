@@ -61,8 +61,8 @@ def terms_of(item: object, start: State) -> Iterable[Term]:
 
 # A term names the parameters of its item, with respect to which results of a scene may be
 # differentiated.  Where the equations are UFL forms, a parameter is a coefficient of these forms,
-# and UFL takes the derivative.  Elsewhere it is a number that the compiled kind of the term knows by a key
-# (`Differentiable.get_number`).
+# and UFL takes the derivative.  Elsewhere it is a number that the compiled kind of the term knows
+# by a key (`Differentiable.get_number`).
 
 # A constant or a function of forms, or the key of a number of a compiled kind.
 Source = fem.Constant | fem.Function | str

@@ -240,7 +240,8 @@ class Scene:
 
     @property
     def comm(self) -> MPI.Intracomm:
-        """That of the bodies; a scene without bodies is computed on every rank alike."""
+        """Communicator of the bodies.  A scene without bodies has that of all ranks, each of which
+        computes the same."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
     def _refuse_other_ranks(self) -> None:

@@ -128,8 +128,8 @@ class Composite:
 
 class Columns:
     """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
-    unknowns of this rank.  It has their number m, the indices of the k `nonzero` ones, and these as
-    rows (k, n)."""
+    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
+    zero, and `values` (k, n) these columns as rows."""
 
     def __init__(self, columns: list[Array | None]) -> None:
         self.count = len(columns)

@@ -140,8 +140,8 @@ class ControlledSteps:
             self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
-        """A step is rejected, for a shorter one, if Newton's iteration fails or the local error is
-        above its tolerance."""
+        """Make a step of h [s], or a shorter one where Newton's iteration fails or the local error
+        is above its tolerance, and choose the `wanted` length of the next one.  Collective."""
         self._begin_step()
         growth = self._control.max_factor
         while True:
@@ -246,6 +246,7 @@ class LocalError:
         return float(along_x.dot(self._scratch))
 
     def begin_step(self) -> None:
+        """Take the velocities at the start of the step."""
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
@@ -271,5 +272,6 @@ class LocalError:
         return h**3 / 6 / (h + self.length_before) * rms
 
     def commit(self) -> None:
+        """Take the step that was measured last as the one before the next."""
         self._mean_acceleration.copy(self.acceleration)
         self.length_before = self._length
