@@ -177,8 +177,9 @@ def gmsh_order(kind: str, nodes: int) -> Indices:
 
 @contextmanager
 def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
-    """Let dolfinx take the kernel of a form or expression from a dictionary, or enter there the one
-    that it compiles or finds on disk.  dolfinx has no argument for it."""
+    """Let dolfinx take the kernel of a form or expression from a dictionary, whose values are what
+    its `ffcx_jit` returns, or enter there the one that it compiles or finds on disk.  dolfinx has
+    no argument for it."""
     compile_or_find = dolfinx.jit.ffcx_jit
 
     def take(*args: Any, **options: Any) -> Any:

@@ -85,9 +85,9 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
 
 
 def has_inside(volume: Array | float, area: Array | float, rim_area: Array | float) -> Any:
-    """Return whether surfaces are closed but for small rims, and not flat, by the volume [m³] that
-    they enclose, their area and that of what spans the rims [m²]; numbers, or arrays of surfaces.
-    """
+    """Return whether surfaces are not flat, and closed but for small rims, at most a tenth of their
+    area, by the volume [m³] that they enclose, their area and that of what spans the rims [m²];
+    numbers, or arrays of surfaces."""
     is_flat = np.abs(volume) < FLAT_VOLUME * np.asarray(area) ** 1.5
     return ~is_flat & (rim_area <= MAX_RIM_SHARE * np.asarray(area))
 

@@ -97,8 +97,9 @@ def extract(model: Any) -> RawMesh:
 
     Cells are the elements of the highest dimension; if named groups of this dimension exist, only
     the elements in these groups.  Only nodes of cells become points, numbered in rising order of
-    their tags.  A model without elements or with several kinds, cells that coincide, and nodes that
-    are missing or not finite raise `BadMesh`.
+    their tags.  A model without elements or with several kinds, cells that coincide, nodes that are
+    missing or not finite, and cells so far from the origin that their strains would have a
+    round-off above 1e-6 raise `BadMesh`.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)

@@ -135,8 +135,8 @@ def turned_inside(domain: dmesh.Mesh) -> int:
 
 def folded(table: EdgeTable) -> int:
     """Count triangles of the whole mesh that lie upside down on their neighbours: with two
-    neighbours or more, all of which have an opposite normal, since a node was moved across an edge.
-    One neighbour is not enough, since it may be a sharp fold.  Collective."""
+    neighbours or more, all of whose normals enclose more than 154° with theirs, since a node was
+    moved across an edge.  One neighbour is not enough: it may be a sharp fold.  Collective."""
     domain = table.domain
     topology = domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
@@ -175,7 +175,7 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
     Nodes that were moved across edges turn triangles over, which then cover a part of the plane
     again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
-    either side; neither side counts as upside down there.
+    either side; neither side counts as upside down where the smaller one has more than 0.4 of it.
     """
     domain = table.domain
     comm = domain.comm
@@ -211,9 +211,10 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
-    """Count boundary facets of the whole mesh, edges of triangles or ends of line elements, that
-    coincide with another one but are not glued to it.  A slit that is intended has its two sides in
-    different named groups; its facets are not counted.  Collective."""
+    """Count boundary facets of the whole mesh, edges of triangles or ends of line elements, whose
+    middle coincides with that of another one, to 1e-9 of the mesh's extent, but which are not glued
+    to it.  A slit that is intended has its two sides in different named `groups` (dimension and
+    local entities by name); its facets are not counted.  Collective."""
     topology = domain.topology
     comm = domain.comm
     dim = topology.dim

@@ -303,8 +303,8 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
     of nodes become orthonormal, and whether each is kept (patches, s, 4).
 
     V and λ are eigenvectors and eigenvalues of the Gram matrix of each patch and component, from
-    the functions g (n, s, 4) with zeros at fixed coordinates; functions of negligible λ are
-    dropped, with zero coefficients.
+    the functions g (n, s, 4) with zeros at fixed coordinates.  Functions with λ below a thousandth
+    of the largest one are dropped: their coefficients are zero.
     """
     # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
     by_patch = np.argsort(patch, kind="stable")

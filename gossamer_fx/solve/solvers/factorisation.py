@@ -202,8 +202,8 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
 
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """Make a preconditioner the fastest factorisation of matrices like A, which must not be
-    singular: small ones of 3 x 3 blocks on one rank are factorised by PETSc, others by MUMPS.
-    PETSc's option `-gx_pc_type` keeps MUMPS."""
+    singular: those of 3 x 3 blocks on one rank, with at most 1500 unknowns, are factorised by
+    PETSc, others by MUMPS.  PETSc's option `-gx_pc_type` keeps MUMPS."""
     is_small = A.getSize()[0] <= MAX_UNKNOWNS_BLOCKS
     has_blocks = A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"

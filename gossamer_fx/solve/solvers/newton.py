@@ -116,7 +116,7 @@ class Newton:
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
-        largest_energy: so far [J], the scale of the work of a residual; zero: it is not asked.
+        largest_energy: so far [J], the scale of the work of a residual; zero: it is not judged.
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
         convergence: test of convergence of the last solve.
