@@ -61,6 +61,7 @@ class RigidMotion:
             )
 
     def initialise(self, start: InitialState) -> None:
+        """Add the motion to the rates of all bodies of the scene."""
         spin = np.asarray(self.spin, dtype=float)
         # v + Ω × (x - c) = Ω × x + (v - Ω × c); directors have the first part only.
         at_origin = np.asarray(self.velocity, dtype=float) - np.cross(spin, self.centre)
@@ -102,6 +103,7 @@ class StartFrom:
     name: str = "start"
 
     def initialise(self, start: InitialState) -> None:
+        """Place all bodies of the scene as they are in the other one; rates stay."""
         for body in start:
             start.place(body.body, self._coordinates(body))
 

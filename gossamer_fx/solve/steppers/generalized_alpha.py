@@ -73,6 +73,7 @@ class GeneralizedAlpha:
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
+        """The method at work on a compiled system, which has no contact and no latch."""
         # The work of the contact force at the end of a step is not the change of a contact energy:
         # a film that falls on a floor came back to three times its true height, and the energy
         # balance was open.

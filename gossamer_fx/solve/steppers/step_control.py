@@ -199,6 +199,7 @@ class ControlledSteps:
         return max(factor, self._control.min_factor)
 
     def get_history(self) -> dict[str, Any]:
+        """The wanted length of the next step [s], and the last one [s], zero without estimates."""
         length_before = 0.0
         if self._local_error:
             length_before = self._local_error.length_before

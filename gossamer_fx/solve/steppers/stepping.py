@@ -143,6 +143,7 @@ class EqualSteps:
         self.substeps = 0
 
     def advance(self, h: float) -> None:
+        """Advance the run by h [s], in one step or in its halves.  Collective."""
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:

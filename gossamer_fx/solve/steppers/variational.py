@@ -104,6 +104,7 @@ class VariationalMidpoint:
         return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
+        """The rule at work on a compiled system, which has no contact and no gas."""
         # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(

@@ -31,6 +31,7 @@ class Totals:
 
     @property
     def dissipated(self) -> float:
+        """Sum of all losses since the start [J]."""
         return sum(self.losses.values(), 0.0)
 
     @property
