@@ -6,13 +6,16 @@ below the rooms of the package may move.  The orbit room is written against this
 public names only, as the proof that it suffices.
 
 Parts of a scene
-    `BringsTerms`, `RefersToItems`, `InitialCondition`, `BringsScalarUnknowns`   what an item may do
-    `State`, `InitialState`, `BodyState`                   where bodies are
-    `Body`, `MeshBody`, `Block`, `Port`, `Ground`          bodies, and what is attached to them
+    what an item may do: `BringsTerms`, which yields each `Term`, `RefersToItems`,
+    `InitialCondition`, `BringsScalarUnknowns` with `ScalarUnknowns` and `ScalarTotals`
+    where bodies are: `State`, `InitialState`, `BodyState`
+    bodies, and what is attached to them: `Body`, `MeshBody`, `Block`, `Port`, `Ground`, `Attached`
 General kinds of terms
-    on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`,
-    `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
-    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`; `Support`
+    on meshes, in UFL (`Expr`, `constant`): `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`,
+    `ViscousDissipation`, `Load`
+    between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
+    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`
+    fixed and prescribed coordinates: `Support`
     what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
     `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `HistoryVariables`
 Laws and obstacles
@@ -25,14 +28,17 @@ Own kinds of terms
     `CompiledTerms`, the base of their compilers, and its `Assembly`, the system as they see it;
     facets that a compiler may have: `Multipliers`, `ActiveSet`, `HistoryVariables`,
     `Differentiable`, `Shown`
+    what it computes with: `Coordinates`, `NumberedBlock`, `compile_form`, `compile_expression`;
+    `PointMeasures`, `Gather`, `add_blocks`, `attach_all`
 Gas
     `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
 Steppers
-    `Stepper`, `StepSolver`
+    `Stepper`, `StepSolver`, `StressRule`
 Runs
     `StateView`, `HasSystem`, `Output`, `Probe`
 Checks
-    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
+    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `ask_points`,
+    `InputError`; `check_arguments` with the marks `positive`, `not_negative`, `Range`, `Count`
 """
 
 from gossamer_fx.core.checks.lazy_names import lazy_names

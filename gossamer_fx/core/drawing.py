@@ -54,9 +54,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table>{inside}</table>"
 
 
-def _row(kind: str, words: Sequence[str]) -> str:
+def _row(tag: str, words: Sequence[str]) -> str:
+    """A row of a table in HTML, with cells of a tag, "th" or "td"."""
     cells = ""
     for word in words:
         text = escape(word)
-        cells += f"<{kind}>{text}</{kind}>"
+        cells += f"<{tag}>{text}</{tag}>"
     return f"<tr>{cells}</tr>"

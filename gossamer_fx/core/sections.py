@@ -27,7 +27,7 @@ class Section:
         GA2: shear stiffness along d2 [N], including the shear coefficient.
         GA3: shear stiffness along d3 [N].
         EI2: E∫X2² dA [N m²]: bending in the plane of the tangent and d2.
-        EI3: E∫X3² dA [N m²].
+        EI3: E∫X3² dA [N m²]: bending in the plane of the tangent and d3.
         GJ: torsional stiffness [N m²].
         line_density: mass per length [kg/m].
         rotary2: ρ∫X2² dA [kg m].
@@ -110,7 +110,7 @@ def tube(
 
     Args:
         outer_radius: [m].
-        wall_thickness: [m], at most the radius.
+        wall_thickness: [m], less than the outer radius.
         E, nu, density: as of `solid_circle`.
 
     Raises:

@@ -102,7 +102,7 @@ class Account:
         seconds: wall time of all steps [s].
         compile_seconds: wall time before the first step [s].
         output_seconds: wall time of outputs [s].
-        solver: of what the wall time was spent in the solver, in words.
+        solver: the solver, its iterations and the shares of its wall time, in words.
         balance: None where no energy is conserved from state to state.
         columns: further numbers of the state for the ledger, e.g. the residual of an equilibrium.
         caption: words for the state in pictures; empty: the value on the axis.

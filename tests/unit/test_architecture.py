@@ -114,6 +114,19 @@ def test_the_map_is_that_of_the_tree() -> None:
         assert rooms == {p.stem for p in files}, f"the rooms of {house}"
 
 
+def test_paths_that_contributing_names_exist() -> None:
+    """A path starts at the clone, at the package, or at a folder named before in its paragraph."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    for paragraph in re.split(r"\n(?=\n|- |\|)", prose):
+        folders = [ROOT, PACKAGE]
+        for name in re.findall(r"`([\w./-]+)`", paragraph):
+            if "/" in name or Path(name).suffix in (".py", ".pyi", ".c", ".md", ".toml"):
+                found = [folder / name for folder in folders if (folder / name).exists()]
+                assert found, f"CONTRIBUTING names `{name}`, which does not exist"
+                folders.append(found[0] if found[0].is_dir() else found[0].parent)
+
+
 @pytest.mark.parametrize("room", WRITTEN_AS_EXTENSIONS)
 def test_a_room_needs_no_more_than_extensions_do(room: str) -> None:
     """The proof that `gossamer_fx.extend` suffices: a whole room uses nothing else from inside."""

@@ -1,1 +1,2 @@
-"""The numbering of all unknowns, and what is fetched from them."""
+"""Numbering of all unknowns, measures of points, exchange between ranks, and the algebra of
+angles, rotations and dual numbers."""

@@ -91,9 +91,9 @@ def gradient(X: Numbers) -> Numbers:
     S = length * J
     gC = _gradient_of_cosine(X, (tt, tp, tm, pm))
     # The product rule for S = |t| J, whose factor |t| depends on t only.
-    gS = _v(_v(length)) * _cross_pairs(X, X)
-    gS[..., 0, :] += _v(J / length) * X[..., 0, :]
-    return (_v(_v(C)) * gS - _v(_v(S)) * gC) / _v(_v(C * C + S * S))
+    gS = _by_fold(length) * _cross_pairs(X, X)
+    gS[..., 0, :] += _by_vector(J / length) * X[..., 0, :]
+    return (_by_fold(C) * gS - _by_fold(S) * gC) / _by_fold(C * C + S * S)
 
 
 def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
@@ -123,7 +123,7 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
     means = [(before + after) / 2 for before, after in zip(products0, products1, strict=True)]
     tt, tp, tm, pm, J, length = means
 
-    # Step 1.  gC, gJ and gS are the discrete gradients of C, J and S; `_v` adds an axis.
+    # Step 1.  gC, gJ and gS are the discrete gradients of C, J and S.
     gC = _gradient_of_cosine(X_mid, (tt, tp, tm, pm))
     # Step 2, equation (3).  The change ΔX is a rotation R about X_mid and the rest P.
     P = _without_rotation(X_mid, ΔX)
@@ -134,8 +134,8 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
         + _cross_pairs(P, P) / 12
     )
     gJ = _cross_pairs(X_mid, X_mid) + _without_rotation(X_mid, correction)
-    gS = _v(_v(length)) * gJ
-    gS[..., 0, :] += _v(J / length) * t
+    gS = _by_fold(length) * gJ
+    gS[..., 0, :] += _by_vector(J / length) * t
 
     # Step 3, equation (4).  ρ = √(C² + S²); 0 and 1 are the start and the end of the step.
     C0, S0 = _cosine_and_sine(X0)
@@ -150,18 +150,18 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
     ρ0 = np.sqrt(C0 * C0 + S0 * S0)
     ρ1 = np.sqrt(C1 * C1 + S1 * S1)
     factor = 2 * ratio / (ρ0 + ρ1)
-    weight_of_sine = _v(_v(factor * np.cos(θ_mid)))
-    weight_of_cosine = _v(_v(factor * np.sin(θ_mid)))
+    weight_of_sine = _by_fold(factor * np.cos(θ_mid))
+    weight_of_cosine = _by_fold(factor * np.sin(θ_mid))
     return weight_of_sine * gS - weight_of_cosine * gC
 
 
 def discrete_gradient_derivative(X0: Array, X1: Array, θ0: Array, θ1: Array) -> Array:
-    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, by complex steps,
-    exact to round-off; the last two axes are those of X1."""
-    # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at
-    # the end depends on X1 too.
+    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of `discrete_gradient` of n folds X0 and X1 (n, 3, 3) with
+    the angles θ0 and θ1 (n,) [rad], by complex steps, exact to round-off; the last two axes are
+    those of X1."""
+    # The angle at the end follows X1: θ (9, n) is θ1 with its change in each of the nine steps.
     change_of_angle = gradient(X1).reshape(-1, 9).T
-    θ = _v(θ1).T + 1j * STEP * change_of_angle
+    θ = θ1 + 1j * STEP * change_of_angle
     return _derivative(discrete_gradient(X0, _stepped(X1), θ0, θ))
 
 
@@ -178,7 +178,8 @@ def _stepped(X: Array) -> Numbers:
 
 
 def _derivative(G: Numbers) -> Array:
-    """Derivatives (n, 3, 3, 3, 3) from the values (9, n, 3, 3) at stepped folds."""
+    """Derivatives (n, 3, 3, 3, 3) of a gradient whose values at the folds of `_stepped` are G
+    (9, n, 3, 3); the last two axes are those of the stepped component."""
     columns = np.moveaxis(G.imag / STEP, 0, -1)
     return columns.reshape(*G.shape[1:], 3, 3)
 
@@ -208,7 +209,7 @@ def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
     the discrete gradient."""
     t, p, m = _rows(X)
     # tt = t·t, tp = t·p, tm = t·m, pm = p·m, with one more axis for products with vectors.
-    tt, tp, tm, pm = (_v(product) for product in products)
+    tt, tp, tm, pm = (_by_vector(product) for product in products)
     return np.stack(
         [
             tp * m + tm * p - 2 * pm * t,
@@ -220,13 +221,14 @@ def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
 
 
 def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
-    """Y less the rotation ω × X that fits it best; for the rest Σ X × Y is zero."""
+    """Changes Y (..., 3, 3) of folds X (..., 3, 3) less the rotation ω × X that fits them best; for
+    the rest Σ X × Y over the rows is zero."""
     transposed = np.swapaxes(X, -1, -2)
     squares = (X * X).sum(axis=(-1, -2))
     # The tensor of inertia of unit masses at the three vectors, and their angular momentum.
-    inertia = _v(_v(squares)) * np.eye(3) - transposed @ X
+    inertia = _by_fold(squares) * np.eye(3) - transposed @ X
     momentum = _cross(X, Y).sum(axis=-2)
-    ω = np.linalg.solve(inertia, _v(momentum))
+    ω = np.linalg.solve(inertia, _by_vector(momentum))
     return Y - _cross(np.swapaxes(ω, -1, -2), X)
 
 
@@ -251,9 +253,14 @@ def _rows(X: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     return X[..., 0, :], X[..., 1, :], X[..., 2, :]
 
 
-def _v(x: Numbers) -> Numbers:
-    """The array with one more axis at its end, for broadcasting."""
+def _by_vector(x: Numbers) -> Numbers:
+    """Numbers (...) as (..., 1), factors of vectors (..., 3)."""
     return x[..., None]
+
+
+def _by_fold(x: Numbers) -> Numbers:
+    """Numbers (...) as (..., 1, 1), factors of arrays (..., 3, 3) of three vectors."""
+    return x[..., None, None]
 
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:

@@ -27,7 +27,7 @@ class Dual:
     numbers."""
 
     __slots__ = ("slopes", "value")
-    # NumPy leaves products of its numbers with dual numbers to this class.
+    # NumPy leaves sums and products of its numbers with dual numbers to this class.
     __array_ufunc__ = None
 
     def __init__(self, value: complex, slopes: Numbers) -> None:
@@ -105,6 +105,7 @@ class Dual:
 
 
 def _value(number: Number) -> complex:
+    """The number itself, or the value of a dual one."""
     return number.value if isinstance(number, Dual) else number
 
 
@@ -116,7 +117,8 @@ def log(number: Number) -> Number:
 
 
 def variables(values: Array) -> Array:
-    """Dual numbers (k,) of dtype object for k values, with respect to all of them."""
+    """The variables of a derivative: k dual numbers (k,), of dtype object, with these values (k,),
+    each with the slope 1 for itself and 0 for the others."""
     numbers = np.empty(len(values), dtype=object)
     directions: Array = np.eye(len(values))
     for i in range(len(values)):
@@ -125,6 +127,7 @@ def variables(values: Array) -> Array:
 
 
 def jacobian(numbers: Array, k: int) -> Array:
-    """Derivatives (n, k) of n numbers; a plain number has none."""
+    """Derivatives (n, k) of n numbers, dual or plain, with respect to k variables: zero for a plain
+    number, the real part where they are complex."""
     rows = [x.slopes.real if isinstance(x, Dual) else np.zeros(k) for x in numbers]
     return np.array(rows).reshape(len(numbers), k)

@@ -41,8 +41,8 @@ class NumberedBlock:
         self.numbering = numbering
         self.k = k
         self.owned = numbering.owned(k)
-        # The matrix to which was added last, and its diagonal block of these unknowns: of the
-        # tangent a new one would be made in each iteration.
+        # The last matrix A of `assemble`, and its diagonal block of these unknowns.  It is stored,
+        # as for the tangent it would otherwise be made again in each iteration.
         self._matrix: PETSc.Mat | None = None
         self._diagonal_block: PETSc.Mat | None = None
 
@@ -57,7 +57,8 @@ class NumberedBlock:
         return self.numbering.to_global(self.k, np.asarray(nodes, dtype=np.int64))
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form]) -> None:
-        """Add bilinear forms of its space to its diagonal block of A."""
+        """Add compiled bilinear forms of the body's space to the diagonal block of A with its
+        unknowns; A is not assembled afterwards."""
         numbering = self.numbering
         if A is not self._matrix:
             if self._diagonal_block is not None:

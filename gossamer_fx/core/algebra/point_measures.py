@@ -98,7 +98,8 @@ def attach(
     """
     indices = []
     offset = np.zeros(3 * len(ports))
-    columns: list[tuple[int, float]] = []  # port and weight behind three columns of P each
+    # Port and weight of each node; a node has three columns of P.
+    columns: list[tuple[int, float]] = []
     for j, port in enumerate(ports):
         if isinstance(port, Ground):
             offset[3 * j : 3 * j + 3] = port.vector
@@ -208,9 +209,12 @@ class PointMeasures:
     they are stationary, if there is ground: ½|x - g|² of a point g far from the origin would
     otherwise be a small difference of large numbers.
 
-    P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products
-    with P would cost more than they save.  Vectors that depend on many unknowns, as the points of a
-    reduced film do, would have large matrices, and keep P.
+    P is kept only where it has fewer rows than columns, 3k < D, as for the points of a reduced
+    film, which depend on many unknowns.  Else H and L are those of Y = q - z, as products with P
+    would cost more than they save; in the methods 3k then stands for D.
+
+    In some methods `on`, a slice or an array of indices, picks tuples; the other arguments are then
+    those of the picked ones.
 
     Attributes:
         owner: (n,) index of the measure to which each tuple of ports belongs.
@@ -310,7 +314,7 @@ class PointMeasures:
         return self.forces(self.slope(self.vectors(q)))
 
     def slope(self, Y: Array, on: Any = slice(None)) -> Array:
-        """∂e/∂Y (n, m, 3k); with `on`, of the tuples that it picks, to which Y then belongs."""
+        """∂e/∂Y (n, m, 3k) at Y (n, 3k)."""
         return self._times(Y, on) + self._L[on]
 
     def geometric(self, S: Array, on: Any = slice(None)) -> Array:
@@ -318,22 +322,24 @@ class PointMeasures:
         return np.einsum("nm,nmab->nab", S, self._H[on])
 
     def forces(self, f: Array, on: Any = slice(None)) -> Array:
-        """Forces (n, j, D) on the unknowns of forces f (n, j, 3k) on Y."""
+        """Forces (n, j, D) on the unknowns that follow from forces f (n, j, 3k) on Y, j of them on
+        each tuple; of the slopes ∂e/∂Y they are the gradients ∂e/∂q."""
         if self._P is None:
             return f
         return f @ self._P[on]
 
     def stiffness(self, K: Array, on: Any = slice(None)) -> Array:
-        """Stiffness (n, D, D) of the unknowns of stiffness K (n, 3k, 3k) of Y."""
+        """Stiffness (n, D, D) of the unknowns that follows from a stiffness K (n, 3k, 3k) of Y."""
         if self._P is None:
             return K
         P = self._P[on]
         return P.transpose(0, 2, 1) @ (K @ P)
 
     def sum_of_stiffness(self, K: Array, on: Any = slice(None)) -> Array:
-        """The sum (D, D) of the stiffness of tuples that share their unknowns."""
-        whole: Any = self._P
-        P = whole[on]
+        """The sum (D, D) of `stiffness` over the tuples, all of which have the same unknowns
+        (`share_unknowns`)."""
+        stored_maps: Any = self._P  # not None where unknowns are shared
+        P = stored_maps[on]
         # The sum over the tuples is part of one product of matrices.
         rows = P.shape[0] * P.shape[1]
         KP = (K @ P).reshape(rows, self.D)

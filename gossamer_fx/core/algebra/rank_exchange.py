@@ -82,7 +82,8 @@ class RankExchange:
 
 
 def _ranges(counts: npt.NDArray[np.int64]) -> list[tuple[int, slice]]:
-    """Return the ranks with rows, each with the range of its rows."""
+    """Return the ranks that have rows, by the numbers of rows (ranks,), each with the range of its
+    rows where those of all ranks stand one after the other."""
     ends = np.cumsum(counts)
     return [
         (int(rank), slice(int(ends[rank] - counts[rank]), int(ends[rank])))

@@ -1,1 +1,1 @@
-"""Errors, and the checks that raise them in one sentence."""
+"""Errors, checks that raise them in one sentence, how a program ends, and lazy public names."""

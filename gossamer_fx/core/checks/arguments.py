@@ -99,6 +99,7 @@ class Range:
     above: bool = False
 
     def contains(self, number: float) -> bool:
+        """Whether a number is in the range; NaN is not."""
         is_above = number > self.low if self.above else number >= self.low
         return bool(is_above and number <= self.high)
 
@@ -376,6 +377,7 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _marked(kind: Kind, mark: Count | Range) -> Kind:
+    """The test of a kind, limited by a mark as well."""
     if isinstance(mark, Range):
         return Kind(
             lambda value: kind.accepts(value) and mark.contains(value),
@@ -479,18 +481,18 @@ def _collection(entry: Any) -> Kind:
     )
 
 
-def _class(kind: type) -> Kind:
+def _class(hint: type) -> Kind:
     """The test of instances of a class, or of a protocol that can be checked at run time."""
-    is_protocol = getattr(kind, "_is_protocol", False)
-    if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
-        raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")
+    is_protocol = getattr(hint, "_is_protocol", False)
+    if is_protocol and not getattr(hint, "_is_runtime_protocol", False):
+        raise TypeError(f"the protocol {hint.__name__} is not runtime_checkable")
     article = "a"
-    if kind.__name__[0] in "AEIOU":
+    if hint.__name__[0] in "AEIOU":
         article = "an"
-    words = _DESCRIPTIONS.get(kind.__name__, f"{article} {kind.__name__}")
+    words = _DESCRIPTIONS.get(hint.__name__, f"{article} {hint.__name__}")
     # A class has the methods of its instances, and so counts as an instance of a protocol.
     return Kind(
-        lambda value: isinstance(value, kind) and not (is_protocol and isinstance(value, type)),
+        lambda value: isinstance(value, hint) and not (is_protocol and isinstance(value, type)),
         words,
     )
 
@@ -516,6 +518,7 @@ def _is_component(value: Any) -> bool:
 
 
 def _is_whole_number(value: Any) -> bool:
+    """Whether a value is an integer of 64 bits; True and False are not."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         return False
     return abs(int(value)) <= LARGEST_COUNT
@@ -545,17 +548,19 @@ def _size(value: Any) -> str:
 
 
 def _are_numbers(value: Any) -> bool:
+    """Whether a value is a list, tuple or array (n,) of finite numbers."""
     if not _is_collection(value):
         return False
     return _is_numeric(value) and np.ndim(value) == 1
 
 
 def _are_whole_numbers(value: Any) -> bool:
+    """Whether a value is a list, tuple, set or array (n,) of integers."""
     return _is_collection(value) and all(map(_is_whole_number, value))
 
 
 def _is_numeric(value: Any) -> bool:
-    """Whether NumPy makes an array of finite numbers of it."""
+    """Whether NumPy makes an array of finite numbers, of any shape, of a value."""
     numbers = real_numbers(value)
     return numbers is not None and are_usual_sizes(numbers)
 

@@ -1,10 +1,12 @@
 """How a program ends: errors of one rank only, ranks whose launcher is gone, and signals that end a
 run after the step that is being made.
 
-The other ranks would wait for a failed rank for ever.  So a rank with an error asks the others
-whether they have an error of the same kind.  If all have, the error is raised on each of them;
-otherwise the program ends on all ranks.
+Errors.  The other ranks would wait for a failed rank for ever.  So a rank with an error asks the
+others whether they have an error of the same kind.  If all have, the error is raised on each of
+them; otherwise the program ends on all ranks.
 
+Signals.  A run notes them (`Listener`), completes its step, closes its files and raises
+`Interrupted`.
 """
 
 from __future__ import annotations
@@ -96,11 +98,12 @@ def end_with_launcher() -> None:
 
 
 def watch_uncaught_errors() -> None:
-    """Install a hook that ends the program on all ranks after an uncaught error of one rank.
+    """Install a hook that ends the program on all ranks after an uncaught error of one rank, and
+    let this process end with its launcher (`end_with_launcher`).
 
     Such an error may occur while the scene is created.  Without the hook Python would wait in
     MPI_Finalize for the other ranks, which wait for this one.  Where a launcher has started one
-    process only, or none has, nothing is installed.
+    process only, or none has, nothing is done.
     """
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):
@@ -170,7 +173,7 @@ class Listener:
             self._restore_handler(number)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        """Note a signal; called by Python."""
+        """Note a signal, and give the next one of its kind its usual effect; called by Python."""
         self._noted = number
         self._restore_handler(number)
 
@@ -183,7 +186,8 @@ class Listener:
         signal.signal(number, usual)
 
     def heard(self, comm: MPI.Intracomm) -> int:
-        """The number of a signal that any rank has received, or zero; the same on every rank."""
+        """The number of a signal that any rank has received, or zero; the same on every rank.
+        Collective."""
         # Loaded by runs only, so that the import of the package is cheap.
         from mpi4py import MPI
 

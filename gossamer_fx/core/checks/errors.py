@@ -240,9 +240,9 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
     Collective.
 
     If it raises OSError or RuntimeError on one rank, `OutputFailure` is raised on all.  The task
-    may itself wait for other ranks.  Where it has failed on one rank and the
-    others have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends
-    the program.
+    may itself wait for other ranks.  Where it has failed on one rank and the others have not
+    returned from it after `WRITE_PATIENCE`, 60 s, that rank prints the message and ends the
+    program.
     """
     result = None
     reason = ""
@@ -273,6 +273,7 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
 
 
 def _cannot_write(path: Path, reason: str) -> str:
+    """The message of an `OutputFailure`."""
     return (
         f"Cannot write '{path}' ({reason}); "
         "what was written before is kept: make room or mend the folder, "

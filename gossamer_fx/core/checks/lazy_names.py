@@ -1,5 +1,5 @@
 """Public names of a package, read from its stub `__init__.pyi` and imported at their first use
-(SPEC 1).
+(SPEC 1 of Scientific Python).
 
 A scene therefore imports only the modules of what it contains, and each public name is written
 once.  Rooms that the top stub lists, e.g. `gas` of `gossamer_fx.mechanics`, are namespaces: they
@@ -95,6 +95,7 @@ class NamespaceFinder(MetaPathFinder):
     def __init__(self, package: str, init_file: str) -> None:
         """Read the houses of the namespaces from the stub of the package."""
         homes = names_of_stub(package, Path(init_file).with_suffix(".pyi"))
+        # A room is a module directly below a house; classes have names with capitals.
         self._houses = {
             f"{package}.{name}": f"{home}.{name}"
             for name, home in homes.items()
@@ -119,7 +120,7 @@ class NamespaceFinder(MetaPathFinder):
 
 
 class _AliasLoader(Loader):
-    """Gives a module that has another name already."""
+    """Loads a module under a second name: the same object, not a copy of it."""
 
     def __init__(self, home: str) -> None:
         """Take the name under which the module is imported."""

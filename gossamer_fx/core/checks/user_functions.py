@@ -52,7 +52,8 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 def ask_numbers(
     comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
 ) -> Numbers:
-    """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
+    """Call a function of the user that returns numbers up to 1e100, and return them as an array;
+    they must be the same on all ranks, to 1e-9 of the largest.  Collective.
 
     Args:
         what: name of the function in error messages.
@@ -71,7 +72,8 @@ def ask_numbers(
 def ask_points(
     comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
 ) -> Numbers:
-    """Call a function of the user that returns finite numbers at this rank's points.  Collective.
+    """Call a function of the user that returns numbers up to 1e100 at this rank's points, and
+    return them as an array.  Collective.
 
     Args:
         what: name of the function in error messages.

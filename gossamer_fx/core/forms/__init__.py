@@ -1,1 +1,2 @@
-"""Strain measures and bending forms in UFL, their compilation, and the interface to dolfinx."""
+"""Strain measures and bending forms in UFL, compilation of forms and of C functions, and the
+interface to dolfinx."""

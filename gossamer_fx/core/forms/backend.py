@@ -12,9 +12,10 @@
 The arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in
 0.10.
 
-Assembly is here too.  The public function for matrices chooses by itself whether it enters single
-numbers or the blocks of nodes; here the caller has to choose.  That for vectors makes six calls of
-Python for one of C++, in each iteration.
+Assembly is here too, by functions of dolfinx's C++ library (`add_to_matrix`, `add_to_vector`).
+dolfinx's Python function for matrices chooses by itself whether it enters single numbers or the
+blocks of nodes; here the caller has to choose.  Its function for vectors makes six calls of Python
+for one of C++, in each iteration.
 """
 
 from __future__ import annotations
@@ -115,12 +116,12 @@ def distribute(
     return create_mesh(comm, cells, x=points, e=domain, partitioner=partitioner, **limit)
 
 
-def _partitioner(mode: GhostMode, sheets: int) -> Any:
+def _partitioner(mode: GhostMode, cells_at_facet: int) -> Any:
     """Partitioner of cells; since 0.10 it needs the largest number of cells at a facet."""
     make: Any = create_cell_partitioner
     if VERSION < (0, 10):
         return make(mode)
-    return make(mode, sheets)
+    return make(mode, cells_at_facet)
 
 
 def submesh_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
@@ -176,13 +177,14 @@ def gmsh_order(kind: str, nodes: int) -> Indices:
 
 @contextmanager
 def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
-    """Let dolfinx take the kernel of a form or expression from a dictionary, or enter there the one
-    that it compiles or finds on disk.  dolfinx has no argument for it."""
-    search = dolfinx.jit.ffcx_jit
+    """Let dolfinx take the kernel of a form or expression from a dictionary, whose values are what
+    its `ffcx_jit` returns, or enter there the one that it compiles or finds on disk.  dolfinx has
+    no argument for it."""
+    compile_or_find = dolfinx.jit.ffcx_jit
 
     def take(*args: Any, **options: Any) -> Any:
         if key not in kernels:
-            compiled, module, _ = search(*args, **options)
+            compiled, module, _ = compile_or_find(*args, **options)
             # The source is not kept: it is much larger than the kernel.
             kernels[key] = (compiled, module, (None, None))
         return kernels[key]
@@ -191,7 +193,7 @@ def loaded_kernel(kernels: dict[bytes, Any], key: bytes) -> Iterator[None]:
     try:
         yield
     finally:
-        dolfinx.jit.ffcx_jit = search
+        dolfinx.jit.ffcx_jit = compile_or_find
 
 
 def interpolation_points(space: fem.FunctionSpace) -> Array:

@@ -268,7 +268,8 @@ class Bending:
         return form * ds
 
     def rest_clamp(self, x: Expr, w: Expr, d: Expr, rest: Expr, ds: ufl.Measure) -> ufl.Form:
-        """The part of `clamp` of a rest curvature (2, 2) [1/m]."""
+        """The part of `clamp` that a rest curvature (2, 2) [1/m] adds; half of it with w = x is the
+        energy -∫ m0 n·d ds."""
         # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in
         # x.
         m0 = self._across(self._moment(rest))
@@ -323,8 +324,9 @@ class Bending:
         return n_here, t_here, of_jump + of_moment
 
     def shape_energy(self, dx: ufl.Measure, dS: ufl.Measure) -> ufl.Form:
-        """The constant [J] that `cells`, `edges` and the rest curvature of a curved plate leave in
-        its shape, with the opposite sign and without `rest_energy`."""
+        """Constant [J] that, together with `rest_energy`, makes the energy of a curved plate zero
+        in its stress-free shape: minus the energy of `cells`, `edges` and the terms of its rest
+        curvature there, without `rest_energy`."""
         _, cosine = self._kink()
         return -self._bent_shape() * dx + self._kink_energy() * (1 / cosine - 2) * dS
 
@@ -439,12 +441,11 @@ class Bending:
 
 
 def jump(of: Callable[[Expr], Expr], x: Expr) -> Expr:
-    """Sum over both sides of an edge of a quantity that changes its sign with the side, such as a
-    slope.
-    """
+    """Sum over both sides of an edge of a quantity `of` x that changes its sign with the side, such
+    as a slope."""
     return of(x)("+") + of(x)("-")
 
 
 def mean(of: Callable[[Expr], Expr], x: Expr) -> Expr:
-    """Mean over both sides of an edge."""
+    """Mean over both sides of an edge of a quantity `of` x."""
     return (of(x)("+") + of(x)("-")) / 2

@@ -222,7 +222,8 @@ class _FirstOccurrences(dict[Any, int]):
 
 
 def _with_kernel[T](key: _KernelKey, of: Any, make: Callable[[Any], T]) -> T:
-    """Compile a form or expression, unless this process has the kernel.  Collective."""
+    """Compile a UFL form or expression by `make`, which gets it with renumbered constants, or as it
+    is if this process has loaded the kernel of this key already.  Collective."""
     comm = key.comm
     digest = key.digest()
     # A rank may have compiled a form that others have not, on a separate mesh.

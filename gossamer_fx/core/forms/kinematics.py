@@ -244,7 +244,8 @@ def _products(q: Expr) -> tuple[Expr, Expr, Expr]:
 
 
 def _share_below(a: Expr, b: Expr, bound: float) -> Expr:
-    """Share of the path from a to b that is below a bound."""
+    """Share, 0 to 1, of the straight path from a to b that is below a bound; of a path of length
+    zero all or none of it."""
     crosses = ufl.lt((a - bound) * (b - bound), 0.0)
     length = ufl.conditional(crosses, b - a, 1.0)
     share = (ufl.min_value(b, bound) - ufl.min_value(a, bound)) / length

@@ -197,7 +197,8 @@ def _triangles_at_edges(
 
 
 def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
-    """See `EdgeTable.tally`; n is the number of owned edges."""
+    """Number of triangles (n,) at each of the n owned edges, and the sum (n,) of the directions in
+    which they pass it, +1 or -1; of the local `cells`, ghosts are ignored.  Collective."""
     topology = domain.topology
     owned_cells = cells[cells < topology.index_map(2).size_local]
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned_cells]

@@ -1,10 +1,11 @@
-"""Volume that a surface encloses, and with its sign the side to which the normals point.
+"""Volume that a surface encloses, whose sign tells to which side the normals point, and triangles
+turned so that normals agree and point outwards.
 
-With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it is positive if the
-normals point outwards.  An open surface is closed for this purpose: each of its rims is spanned by
-a fan of triangles between the edges of the rim and the mean of its points.  If the fans are small
-against the surface, as those of the polar rings of a balloon, the surface has an inside; if they
-are not, as that of the rim of a reflector, its sides are equal.
+Volume (`enclosed_by`).  With triangles (x0, x1, x2) that close the surface, V = Σ x0·(x1×x2)/6; it
+is positive if the normals point outwards.  An open surface is closed for this purpose: each of its
+rims is spanned by a fan of triangles between the edges of the rim and the mean of its points.  If
+the fans are small against the surface, as those of the polar rings of a balloon, the surface has an
+inside; if they are not, as that of the rim of a reflector, its sides are equal.
 
 Consistent normals (`oriented`): triangles are turned so that neighbours have their normals on the
 same side.  Two neighbours agree if they pass their common edge in opposite directions.  Fronts and
@@ -84,9 +85,9 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
 
 
 def has_inside(volume: Array | float, area: Array | float, rim_area: Array | float) -> Any:
-    """Return whether surfaces are closed but for small rims, and not flat, by the volume [m³] that
-    they enclose, their area and that of what spans the rims [m²]; numbers, or arrays of surfaces.
-    """
+    """Return whether surfaces are not flat, and closed but for small rims, at most a tenth of their
+    area, by the volume [m³] that they enclose, their area and that of what spans the rims [m²];
+    numbers, or arrays of surfaces."""
     is_flat = np.abs(volume) < FLAT_VOLUME * np.asarray(area) ** 1.5
     return ~is_flat & (rim_area <= MAX_RIM_SHARE * np.asarray(area))
 
@@ -252,6 +253,7 @@ def _neighbours(corners: Integers) -> _Neighbours:
     forwards = directed[:, 0] < directed[:, 1]
     low_ends = directed.min(axis=1)
     high_ends = directed.max(axis=1)
+    # One number for each pair of nodes; equal ones are the same edge.
     keys = low_ends * (int(corners.max()) + 1) + high_ends
     order = np.argsort(keys, kind="stable")
     _, start, count = np.unique(keys[order], return_index=True, return_counts=True)

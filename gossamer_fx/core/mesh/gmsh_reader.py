@@ -97,8 +97,9 @@ def extract(model: Any) -> RawMesh:
 
     Cells are the elements of the highest dimension; if named groups of this dimension exist, only
     the elements in these groups.  Only nodes of cells become points, numbered in rising order of
-    their tags.  A model without elements or with several kinds, cells that coincide, and nodes that
-    are missing or not finite raise `BadMesh`.
+    their tags.  A model without elements or with several kinds, cells that coincide, nodes that are
+    missing or not finite, and cells so far from the origin that their strains would have a
+    round-off above 1e-6 raise `BadMesh`.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
@@ -154,7 +155,8 @@ def extract(model: Any) -> RawMesh:
 
 
 def check_cells(what: str, cells: float) -> None:
-    """Raise `InputError` unless a mesh has so few cells that it can be made; before it is."""
+    """Raise `InputError` if a mesh that is to be made would have more than `MAX_CELLS` cells, by an
+    estimate of their number; `what` begins the message."""
     check(
         cells <= MAX_CELLS,
         f"{what} has about {cells:.2g} cells; give larger ones, at most {MAX_CELLS:g} in all.",
@@ -323,8 +325,8 @@ def _limit_memory() -> None:
 
 
 def _sentence(error: BaseException, what: str) -> str:
-    """What is wrong, in one sentence."""
-    # Those of the package are sentences.
+    """What is wrong, in one sentence, by an error that was raised while gmsh made `what`."""
+    # Messages of the package's errors are sentences already.
     if isinstance(error, ValueError) and type(error).__module__.startswith("gossamer_fx."):
         return str(error)
     # gmsh has no words when memory runs out.
@@ -362,8 +364,8 @@ def _received(pipe: int, what: str, time_limit: float) -> RawMesh | tuple[str, s
 
 
 def read_file(path: Path, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of one
-    rank.
+    """Read a mesh, in m, from a file in MSH format, version 2.2 or 4.x, in a child process of this
+    rank, which takes at most `time_limit` [s].
 
     A file that cannot be read, is in another format, on which gmsh fails or whose mesh `extract`
     refuses raises `BadMesh` with a sentence for the user.

@@ -78,6 +78,7 @@ class Mesh:
 
     @property
     def _kind(self) -> str:
+        """What the cells are, in words."""
         if self.domain.topology.dim == 2:
             return "triangles"
         return "line elements"
@@ -322,7 +323,7 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
         # Cells have the same order of nodes as the mesh; edges of order 2 have it in both programs.
         if dim == domain.topology.dim:
             entities = entities[:, permutation]
-        groups[name] = dim, _distribute(domain, dim, entities)
+        groups[name] = dim, _local_entities(domain, dim, entities)
     return Mesh(domain, groups)
 
 
@@ -341,7 +342,7 @@ def _most_at_a_facet(raw: RawMesh) -> int:
     return int(counts.max())
 
 
-def _distribute(
+def _local_entities(
     domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int32]:
     """Local numbers (m,), owned and ghost, ascending, of entities that rank 0 lists by their nodes

@@ -47,7 +47,8 @@ def corner_points(domain: dmesh.Mesh) -> Array:
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
-    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) of all ranks."""
+    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) [m] of all ranks; inf and
+    -inf if there are none."""
     low = points.min(axis=0, initial=np.inf)
     high = points.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
@@ -75,7 +76,8 @@ def area_vectors(corners: Array) -> Array:
 
 
 def sizes(corners: Array) -> Array:
-    """Areas (n,) [m²] of triangles (n, 3, 3), or lengths (n,) [m] of line elements (n, 2, 3)."""
+    """Areas (n,) [m²] of triangles (n, 3, 3) [m], or lengths (n,) [m] of line elements (n, 2, 3)
+    [m], by their corners."""
     vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
     if corners.shape[1] == 3:
         vectors = area_vectors(corners)
@@ -133,8 +135,8 @@ def turned_inside(domain: dmesh.Mesh) -> int:
 
 def folded(table: EdgeTable) -> int:
     """Count triangles of the whole mesh that lie upside down on their neighbours: with two
-    neighbours or more, all of which have an opposite normal, since a node was moved across an edge.
-    One neighbour is not enough, since it may be a sharp fold.  Collective."""
+    neighbours or more, all of whose normals enclose more than 154° with theirs, since a node was
+    moved across an edge.  One neighbour is not enough: it may be a sharp fold.  Collective."""
     domain = table.domain
     topology = domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
@@ -173,7 +175,7 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
     Nodes that were moved across edges turn triangles over, which then cover a part of the plane
     again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
-    either side; neither side counts as upside down there.
+    either side; neither side counts as upside down where the smaller one has more than 0.4 of it.
     """
     domain = table.domain
     comm = domain.comm
@@ -209,9 +211,10 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
-    """Count boundary facets of the whole mesh, edges of triangles or ends of line elements, that
-    coincide with another one but are not glued to it.  A slit that is intended has its two sides in
-    different named groups; its facets are not counted.  Collective."""
+    """Count boundary facets of the whole mesh, edges of triangles or ends of line elements, whose
+    middle coincides with that of another one, to 1e-9 of the mesh's extent, but which are not glued
+    to it.  A slit that is intended has its two sides in different named `groups` (dimension and
+    local entities by name); its facets are not counted.  Collective."""
     topology = domain.topology
     comm = domain.comm
     dim = topology.dim

@@ -74,8 +74,9 @@ class MeshBody(Body, Protocol):
         ...
 
     def coordinates(self, alpha: float) -> Any:
-        """How these functions follow from its unknowns, for a rule with the weight α: a
-        `terms.coordinates`."""
+        """The functions of its forms and how they follow from its unknowns, a
+        `terms.coordinates.Coordinates`, for a stress rule whose forces act at q_mid = (1 - α) q0 +
+        α q1."""
         ...
 
 
@@ -216,7 +217,7 @@ Attached = Port | Ground
 
 
 def unit(direction: Vector | Array) -> Array:
-    """The vector (3,) of length one in a direction."""
+    """The vector (3,) of length one in a direction (3,), which is not zero."""
     n = np.asarray(direction, dtype=float)
     return n / np.linalg.norm(n)
 

@@ -111,6 +111,7 @@ class BodyState:
         return np.concatenate(self.body.comm.allgather(positions.copy()))
 
     def _vectors(self, vector: PETSc.Vec) -> Array:
+        """The body's part of a vector of all unknowns, (n, s, 3): s vectors of each owned node."""
         # `array_r` is a read-only view, so that readers cannot change the state.
         values: Array = vector.array_r[self.owned]
         return values.reshape(-1, self.body.block.size // 3, 3)
@@ -220,13 +221,13 @@ class InitialState(State):
         self._v.array[self[body].owned] = np.ravel(rates)
 
     def copy_to(self, q: PETSc.Vec, v: PETSc.Vec) -> None:
-        """Write the coordinates and rates of all bodies to vectors that may have multipliers
-        behind."""
-        # The initial state is older than the multipliers, which follow behind the bodies.
+        """Write the coordinates and rates of all bodies to vectors of the system, in which
+        multipliers may follow behind the bodies; those are left as they are."""
         size = self._q.getLocalSize()
         q.array[:size] = self._q.array_r
         v.array[:size] = self._v.array_r
 
 
 def _local_size(body: Body) -> int:
+    """Number of unknowns of a body that this rank owns."""
     return int(body.block.index_map.size_local) * body.block.size

@@ -8,8 +8,9 @@ A *term* plays one of five roles:
     load             a force whose work counts as supplied
     constraint       coordinates that are fixed, or measures that stay zero
 
-The general kinds of terms are in `terms/`; a kind with one user lies in the folder of its user.
-Each kind names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
+The general kinds of terms are in `mechanics/terms`; a kind with one user lies in the folder of its
+user.  Each kind names the class that compiles all terms of the kind in a scene, see
+`terms.assembly`.
 """
 
 from __future__ import annotations
@@ -58,10 +59,10 @@ def terms_of(item: object, start: State) -> Iterable[Term]:
 
 # ---- parameters ----------------------------------------------------------------------------------
 
-# A term names the parameters of its item, by which results of a scene may be derived.  Where the
-# equations are UFL forms, a parameter is a coefficient of these forms, and UFL takes the
-# derivative.  Elsewhere it is a number that the compiled kind of the term knows by a key
-# (`Differentiable.get_number`).
+# A term names the parameters of its item, with respect to which results of a scene may be
+# differentiated.  Where the equations are UFL forms, a parameter is a coefficient of these forms,
+# and UFL takes the derivative.  Elsewhere it is a number that the compiled kind of the term knows
+# by a key (`Differentiable.get_number`).
 
 # A constant or a function of forms, or the key of a number of a compiled kind.
 Source = fem.Constant | fem.Function | str

@@ -61,6 +61,7 @@ class RigidMotion:
             )
 
     def initialise(self, start: InitialState) -> None:
+        """Add the motion to the rates of all bodies of the scene."""
         spin = np.asarray(self.spin, dtype=float)
         # v + Ω × (x - c) = Ω × x + (v - Ω × c); directors have the first part only.
         at_origin = np.asarray(self.velocity, dtype=float) - np.cross(spin, self.centre)
@@ -102,6 +103,7 @@ class StartFrom:
     name: str = "start"
 
     def initialise(self, start: InitialState) -> None:
+        """Place all bodies of the scene as they are in the other one; rates stay."""
         for body in start:
             start.place(body.body, self._coordinates(body))
 
@@ -240,7 +242,8 @@ class Scene:
 
     @property
     def comm(self) -> MPI.Intracomm:
-        """That of the bodies; a scene without bodies is computed on every rank alike."""
+        """Communicator of the bodies.  A scene without bodies has that of all ranks, each of which
+        computes the same."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
     def _refuse_other_ranks(self) -> None:

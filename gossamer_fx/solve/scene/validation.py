@@ -66,7 +66,7 @@ _STRAIN = 1.0
 # Smallest and largest extent [m] of a mesh that is probably in metres.
 _EXTENT = (1e-4, 1e5)
 
-# Warnings that were printed.
+# Warnings that this process has printed, or rank 0 for it.
 _printed: set[str] = set()
 
 
@@ -80,7 +80,8 @@ def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
 
 def warnings(items: list[Any]) -> Iterator[str]:
     """Yield warnings about meshes, and numbers of items and their laws, that are possible but
-    probably wrong, the same on all ranks, which take all of them.  Collective."""
+    probably wrong; the same on all ranks.  Collective, also in between: each rank has to iterate to
+    the end."""
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
@@ -91,7 +92,8 @@ def warnings(items: list[Any]) -> Iterator[str]:
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
     """Yield warnings about the mesh of one body: its size [m], open seams, slivers, normals that
-    change sides, triangles upside down, and the thickness of plates.  Collective."""
+    change sides, triangles upside down, and the thickness of plates.  Cells of no size, and curved
+    ones that turn inside out, raise `InputError`.  Collective."""
     domain = body.space.mesh
     comm = body.comm
     corners = corner_points(domain)

@@ -101,14 +101,14 @@ class CoarseSpace:
         """Build P of equation (2), without `condensed` unknowns (k,) of this rank, and a solver for
         the coarse matrix.  Collective."""
         self._P = prolongation(system, condensed=condensed)
-        self._scalar_matrix: PETSc.Mat | None = None
-        self._coarse_matrix: PETSc.Mat | None = None
-        self._to_large_patches: PETSc.Mat | None = None
+        self._scalar_matrix: PETSc.Mat | None = None  # A, stored by single numbers
+        self._coarse_matrix: PETSc.Mat | None = None  # Pᵀ A P
+        self._to_large_patches: PETSc.Mat | None = None  # Pᵀ P2 of a V-cycle; None: none is needed
         coarse_unknowns = self._P.getSize()[1]
         if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
             large = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
             self._to_large_patches = self._P.transposeMatMult(large)
-        self._own_matrix: PETSc.Mat | None = None
+        self._own_matrix: PETSc.Mat | None = None  # Pᵀ A P as a whole, on each rank
         self._solver = self._new_solver()
         self._r = self._P.createVecRight()
         self._z = self._P.createVecRight()
@@ -149,7 +149,7 @@ class CoarseSpace:
             self._solver.setUp()
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Set z to (3)."""
+        """Set z [m] to the coarse solution (3) for a residual r [N].  Collective."""
         self._P.multTranspose(r, self._r)
         if self._to_large_patches is None:
             self._gather.scatter(self._r, self._all_r)
@@ -178,7 +178,7 @@ def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
         choices["mg_levels_pc_type"] = "asm"
         choices["mg_levels_pc_asm_overlap"] = 1
         smoother = "mg_levels_sub_"
-        # Every rank has the whole coarse level, as above.
+        # Every rank factorises the whole coarse level, as it does a small coarse matrix.
         choices["mg_coarse_pc_type"] = "redundant"
         choices["mg_coarse_redundant_pc_type"] = "lu"
         choices["mg_coarse_redundant_pc_factor_mat_solver_type"] = "mumps"
@@ -303,8 +303,8 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
     of nodes become orthonormal, and whether each is kept (patches, s, 4).
 
     V and λ are eigenvectors and eigenvalues of the Gram matrix of each patch and component, from
-    the functions g (n, s, 4) with zeros at fixed coordinates; functions of negligible λ are
-    dropped, with zero coefficients.
+    the functions g (n, s, 4) with zeros at fixed coordinates.  Functions with λ below a thousandth
+    of the largest one are dropped: their coefficients are zero.
     """
     # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
     by_patch = np.argsort(patch, kind="stable")

@@ -59,21 +59,21 @@ from gossamer_fx.solve.system.system import System
 # elimination of coefficients of about one.
 NO_COEFFICIENT = 1e-12
 
-# Marks of unknowns: held, free, and free ones of films and cables.
+# Marks of unknowns: 0 is held, 1 free, and 2 free and a coordinate of a film or cable.
 HELD = 0
 FILM = 2
 
 
 @dataclass
 class Rule:
-    """One slave coordinate [m] by others: the coefficients [-] of its masters, and those of the
-    right-hand sides s, by global index of the master or of the multiplier."""
+    """One slave coordinate [m] as a sum over its masters and over right-hand sides s of (1): their
+    coefficients [-], by global index of the master or of the multiplier."""
 
     masters: dict[int, float]
     sides: dict[int, float] = field(default_factory=dict)
 
     def substitute(self, slave: int, rule: Rule) -> None:
-        """Replace a master that is a slave by its own rule."""
+        """Replace the master `slave`, itself a slave, by its own rule; changes this one."""
         factor = self.masters.pop(slave)
         for master, coefficient in rule.masters.items():
             self.masters[master] = self.masters.get(master, 0.0) + factor * coefficient
@@ -124,8 +124,9 @@ class Ties:
     def _solve(
         self, multiplier: int, row: dict[int, float], marks: dict[int, float]
     ) -> tuple[int, Rule] | None:
-        """Solve an equation, after substitution of the slaves so far, for a slave.  None if it has
-        no free coordinate of a film or cable."""
+        """Solve the equation of a multiplier, with the coefficients `row` of its unknowns, for a
+        new slave, once the slaves so far are substituted; returns the slave and its rule.  None if
+        the equation has no free coordinate of a film or cable."""
         # The equation as a rule: 0 = Σ masters - s.
         equation = Rule({i: w for i, w in row.items() if marks[i] != HELD}, {multiplier: -1.0})
         for unknown in list(equation.masters):
@@ -188,7 +189,8 @@ class CondensedTies:
     # ---- structure, once -------------------------------------------------------------------------
 
     def _find_rows(self, A: PETSc.Mat) -> None:
-        """Find this rank's rows of A that change, and what they depend on.  Collective."""
+        """Find this rank's rows of A that differ in K, the unknowns `near` them, and the parts of E
+        and G that these rows need.  Collective."""
         numbering = self._system.numbering
         gone = self._ties.gone
         own_gone = numbering.start + self._ties.owned
@@ -202,7 +204,8 @@ class CondensedTies:
         self._rows = all_rows[is_own]
         self._columns = [A.getRow(int(row))[0] for row in self._rows]
         self._find_near()
-        # Of the rows that change those that vanish, and their columns.
+        # Rows of slaves and condensed multipliers vanish: their positions among the rows that
+        # change, those of the others, and the positions of the first ones among `near`.
         is_gone = np.isin(self._rows, gone)
         self._gone_rows = np.flatnonzero(is_gone)
         self._other_rows = np.flatnonzero(~is_gone)
@@ -314,8 +317,8 @@ class CondensedTies:
         z.array[owned] += self._own_E @ self._gather(z)[0]
         z.array[owned] += shift[self._gone_near]
         # λ = Gᵀ (r - A z).
-        rest = r.array_r[owned] - self._own_A @ self._gather(z)[0]
-        self._gather.add(self._own_G.T @ rest, z)
+        residual = r.array_r[owned] - self._own_A @ self._gather(z)[0]
+        self._gather.add(self._own_G.T @ residual, z)
 
 
 def for_constraints(system: System, max_iterations: int) -> CondensedTies | EliminatedJoints | None:

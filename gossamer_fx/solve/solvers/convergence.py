@@ -131,7 +131,7 @@ class ConvergenceTest:
 
     @property
     def tolerance(self) -> float:
-        """The number (1) [N]."""
+        """The norm [N] that a residual must not exceed, the number (1)."""
         return max(
             self._tolerances.relative * self.reference,
             self._tolerances.absolute,
@@ -146,8 +146,8 @@ class ConvergenceTest:
 
     def record(self, norm: float, is_first: bool) -> None:
         """Take the norm [N] of the forces of the next iterate; the first one of an iteration is the
-        reference.  That of the iteration before, which lacked contact pairs, still tells whether it
-        falls."""
+        reference, and the norms before it are dropped.  Only the last of them, infinite or that of
+        an iteration that lacked contact pairs, is still compared with the first one."""
         self._previous_norm = self.norm
         self.norm = norm
         if is_first:
@@ -158,8 +158,8 @@ class ConvergenceTest:
 
     def limit_reference(self, stopping: float, external: Callable[[], float]) -> None:
         """Limit the reference force of an iteration with contact, after its first iterate, by the
-        force F_stop [N] that stops all motion within the step, and that of loads and supports,
-        asked where it matters.
+        force `stopping` [N], F_stop, that stops all motion within the step, and that of loads and
+        supports, for which `external` is called only if F_stop is below the first norm.
 
         The predictor may have passed through an obstacle.  Its forces are then thousands of times
         larger than those of the solution, and are not a scale for the residual.
@@ -170,7 +170,8 @@ class ConvergenceTest:
             self.reference = min(self.norm, largest or math.inf)
 
     def lower_floor(self, force_scale: float) -> None:
-        """Take the forces F [N] that cancel in the residual, of which the smallest one counts."""
+        """Lower the round-off floor to that of the forces F [N] that cancel in the residual; of
+        several calls the smallest F counts."""
         units = self._tolerances.floor * np.finfo(float).eps
         floor = float(units * force_scale)
         self.round_off_floor = min(floor, self.round_off_floor or math.inf)
@@ -179,9 +180,9 @@ class ConvergenceTest:
         """Whether a residual, of the last iterate or of the true strain there, passes the test.
 
         The norm of the forces must be below the tolerance, or no longer fall and be round-off;
-        while it falls, (2) must hold, which is asked where it matters and may be collective.
-        Violations of constraints and relative residuals of scalar unknowns must be below their
-        tolerances, too.
+        while it falls, (2) must hold, whose function is called only where it decides, and may be
+        collective.  Violations of constraints and relative residuals of scalar unknowns must be
+        below their tolerances, too.
         """
         imbalance = residual.imbalance
         ratio = FLOOR_STAGNATION_RATIO if imbalance <= self.round_off_floor else STAGNATION_RATIO
@@ -198,7 +199,8 @@ class ConvergenceTest:
         return is_balanced and satisfies_constraints and satisfies_scalars
 
     def diverges(self) -> bool:
-        """Whether the last residual has grown beyond measure."""
+        """Whether the last residual exceeds `DIVERGENCE_RATIO`, 1e12, times the larger one of the
+        first two, and of the tolerance."""
         largest_early = max(self.norms[:2])
         return self.norm > DIVERGENCE_RATIO * max(largest_early, self.tolerance)
 

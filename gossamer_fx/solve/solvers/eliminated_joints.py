@@ -81,7 +81,7 @@ MAX_APPLICATIONS_TO_KEEP = 7
 # complete factorisations took 11 % of the time of the sail of IKAROS at 3.5 s.
 MAX_FACTORISED_STEPS = 8
 
-# A problem, in words.
+# What `EliminatedJoints.problem` says when Σ has no inverse.
 SINGULAR = "the Schur complement of the joints is singular"
 
 
@@ -170,10 +170,10 @@ class EliminatedJoints:
         return f"{kind} of {ILU_LEVELS} levels and {len(self._all_rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
-        """Keep the factors of an earlier matrix for the next one, if they serve, and tell whether
-        they do: within the same time step from its second matrix on, if the last solve with them
-        took at most 7 Krylov iterations and no factorisation failed.  Applications are then counted
-        from zero."""
+        """Keep the factors of an earlier matrix for the next one, if they serve; returns whether
+        they do: within the same time step, if they are not those of its first matrix, if the last
+        solve with them took at most 7 Krylov iterations and no factorisation failed.  Applications
+        are then counted from zero."""
         is_same_step = (self._system.time, self._system.h) == self._step
         is_usable = is_same_step and not (self._is_complete or self._is_first or self.problem)
         if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
@@ -241,8 +241,8 @@ class EliminatedJoints:
         F.destroy()
         self._take_rows(matrix)
         if is_new_step or len(self._Z) != len(self._all_rest):
-            columns = self._columns(matrix)
-            self._Z = np.array([self._films_of(column) for column in columns])
+            transposed_B = self._couplings_to_films(matrix)
+            self._Z = np.array([self._solve_films(column) for column in transposed_B])
         coupling = self._sum(self._C @ self._Z[:, self._coupled].T)
         # LAPACK itself, as SciPy prints a warning where joints depend on each other.
         self._schur, self._pivots, zero_pivot = lapack.dgetrf(self._D - coupling)
@@ -289,7 +289,7 @@ class EliminatedJoints:
         self._coupled = np.flatnonzero(is_stored[self._films])
         self._C = in_own_columns[:, self._films[self._coupled]]
 
-    def _columns(self, matrix: PETSc.Mat) -> Array:
+    def _couplings_to_films(self, matrix: PETSc.Mat) -> Array:
         """The transpose Bᵀ (k, films of this rank) of the block that couples films to the k
         eliminated unknowns, [N/m] for coordinates.  The matrix has the same pattern as its
         transpose, so that only the rows of coupled unknowns are read."""
@@ -301,9 +301,10 @@ class EliminatedJoints:
             transpose[eliminated, film] = values[is_rest]
         return transpose
 
-    def _films_of(self, values: Array) -> Array:
-        """F̃⁻¹ of some values (films of this rank,).  Collective."""
-        # On several ranks those of another one may not be zero.
+    def _solve_films(self, values: Array) -> Array:
+        """F̃⁻¹ times a vector, of which this rank has these values (films of this rank,).
+        Collective."""
+        # Only on one rank: where these values are zero, those of another rank may not be.
         if self._comm.size == 1 and not values.any():
             return np.zeros(len(values))
         self._right.array[:] = values
@@ -328,7 +329,7 @@ class EliminatedJoints:
             self._complete.apply(r, z)
             return
         values = r.array_r
-        of_films = self._films_of(values[self._film_slice])
+        of_films = self._solve_films(values[self._film_slice])
         right = -(self._C @ of_films[self._coupled])
         right[self._own] += values[self._rest]
         of_rest, _ = lapack.dgetrs(self._schur, self._pivots, self._sum(right))

@@ -1,5 +1,5 @@
 """Factorisations: sparse matrices by MUMPS, small ones by PETSc, dense ones by LAPACK; their
-reasons of failure.
+reasons of failure.  Also incomplete factorisations, a test of singularity, and low-rank updates.
 
 MUMPS estimates its workspace from the sparsity pattern.  Pivots that it delays, such as those of
 Lagrange multipliers, may need more than that.  ICNTL(14) is the margin in per cent.  It is doubled,
@@ -156,7 +156,8 @@ class BlockFactors:
         self.problem = set_up(self._with_pivots)
 
     def _is_accurate(self, matrix: PETSc.Mat) -> bool:
-        """Whether the factors without pivots solve A x = 1 to a relative residual of 1e-10."""
+        """Whether the factors without pivots solve A x = b, where all entries of b are one, to a
+        relative residual of 1e-10."""
         if self._without_pivots.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
         assert self._right is not None, "setUp makes it"
@@ -201,8 +202,8 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
 
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """Make a preconditioner the fastest factorisation of matrices like A, which must not be
-    singular: small ones of 3 x 3 blocks on one rank are factorised by PETSc, others by MUMPS.
-    PETSc's option `-gx_pc_type` keeps MUMPS."""
+    singular: those of 3 x 3 blocks on one rank, with at most 1500 unknowns, are factorised by
+    PETSc, others by MUMPS.  PETSc's option `-gx_pc_type` keeps MUMPS."""
     is_small = A.getSize()[0] <= MAX_UNKNOWNS_BLOCKS
     has_blocks = A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
@@ -234,8 +235,8 @@ def set_up(pc: PETSc.PC) -> str:
 
 
 def enlarge(pc: PETSc.PC) -> bool:
-    """Double the workspace if a factorisation failed for lack of it; whether another attempt may
-    succeed."""
+    """Double the workspace if a factorisation failed for lack of it; returns whether another
+    attempt may succeed, False up from the margin `MAX_MARGIN` or after another failure."""
     if failure(pc) not in WORKSPACE_ERRORS:
         return False
     present = pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
@@ -404,9 +405,10 @@ def choose_fill(pc: PETSc.PC, levels: int) -> None:
 
 class LowRankUpdate:
     """Solutions of (A + Σ κ g⊗g) x = b from those of A, by the formula of Sherman, Morrison and
-    Woodbury: this rank's parts of k vectors g (n,), and κ, which is not zero.  Collective.
+    Woodbury.  Collective.
 
-    `inner` (k, k) is κ⁻¹ + Gᵀ A⁻¹ G with the columns g of G.
+    `terms` are k pairs of this rank's part of a vector g (n,) and of κ, which is not zero;
+    `solve(b, x)` sets x = A⁻¹ b.  `inner` (k, k) is κ⁻¹ + Gᵀ A⁻¹ G with the columns g of G.
     """
 
     def __init__(
@@ -428,6 +430,6 @@ class LowRankUpdate:
         self.inner += np.diag([1 / factor for _, factor in terms])
 
     def correct(self, x: PETSc.Vec) -> None:
-        """Make a solution with A one with A + Σ κ g⊗g."""
+        """Turn x = A⁻¹ b into (A + Σ κ g⊗g)⁻¹ b, in place.  Collective."""
         amounts = self._comm.allreduce(self._vectors @ x.array_r)
         x.array[:] -= np.linalg.solve(self.inner, amounts) @ self._solutions

@@ -128,8 +128,8 @@ class Composite:
 
 class Columns:
     """The columns (n,) of a matrix (n, m) of which some are zero, given as None; n counts the
-    unknowns of this rank.  It has their number m, the indices of the k `nonzero` ones, and these as
-    rows (k, n)."""
+    unknowns of this rank.  `count` is m, `nonzero` has the indices of the k columns that are not
+    zero, and `values` (k, n) these columns as rows."""
 
     def __init__(self, columns: list[Array | None]) -> None:
         self.count = len(columns)
@@ -278,10 +278,10 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
     override.
 
-    A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
-    diagonal, for which an incomplete factorisation fails: those of ties are condensed, and few
-    of others are eliminated (`condensed_ties.for_constraints`), with many the matrix is factorised,
-    too.
+    A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
+    Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
+    those of ties are condensed, and few of others are eliminated
+    (`condensed_ties.for_constraints`), with many the matrix is factorised, too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time

@@ -116,7 +116,7 @@ class Newton:
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
-        largest_energy: so far [J], the scale of the work of a residual; zero: it is not asked.
+        largest_energy: so far [J], the scale of the work of a residual; zero: it is not judged.
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
         convergence: test of convergence of the last solve.
@@ -143,6 +143,8 @@ class Newton:
 
         self._scalar_count = sum(scalars.size for scalars in system.scalar_unknowns)
         self._scalar_count += self.own_scalars
+        # Vectors of the unknowns (w, y), of the residuals (r, s), and of (w, y) at the start of an
+        # iteration.
         self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
         self._x = self._composite.vector()
         self._F = self._composite.vector()
@@ -302,7 +304,8 @@ class Newton:
     # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
-        """Residual F of (1) and (2) at x, with the strains (3)."""
+        """Set F to the residual of (1) and (2) at x, with the strains (3); called by PETSc.
+        Collective."""
         if not self._has_update:
             # Laws and contacts have nothing to compute at infinite positions; NaN ends the
             # iteration.
@@ -315,7 +318,8 @@ class Newton:
         self._evaluate(y, F)
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
-        """Residual with the strains that the system has, and its norms."""
+        """Set F to the residual with the strains that the system has, and store its norms.
+        Collective."""
         started = time.perf_counter()
         s = self._residuals(y)
         imbalance, violation = self.system.imbalance(self._r)
@@ -324,11 +328,12 @@ class Newton:
         self._composite.join(self._r, s, F)
 
     def _residuals(self, y: Array) -> Array:
-        """Evaluate r of (1), and return s of (2).  Collective."""
+        """Set the vector `_r` to r of (1), and return s of (2).  Collective."""
         return self.system.residual(y, self._r)
 
     def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Coupling of all scalar unknowns with the coordinates, see `System.coupling`."""
+        """Columns of G, columns of H, and C of (1) of `solvers.linear`: the coupling of all scalar
+        unknowns with the coordinates, as `System.coupling` returns it."""
         return self.system.coupling()
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
@@ -484,7 +489,8 @@ class Newton:
         return self.stall_rule.has_stalled(self.convergence.norms, self._kept_shares, small)
 
     def _stopping_force(self) -> float:
-        """Force [N] that stops and returns all that moves within the step."""
+        """Norm [N] of the force that stops all motion within the step and reverses it."""
+        # `_diagonal` serves as space for M v0.
         self.system.M.mult(self.system.v0, self._diagonal)
         return self.system.c * self.system.h * float(self._diagonal.norm())
 

@@ -73,16 +73,17 @@ class GeneralizedAlpha:
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
-        # The force at the end of a step does no work along the step that an energy knows: a film
-        # that falls on a floor came back at three times its true height, and the energy balance was
-        # open.
+        """The method at work on a compiled system, which has no contact and no latch."""
+        # The work of the contact force at the end of a step is not the change of a contact energy:
+        # a film that falls on a floor came back to three times its true height, and the energy
+        # balance was open.
         check(
             not system.active_sets,
             "GeneralizedAlpha: the scene has contact, "
             "in which this method neither conserves energy nor reports what it loses; "
             "use Midpoint, or leave the contact out.",
         )
-        # Two bars lost 0.24996 instead of 0.25 J, and angular momentum by 5e-4 of it.
+        # Two bars that latch lost 0.24996 J instead of 0.25 J, and 5e-4 of their angular momentum.
         check(
             system.constraints is None or not system.constraints.can_switch,
             "GeneralizedAlpha: the scene has a latch, "

@@ -18,8 +18,8 @@ class History:
     history variables of system, terms, stepper and step control.
 
     A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors`, `cells`,
-    which have values (n,) in this rank's own cells, and `get_history()`.  They are by name, not
-    copies.
+    which have values (n,) in this rank's own cells, and `get_history()`.  Each is a dictionary by
+    name; vectors and cells are those of the run, not copies.
     """
 
     def __init__(self, system: System, carriers: Iterable[Carrier]) -> None:
@@ -64,9 +64,12 @@ class History:
                     self._variables[f"part {k} {what}"] = field
 
     def get_history(self) -> dict[str, Any]:
+        """The history variables of each object that has some, by the object's name."""
         return {name: variables.get_history() for name, variables in self._variables.items()}
 
     def set_history(self, state: dict[str, Any]) -> None:
+        """Restore what `get_history` returned, once `vectors` and `cells` are restored.
+        Collective."""
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():

@@ -84,6 +84,7 @@ class MidpointSolver:
         self.vectors: dict[str, PETSc.Vec] = {}
 
     def get_history(self) -> dict[str, Any]:
+        # The names are part of the format of checkpoint files.
         return {
             "care": self._delay_level,
             "easy": self._successes,
@@ -96,10 +97,13 @@ class MidpointSolver:
         self._steps_without_delay = state["useless"]
 
     def step(self, h: float) -> int:
-        """An iteration that fails is repeated with more tangents at its start without geometric
+        """Make a step of length h [s], and return its Newton iterations.
+
+        An iteration that fails is repeated with more tangents at its start without geometric
         stiffness, the part proportional to the stress, before the step is given up; after recent
         failures of all of them only the present number is tried.  An inadmissible solution is not
-        retried: the same one would be found."""
+        retried: the same one would be found.  Collective.
+        """
         while True:
             self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAYS[self._delay_level]
             try:

@@ -140,8 +140,8 @@ class ControlledSteps:
             self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
-        """A step is rejected, for a shorter one, if Newton's iteration fails or the local error is
-        above its tolerance."""
+        """Make a step of h [s], or a shorter one where Newton's iteration fails or the local error
+        is above its tolerance, and choose the `wanted` length of the next one.  Collective."""
         self._begin_step()
         growth = self._control.max_factor
         while True:
@@ -199,6 +199,7 @@ class ControlledSteps:
         return max(factor, self._control.min_factor)
 
     def get_history(self) -> dict[str, Any]:
+        """The wanted length of the next step [s], and the last one [s], zero without estimates."""
         length_before = 0.0
         if self._local_error:
             length_before = self._local_error.length_before
@@ -246,6 +247,7 @@ class LocalError:
         return float(along_x.dot(self._scratch))
 
     def begin_step(self) -> None:
+        """Take the velocities at the start of the step."""
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
@@ -271,5 +273,6 @@ class LocalError:
         return h**3 / 6 / (h + self.length_before) * rms
 
     def commit(self) -> None:
+        """Take the step that was measured last as the one before the next."""
         self._mean_acceleration.copy(self.acceleration)
         self.length_before = self._length

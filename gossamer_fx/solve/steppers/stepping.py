@@ -1,10 +1,9 @@
-"""How a run makes its steps: the contracts of steppers and step controls, and steps of equal
-length.
+"""How a run makes its steps: the contracts of steppers and step controls, steps of equal length,
+and the jump of velocities between two steps where a constraint begins to hold.
 
-Plastic impacts: velocities jump where a constraint begins to hold.
-
-The velocities v⁺ behind the impact are those nearest to v⁻, in the metric of the mass, that keep
-all constraints e = 0:
+Plastic impacts (`switch_constraints`).  A latch that engages stops the motion against it at once.
+The velocities v⁺ behind the impact are those nearest to the velocities v⁻ before it, in the metric
+of the mass, that keep all constraints e = 0:
 
     M (v⁺ - v⁻) + Deᵀ Λ = 0,    De v⁺ = 0
 
@@ -32,7 +31,6 @@ ROUND_OFF = 1e-10
 
 # A last step may exceed the wanted length by this fraction instead of being divided into two.
 ALLOWED_EXCESS = 1e-6
-
 
 # Smaller steps [s] make 1/h² in the equations overflow.
 SMALLEST_STEP = 1e-100
@@ -145,6 +143,7 @@ class EqualSteps:
         self.substeps = 0
 
     def advance(self, h: float) -> None:
+        """Advance the run by h [s], in one step or in its halves.  Collective."""
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:
@@ -189,7 +188,8 @@ def step_failure(system: System, h: float, reason: object) -> StepFailure:
 
 
 def switch_constraints(system: System) -> bool:
-    """Engage and release the constraints of which that is wanted; whether velocities have changed.
+    """Engage and release the constraints, such as latches, whose time has come; returns whether one
+    has engaged, so that velocities have changed.  The loss of each is added to `System.losses`.
 
     `InputError`: a latch would hold what is held already, or something that moves has no mass.
     Collective.
@@ -204,8 +204,9 @@ def switch_constraints(system: System) -> bool:
 
 
 def _project_velocities(system: System, name: str) -> float:
-    """Project the velocities onto the constraints; returns this rank's share of the loss [J].
-    Collective."""
+    """Replace the velocities v⁻ of the system by v⁺, see the module, when the constraint of this
+    name engages; returns this rank's share of the loss [J].  The work of moving supports is added
+    to `System.supplied_energy`.  Collective."""
     constraints = system.constraints
     assert constraints is not None
     multipliers = constraints.owned

@@ -56,6 +56,7 @@ class StressInMiddle(StressRule):
     takes_mid_strain = True
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
+        # By `takes_mid_strain`, e1 is the strain in the middle of the step.
         return gradient(energy.density, e1)
 
     def function_of(self, law: CLaw) -> int:
@@ -103,6 +104,7 @@ class VariationalMidpoint:
         return StressInMiddle()
 
     def start(self, system: System) -> MidpointSolver:
+        """The rule at work on a compiled system, which has no contact and no gas."""
         # Both have forces of a separate rule, which conserves energy: the steps would have no
         # discrete Lagrangian.
         check(

@@ -1,9 +1,7 @@
-"""A compiled scene: its unknowns, residual and tangent.
+"""A compiled scene: its unknowns, residual and tangent, and the increment of a step.
 
-The system knows the contract of terms (`terms.assembly`), but no kind of term by name.
-
-The increment of a step, kept apart from the coordinates so that their round-off does not enter
-the inertia.
+`System` knows the contract of terms (`terms.assembly`), but no kind of term by name.  `Increment`
+is kept apart from the coordinates, so that their round-off does not enter the inertia.
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ class Increment:
         self._c = 0.0
 
     def set_inertia(self, c: float, offset: PETSc.Vec | None) -> None:
-        """Choose c [1/s²] and o [m] (none: zero)."""
+        """Choose c [1/s²] and o [m], None for zero, of the inertia c M (w + o)."""
         self._c = c
         self._offset = offset
 
@@ -173,6 +171,13 @@ class System:
         state: the accepted state.
         end: coordinates at the end of the step, as iterated; its velocities are those of the start.
         coordinates: of bodies on meshes, as functions for forms.
+        numbering: global indices of all unknowns, which makes vectors and matrices.
+        supports: fixed and prescribed coordinates.
+        increment: p, w and the inertia of the step.
+        M, A, K: mass matrix [kg], tangent [N/m], and constant stiffness [N/m], None if no term has
+            one; made by `initialise`.
+        coupled_tangent: A with the couplings of active sets.
+        c: factor [1/s²] of the inertia, from the last `set_inertia`.
         q0, v0: coordinates and velocities of the accepted state.
         q1: coordinates at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -245,6 +250,7 @@ class System:
         self.losses = {name: 0.0 for compiled in self.compiled for name in compiled.losses}
 
     def _mark_positions(self) -> Array:
+        """`position_marks` of this rank."""
         marks = []
         for body in self.bodies:
             of_node = np.zeros(body.block.size // 3)
@@ -444,14 +450,16 @@ class System:
 
     def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
         """Start a step of length h [s] with recorded active sets of this rank, one for each kind of
-        contact, instead of a search.  Collective."""
+        contact, instead of a search.  Returns the first guess of the scalar unknowns.  Collective.
+        """
         self.h = h
         for compiled, saved in zip(self.active_sets, active_sets, strict=True):
             compiled.load_active_set(saved)
         return self.begin_without_search(h)
 
     def begin_without_search(self, h: float) -> Array:
-        """Start a step of length h [s] with the present active sets."""
+        """Start a step of length h [s] with the present active sets.  Returns the first guess of
+        the scalar unknowns.  Collective."""
         self.h = h
         t = self.time + self.rule.alpha * h
         for compiled in self.compiled:
@@ -460,7 +468,8 @@ class System:
         return np.concatenate([np.zeros(0), *guesses])
 
     def extend_active_set(self) -> bool:
-        """Add contact pairs that a solved step needs and that its active sets lack.  Collective."""
+        """Add contact pairs that a solved step needs and that its active sets lack; returns whether
+        any rank has added some.  Collective."""
         if not self.active_sets:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
@@ -468,22 +477,27 @@ class System:
         return self.comm.allreduce(any(missed))
 
     def inadmissible(self) -> str:
+        """Why the solution of the step cannot be accepted, in words; empty if it can.
+        Collective."""
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
         found += [compiled.inadmissible() for compiled in self.compiled]
         # All checks are made before the first message is chosen: they are collective.
         return next(filter(None, found), "")
 
     def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) [m] of this rank's unknowns, in place, where contact
+        requires it.  Collective."""
         for active_set in self.active_sets:
             active_set.limit_update(update)
 
     def set_inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
-        """Choose c [1/s²] and o [m] (none: zero) of the inertia c M (w + o)."""
+        """Choose c [1/s²] and o [m], None for zero, of the inertia c M (w + o)."""
         self.c = c
         self.increment.set_inertia(c, offset)
 
     def predict(self, increment: PETSc.Vec) -> Array:
-        """Choose p, from which w counts; returns the w of the fixed coordinates."""
+        """Choose p [m], from which w counts, by the stepper's increment [m] of the coordinates;
+        returns w of this rank's fixed coordinates, in the order of `supports.held`.  Collective."""
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
@@ -499,14 +513,16 @@ class System:
             compiled.update(base is not None)
 
     def set_end(self, q: PETSc.Vec) -> None:
-        """Set q1 = q, with its true strains."""
+        """Set q1 = q [m], with its true strains.  Collective."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
         for compiled in self.compiled:
             compiled.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
-        """Evaluate the residual of the step at the present iterate.  Collective."""
+        """Set r to the residual [N] of the coordinates at the present iterate, and return that of
+        the scalar unknowns y (m,).  The rows of fixed coordinates go to `supports`, as reactions.
+        Collective."""
         # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
@@ -569,7 +585,8 @@ class System:
         return out
 
     def gyroscopic(self, spin: tuple[float, float, float]) -> PETSc.Mat:
-        """The matrix [kg/s] of the Coriolis force in a frame that turns with `spin` [rad/s]."""
+        """A new matrix [kg/s] of the Coriolis force in a frame that turns with `spin` [rad/s].
+        Collective."""
         G = self.A.duplicate()
         # The Coriolis force couples components that the tangent may not couple.
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
@@ -579,6 +596,8 @@ class System:
         return G
 
     def tangent(self) -> PETSc.Mat:
+        """The sum of `assemble_tangent` as one matrix [N/m]: A itself, which the next assembly
+        overwrites, or a new matrix if pairs of contact are active.  Collective."""
         return self.assemble_tangent().whole()
 
     def assemble_tangent(self) -> Tangent:
@@ -609,8 +628,9 @@ class System:
         return self.coupled_tangent
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Coupling of all m scalar unknowns, such as gas pressures, with the coordinates in the
-        tangent."""
+        """Coupling of all m scalar unknowns y, such as gas pressures, with the coordinates in the
+        tangent: this rank's parts (n,) of the m columns ∂r/∂y and of the m rows ∂s/∂q1, None where
+        zero, with zeros at fixed coordinates; and ∂s/∂y (m, m), of residuals r and s."""
         columns: list[Array | None] = []
         rows: list[Array | None] = []
         count = sum(scalars.size for scalars in self.scalar_unknowns)
@@ -664,12 +684,12 @@ class System:
         self._commit()
 
     def _take_time(self) -> None:
-        """Terms that depend on time take that of the accepted state."""
+        """Give the time of the accepted state to terms that depend on it."""
         for compiled in self.compiled:
             compiled.take_time(self.time)
 
     def _commit(self) -> None:
-        """q1 and its strains are the start of the next step."""
+        """Make q1 and its strains the start of the next step."""
         for at in self.coordinates.values():
             at.q0.x.array[:] = at.q1.x.array
         for compiled in self.compiled:
@@ -771,6 +791,8 @@ class System:
     # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
+        """Compiled bilinear forms that add up to the tangent of a body on a mesh, of all terms and
+        scalar unknowns."""
         forms = [form for compiled in self.compiled for form in compiled.tangent_forms(body)]
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 
@@ -785,7 +807,8 @@ class System:
             scalars.add_tangents(A)
 
     def _spread(self, z: PETSc.Vec, name: str) -> None:
-        """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
+        """Copy a vector to the function `name`, "q1" or "δ", of the coordinates of each body on a
+        mesh, ghosts included."""
         values = z.array_r
         for body, at in self.coordinates.items():
             at.take(getattr(at, name), values[self._block_of[body].owned])

@@ -27,6 +27,7 @@ class Tangent:
         collect garbage together."""
         for C in self._couplings:
             C.destroy()
+        # Without a diagonal: strong and weak ones.
         self._couplings = [C for pairs in self._active_sets for C in pairs.coupling_matrices(None)]
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:

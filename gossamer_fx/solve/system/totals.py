@@ -1,4 +1,4 @@
-"""What the ledger sees of a state."""
+"""Energies, momenta and gas masses of a state, for the ledger."""
 
 from __future__ import annotations
 
@@ -26,22 +26,25 @@ class Totals:
 
     @property
     def energy(self) -> float:
+        """Kinetic and stored energy [J]."""
         return self.kinetic + sum(self.stored.values())
 
     @property
     def dissipated(self) -> float:
+        """Sum of all losses since the start [J]."""
         return sum(self.losses.values(), 0.0)
 
     @property
     def size(self) -> float:
-        """What an error of the energy is compared with: energies and flows without their signs."""
+        """What an error of the energy is compared with [J]: energies, or flows if these are larger,
+        without their signs."""
         # Signs do not cancel: an error of 1 J in 100 J in and 99 J out is one percent.
         flows = abs(self.supplied) + abs(self.dissipated)
         return max(self.kinetic + sum(map(abs, self.stored.values())), flows)
 
 
 def relative_drift(now: Array, first: Array, scale: float = 0.0) -> float:
-    """Largest change of a vector over its size (or a given scale)."""
-    # A vector that starts at zero needs a given scale.
+    """Largest change of a component of a vector from `first` to `now`, over the largest component
+    of `first` or a larger scale, which a vector that starts at zero needs; zero if both are."""
     size = max(float(np.abs(first).max()), scale)
     return float(np.abs(now - first).max()) / size if size else 0.0
