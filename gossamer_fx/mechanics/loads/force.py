@@ -19,12 +19,13 @@ from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
 from gossamer_fx.mechanics.terms.loads import Couple, PointForce, PointLoad
 
+# A force [N] or torque [N m] as a function of time [s].
 History = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
 class ConstantForce:
-    """Forces (3k,) that never change."""
+    """Forces (3k,) [N] that never change, a vector that is one number of the load."""
 
     value: Array
     depends_on_position_only = True
