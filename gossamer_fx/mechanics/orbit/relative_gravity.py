@@ -4,8 +4,8 @@ Problem.  Positions x in the frame are metres, those of its origin R are 7e6 m: 
 both attractions would lose seven digits.
 
 Method.  A mass m at X = R + x has over a step from X0 to X1 the exact average of 1/r gravity, with
-σ of `orbit.flight`, and the frame the same at R.  The difference is the force in the
-frame,
+σ of `orbit.flight`; the origin has the same average from R0 to R1.  The difference is the force in
+the frame,
 
     f/m = -σ(X0, X1) X_mid + σ(R0, R1) R_mid = -σ(R0, R1) [x_mid - γ/(1+γ) X_mid]                (1)
 
@@ -182,7 +182,7 @@ def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
 
 
 def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
-    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, see the module.
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, (2) of the module.
 
     r0 and r1 are |R0| and |R1| [m], d0 and d1 |X0| - |R0| and |X1| - |R1| [m] as `growth` returns
     them; numbers, arrays or UFL scalars.
@@ -327,7 +327,8 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         return W
 
     def _is_position(self) -> Array:
-        """Array of 1 for each owned position and 0 for each director."""
+        """1 for each owned position and 0 for each owned director, in the order of the unknowns,
+        three of which are one of them."""
         each = [
             np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local)
             for b in self._system.bodies

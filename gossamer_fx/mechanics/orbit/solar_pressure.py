@@ -222,7 +222,7 @@ class _LightOnFaces(FacesForce):
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
-    """Area vectors and centres (n, 3)."""
+    """Area vectors [m²] and centres [m] of n surfaces in body axes, (n, 3) each."""
     # Normals are given with any length.
     areas = [s.area * np.asarray(s.normal, dtype=float) / math.hypot(*s.normal) for s in surfaces]
     return np.array(areas), np.array([s.centre for s in surfaces], dtype=float)
