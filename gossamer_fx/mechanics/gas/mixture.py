@@ -213,7 +213,8 @@ class Contents:
 
     def pressures(self, U: Array, m: Array, V: Array, T: Array) -> Array:
         """Pressure [Pa] of each chamber from its energy [J], masses [kg] and volume [m³]; T (n,)
-        [K] is a guess of the temperature."""
+        [K] is a guess of the temperature, which is solved for to round-off, in at most 50
+        iterations, unless the specific heats are constant."""
         if self._gamma_1 is not None:
             return self._gamma_1 * U / V
         for _ in range(MAX_ITERATIONS):

@@ -327,12 +327,13 @@ class MovingArea(Protocol):
         ...
 
     def aperture_gradient(self, h: float) -> Array:
-        """Its derivative [m] by positions at the start of the step, for `add_own`; that by v0 is ½
-        h times as large.  Collective."""
+        """Derivative [m] of the area of `aperture` by positions at the start of the step, for
+        `add_own`; that by v0 is ½ h times as large.  Collective."""
         ...
 
     def add_own(self, values: Array, start: int, gradient: Array, /) -> None:
-        """Add such a derivative to this rank's part of a system vector that begins at `start`."""
+        """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`,
+        whose first entry is unknown number `start` of this rank's part of a system vector."""
         ...
 
 
