@@ -386,8 +386,9 @@ class GasAdjoint:
             }
             change[one] = 1.0
             R_change = sum(rate * other.R for other, rate in change.items())
-            relative = np.array([change.get(held, 0.0) for held in state.species]) * state.mass
-            derivative = by_masses @ (relative - state.masses * R_change / gas.R)
+            fraction_changes = np.array([change.get(held, 0.0) for held in state.species])
+            mass_changes = fraction_changes * state.mass - state.masses * R_change / gas.R
+            derivative = by_masses @ mass_changes
             self._add(state.chamber, FRACTION + one.name, derivative)
 
 

@@ -254,8 +254,8 @@ class Wall(Protocol):
         ...
 
     def compile(self, geometry: Geometry) -> WallState:
-        """Its temperature and conductance, heat transfer coefficient times area, in a running
-        scene.  Collective, as is the function that it returns."""
+        """Temperature and conductance (heat transfer coefficient times area) of the wall in a
+        running scene, as a function of the step.  Collective, as is that function."""
         ...
 
 

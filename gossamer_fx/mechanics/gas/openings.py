@@ -1,5 +1,5 @@
 """Openings through which gas flows between two volumes: orifices, valves and burst vents, pipes and
-films that leak; and what heats or cools a chamber, walls and what is outside of its film.
+films that leak; and the heat that a chamber exchanges with walls and through its film.
 
 The flow through an opening depends on pressure, temperature and gas at both ends (`flow`), and has
 its effective area, which may change in time or with a film (`aperture`), as a factor.

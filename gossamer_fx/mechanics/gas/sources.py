@@ -272,7 +272,7 @@ class Sublimation:
 
     @cached_property
     def a(self) -> Ambient:
-        """The saturated vapour."""
+        """The saturated vapour at the powder, the end from which gas comes."""
         return Ambient(self.pressure, self.temperature, gas=self.gas, name=self.name)
 
     def requires(self) -> Iterable[Any]:

@@ -39,8 +39,7 @@ class AdiabaticBalance(Balance):
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         super().begin(h, t, p, m, U, V)
         self._V0 = V
-
-        # γ - 1
+        # γ - 1 at the start
         self._exponent = 1 / self.contents.heat_factors(self.temperatures, m)
 
     def work(self, y: Array, V: Array, W: Array) -> Array:

@@ -114,8 +114,8 @@ class FilmSurface:
         self._start: Array = self._coordinates.q0.x.array
         self._end: Array = self._coordinates.q1.x.array
 
-        # w is a test function, or another vector field, on the film.
         def flux(x: Any, w: Any) -> Any:
+            """The integrand n·w of (1) at positions x, for a vector field w on the film."""
             return ufl.dot(area_vector(film.deformation(x)), w)
 
         self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
