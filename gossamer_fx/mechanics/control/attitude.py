@@ -51,8 +51,9 @@ def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
 
     vectorsᵀ weights are, in least squares, the images (3, b) of the axes under the map from the
     reference to other vectors (k, 3); the weights have the inverse unit of the reference.  If the
-    reference spans space, the axes are those of space, b = 3, and the normal is None.  Else the
-    axes lie in its plane, b = 2, and the normal is that of the plane, right-handed with them.
+    reference spans space (all eigenvalues of its moments above 1e-9 of the largest), the axes are
+    those of space, b = 3, and the normal is None.  Else the axes lie in its plane, b = 2, and the
+    normal is that of the plane, right-handed with them.
     """
     moments = reference.T @ reference
     decomposition = np.linalg.eigh(moments)
@@ -330,6 +331,7 @@ class _ContinuousTorque(_ControlTorque):
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:
+        """Forces (3k,) on the vectors X (3k,) in the middle of the step, of the torque there."""
         control = self._control
         torques, _ = self._torques(X)
         self.torque = control.in_space(control.angles_of(X, self._reference), torques)
@@ -366,6 +368,8 @@ class _ContinuousTorque(_ControlTorque):
         return control.law(middle, rates), rates
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, 3) of the forces by the gains `key`, "stiffness" or "damping", at the
+        vectors X (3k,) in the middle of the step."""
         control = self._control
         angles = control.angles_of(X, self._reference)
         by_gain = wrapped(control.target - angles)

@@ -134,6 +134,8 @@ class _WheelTorque(_Actuation, Couple):
         self._lag = lag
 
     def force(self, X: Array) -> Array:
+        """Forces on the stacked vectors: zeros on the axis, then those of the torque (1) on the
+        vectors of the frame."""
         self._set_torque(X[:3])
         return np.concatenate([np.zeros(3), super().force(X[3:])])
 

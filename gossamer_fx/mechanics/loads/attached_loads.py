@@ -139,10 +139,13 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         return ""
 
     def supplied(self) -> float:
+        """Work [J] of the forces in the step, this rank's share.  Collective."""
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
         return sum(float(np.sum(F * (X1 - X0))) for (_, F), X0, X1 in ends)
 
     def resultants(self) -> dict[str, Array]:
+        """Force [N] and moment [N m] about the origin, (2, 3), by the name of the load, this rank's
+        share.  Collective."""
         found: dict[str, Array] = {}
         for (term, points), (X, F) in zip(self._loads, self._forces(), strict=True):
             f = F.reshape(*points.shape, 3)

@@ -281,6 +281,7 @@ class Drags(Loads):
         return float(sum(fem.assemble_scalar(form) for form in self._given))
 
     def dissipated(self) -> Array:
+        """Loss [J] of each drag in the step, this rank's share."""
         return np.array([fem.assemble_scalar(form) for form in self._lost])
 
 

@@ -194,6 +194,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
 
     def commit(self) -> None:
+        """Evaluate C in the accepted state, the start of the next step."""
         for evaluate in self._evaluations:
             evaluate()
 

@@ -46,6 +46,7 @@ class ConstantForce:
         return ConstantForce(value)
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, 3k) of the forces by themselves."""
         return np.eye(X.size)
 
 
@@ -85,6 +86,7 @@ class ForceInTime:
         return changed
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivative (3, 1) [N] of the force by `factor`, the only number."""
         return self._now[:, None]
 
 

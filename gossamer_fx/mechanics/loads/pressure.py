@@ -223,8 +223,8 @@ class StandardAtmosphere:
         def pressure(z: Expr) -> Expr:
             altitude = z + start
             found = ufl.as_ufl(0.0)
-            # From the highest layer down; each is asked for its own altitudes only, as others
-            # may have no temperature in its formula.
+            # From the highest layer down.  Altitudes are limited to those of each layer: outside,
+            # its linear temperature may be negative, of which there is no logarithm.
             for layer in reversed(LAYERS):
                 within = ufl.max_value(layer.bottom, ufl.min_value(layer.top, altitude))
                 here = _pressure(layer, within, ufl.exp, ufl.ln)

@@ -222,6 +222,7 @@ class RelaxingForces(ViscousForces):
         (size,) = term.measure(at.q1).ufl_shape
         space = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (size,)))
         topology = mesh.topology
+        # Quadrature points of each owned cell, and z_k of `history` as functions for the forms.
         self._rows = cell_nodes(space)[: topology.index_map(topology.dim).size_local]
         self._z = [fem.Function(space) for _ in term.times]
         # E of each branch in the present step.

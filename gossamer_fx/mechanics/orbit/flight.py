@@ -251,7 +251,7 @@ class Flight(HistoryVariables):
         origin = self.origin
         h = system.h
         self.time = system.time + h / 2
-        self.pushed = self._return(h)
+        self.pushed = self._acceleration_to_bodies(h)
         # Origin at the start of the step (3,) [m], from the attracting centre.
         R0 = origin.R0
         self.R = R0 + h / 2 * origin.V0
@@ -270,7 +270,7 @@ class Flight(HistoryVariables):
             self.gradient = around.gradient(self.R, self.time)
         self._prepared_step = (system.time, h)
 
-    def _return(self, h: float) -> Array:
+    def _acceleration_to_bodies(self, h: float) -> Array:
         """Acceleration (3,) [m/s²] that returns the origin to the centre of mass, critically
         damped, in a step of length h [s]; zeros before the bodies of the scene are known.
         Collective.

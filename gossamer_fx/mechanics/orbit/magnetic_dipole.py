@@ -85,6 +85,7 @@ class _DipoleTorque:
 
     def __init__(self, dipole: MagneticDipole) -> None:
         self._dipole = dipole
+        # Field [T] and moment [A m²] of the step; `prepare` sets them.
         self._B: Array = np.zeros(3)
         self._m: Array = np.zeros(3)
 

@@ -136,7 +136,7 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     mass matrix (k, k): masses [kg] of positions, first [kg m] and second moments [kg m²] of
     directors.
 
-    If the whole mass moves with the centre, there is one point.  Otherwise there is a pair of
+    If all mass moves with the centre (to 1e-13), there is one point.  Otherwise there is a pair of
     points on each principal axis, at equal distances to both sides of the centre.  Mass, centre and
     second moments are exact; third moments are zero.  `translation_weight` (k,) is 1 for positions
     and 0 for directors.
@@ -305,11 +305,14 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         points = [t for t in system.terms if isinstance(t, AttachedKineticEnergy)]
         self._meshes = [MeshGravity(t, system.coordinates[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
+        # Number of the owned coordinates of bodies; multipliers follow them in vectors.
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
         ones = np.array([self._weights.array_r[: self._size : 3] @ self._is_position()])
         self.mass = float(system.comm.allreduce(ones)[0])
         self.flight.moments = self.moments
+        # Of the last step: derivative [1/s²] of the force per mass by the position at the end, and
+        # this rank's share of force [N] and moment [N m] of gravity.
         self._tangent: Array = np.zeros((3, 3))
         self._resultant: Array = np.zeros((2, 3))
 
@@ -405,6 +408,7 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         return [mesh.tangent for mesh in self._meshes if mesh.body is body]
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of gravity on mass points from the tangent."""
         if self._points:
             self._points.add_matrices(-self._points.mass[:, None, None] * self._tangent, A)
 

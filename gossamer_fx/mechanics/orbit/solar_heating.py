@@ -157,12 +157,12 @@ class ThermalProperties:
 
     @property
     def absorptivities(self) -> tuple[float, float]:
-        """Those of front and back."""
+        """Absorptivities of front and back."""
         return _of_faces(self.absorptivity)
 
     @property
     def emissivities(self) -> tuple[float, float]:
-        """Those of front and back."""
+        """Emissivities of front and back."""
         return _of_faces(self.emissivity)
 
 
@@ -284,6 +284,7 @@ class FilmTemperatures:
         self._shades: ShadowMap | None = None
         if heating.shadow_pixels:
             self._shades = ShadowMap(film, heating.shadow_pixels)
+        # None for a film without thermal expansion.
         self._strain = thermal_strain_of(system, film)
         self.T: Array = self._initial()
         # Heat [J] since the start, and stored at the start, this rank's shares.
@@ -361,6 +362,7 @@ class FilmTemperatures:
         self._expand(T)
 
     def commit(self) -> None:
+        """Accept the step that `begin_step` has computed; nothing if there is none."""
         if self._pending is None:
             return
         T, absorbed, emitted = self._pending
@@ -518,6 +520,7 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
             one.take_time()
 
     def get_history(self) -> dict[str, Any]:
+        """Absorbed, emitted and first stored heat [J] of each film.  Collective."""
         return {"heats": [one.sums().tolist() for one in self._films]}
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -529,6 +532,8 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
         return {f"temperature {k}": (one.film, one.T) for k, one in enumerate(self._films)}
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Numbers and temperatures [K] of this rank's triangles of a heated film, for the field
+        "temperature"; None for other fields and bodies."""
         if field != "temperature":
             return None
         for one in self._films:

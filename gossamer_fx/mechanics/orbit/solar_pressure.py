@@ -218,6 +218,7 @@ class _LightOnFaces(FacesForce):
         self._u, self._P = flight.light()
 
     def on_faces(self, areas: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] of light on n faces, whatever their velocities are."""
         return self._P * light_force(areas, self._u, self._front, self._back, Rows)
 
 
