@@ -1,5 +1,11 @@
-"""Attitude control of rigid and flexible bodies by proportional-derivative torques; rotations of
-flexible bodies by polar decomposition of a position gradient, and Euler angles.
+"""Attitude control: proportional-derivative torques about the Euler angles of a frame on a rigid
+body, a beam's section or a patch of a film.
+
+Idea.  A piece of a flexible body has no rotation matrix.  The position gradient F of its frame maps
+the vectors of the frame at the start to the present ones; R of the polar decomposition F = R U is
+its rotation, of which the Euler angles are taken.  Equation (1) of `AttitudeControl` gives a torque
+about the axis of each angle.  `_SampledTorque` holds it for a period, `_ContinuousTorque` lets it
+follow the motion within a step; both have derivatives, for gradients of runs.
 """
 
 from __future__ import annotations
@@ -41,11 +47,13 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
 
 
 def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
-    """Weights (k, b) by which k vectors give, in least squares, the images of b orthonormal axes of
-    the reference (k, 3), in its inverse unit.
+    """Weights (k, b), orthonormal axes (3, b) and a normal (3,) of the k reference vectors (k, 3).
 
-    Also the axes (3, b), all of space if the reference spans it, else of its plane, b = 2; and the
-    normal (3,) of that plane, right-handed with the axes, or None.
+    vectorsᵀ weights are, in least squares, the images (3, b) of the axes under the map from the
+    reference to other vectors (k, 3); the weights have the inverse unit of the reference.  If the
+    reference spans space (all eigenvalues of its moments above 1e-9 of the largest), the axes are
+    those of space, b = 3, and the normal is None.  Else the axes lie in its plane, b = 2, and the
+    normal is that of the plane, right-handed with them.
     """
     moments = reference.T @ reference
     decomposition = np.linalg.eigh(moments)
@@ -67,6 +75,7 @@ def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
     weights, in_plane, normal = _weights(reference)
     if normal is None:
         return _derivative_of_product(weights)
+    # The images of both axes in the plane; `of_images` and the like are derivatives (.., 3k).
     first = vectors.T @ weights[:, 0]
     second = vectors.T @ weights[:, 1]
     of_images = _derivative_of_product(weights)
@@ -90,10 +99,10 @@ def _derivative_of_product(weights: Array) -> Array:
 
 
 def rotation_derivative(F: Array, of_F: Array) -> Array:
-    """Rotations δω (3, m) [rad] of the rotation R in the polar decomposition F = V R of a position
-    gradient of positive determinant, for m changes δF (3, 3, m).
+    """Changes δω (3, m) [rad] of the rotation R = `rotation(F)` of a position gradient F of
+    positive determinant, for m changes δF (3, 3, m) of it, the argument `of_F`.
 
-    δF Rᵀ = δV + V [δω]×, of which the skew part is (tr V 1 - V) δω.
+    With F = V R, V symmetric, δF Rᵀ = δV + V [δω]×, of which the skew part is (tr V 1 - V) δω.
     """
     R = rotation(F)
     V = F @ R.T
@@ -141,7 +150,7 @@ SAMPLE_ROUND_OFF = 1e-9
 # Displacement of the vectors, over their length, in the difference that gives the rates of angles.
 RATE_DIFFERENCE = 1e-6
 
-# Smallest velocity [m/s] that is divided by, against division by zero.
+# Smallest rate of a vector, [m/s] or [1/s], that is divided by, against division by zero.
 TINY_VELOCITY = 1e-12
 
 # Largest error of an entry of AᵀA for a rotation matrix A of the user.
@@ -179,8 +188,8 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
 
 
 class _ControlTorque(Couple):
-    """The torque of an `AttitudeControl`, whose gains are its numbers; `reference` has the frame's
-    vectors (k, 3) at the start of the run."""
+    """The torque of an `AttitudeControl`, with the gains "stiffness" and "damping", (3,) each, as
+    numbers; `reference` has the frame's vectors (k, 3) at the start of the run."""
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
@@ -191,6 +200,7 @@ class _ControlTorque(Couple):
         return np.array(getattr(self._control, key))
 
     def with_number(self, key: str, value: Array) -> Self:
+        """Give the control itself another gain: the sampled torques are computed there."""
         setattr(self._control, key, np.array(value))
         return self
 
@@ -212,7 +222,7 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step, and compute a new torque (3,) [N m] if a sample is due."""
-        # The reversed step of a gradient has the torque of the step.
+        # The reversed step of a gradient has a negative lag, and the torque of the step.
         if lag < 0:
             return
         control = self._control
@@ -229,9 +239,10 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         self._by_torque = np.zeros(3)
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
-        """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.  A
-        backward pass calls it in every step: the step that took the sample gives all of it, the
-        others zero."""
+        """Derivative (3,) by the gains `key`, "stiffness" or "damping", of the work w·force of all
+        steps with one sampled torque; X and w (3k,) are vectors and displacements of this step.  A
+        backward pass calls it in every step, before `products_at_start`: the step that took the
+        sample gives all of it, the others zero."""
         if self._sampled is None:
             return np.zeros(3)
         control = self._control
@@ -245,14 +256,15 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
         """Derivatives of the work w·force of all steps with one sampled torque by the frame's
-        vectors and rates at the start of a step.  A backward pass calls it in each step: the sum
-        over the steps is kept here, and is reset in the step that took the sample."""
+        vectors and rates at the start of a step, (3k,) each: zero unless the step took the sample.
+        A backward pass calls it in each step, the last one first; `_by_torque` sums over the steps
+        up to the one that took the sample, and begins again there."""
         self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
         if self._sampled is None:
             return np.zeros(X.size), np.zeros(X.size)
         by_position, by_rate = self._torque_derivatives(*self._sampled)
         by_torque = self._by_torque
-        # Steps before have another torque.
+        # Earlier steps have another torque.
         self.start_adjoint()
         return by_position.T @ by_torque, by_rate.T @ by_torque
 
@@ -277,6 +289,9 @@ class _SampledTorque(_ControlTorque, HistoryVariables):
         return by_position, by_rate
 
     def get_history(self) -> dict[str, Any]:
+        """The time [s] at which the next sample is "due" (None before the first), and of the last
+        one the "torque" in space axes (3,) [N m] that is held, the control's "angles" (3,) [rad]
+        and its "torques" (3,) [N m] about the axes of these angles."""
         control = self._control
         return {
             "due": self._next_sample,
@@ -302,12 +317,13 @@ class _ContinuousTorque(_ControlTorque):
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__(control, reference)
+        # Length of the step [s] and vectors (3k,) at its start; any before the first step.
         self._h = 1.0
         self._X0: Array = reference.ravel()
         self._has_begun = False
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        # Length of the step [s], and vectors (3k,) at its start.
+        # Forces act a time `lag` after the start, in the middle of the step.
         self._h = 2 * lag
         self._X0 = X
         self._has_begun = True
@@ -315,6 +331,7 @@ class _ContinuousTorque(_ControlTorque):
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:
+        """Forces (3k,) on the vectors X (3k,) in the middle of the step, of the torque there."""
         control = self._control
         torques, _ = self._torques(X)
         self.torque = control.in_space(control.angles_of(X, self._reference), torques)
@@ -342,7 +359,7 @@ class _ContinuousTorque(_ControlTorque):
 
     def _torques(self, X: Array) -> tuple[Array, Array]:
         """Torques (3,) [N m] about the axes of the angles, and the rates (3,) [rad/s] of the
-        angles."""
+        angles, for vectors X (3k,) in the middle of the step."""
         control = self._control
         middle = control.angles_of(X, self._reference)
         before = control.angles_of(self._X0, self._reference)
@@ -351,6 +368,8 @@ class _ContinuousTorque(_ControlTorque):
         return control.law(middle, rates), rates
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, 3) of the forces by the gains `key`, "stiffness" or "damping", at the
+        vectors X (3k,) in the middle of the step."""
         control = self._control
         angles = control.angles_of(X, self._reference)
         by_gain = wrapped(control.target - angles)
@@ -492,7 +511,8 @@ class AttitudeControl:
         return euler_angles(self.axes.T @ R @ self.axes)
 
     def angles_by_vectors(self, X: Array, reference: Array) -> Array:
-        """Derivatives (3, 3k) of `angles_of` with respect to the stacked vectors X (3k,)."""
+        """Derivatives (3, 3k) of `angles_of` with respect to the stacked vectors X (3k,); they do
+        not exist at β = ±π/2."""
         vectors = X.reshape(-1, 3)
         F = position_gradient(vectors, reference)
         of_rotation = rotation_derivative(F, position_gradient_derivative(vectors, reference))
@@ -527,7 +547,7 @@ class AttitudeControl:
         """Derivatives (3, m) [N m] of `in_space`, at angles (θ, β, γ) [rad] and torques (3,) [N m]
         about their axes, for m changes of the angles (3, m) and of the torques (3, m)."""
         axes = euler_axes(angles) @ self.axes.T
-        # The axes of the first two angles turn with the angles behind them.
+        # R = R_w R_v R_u: the axis of θ turns with β and γ, that of β with γ, that of γ not at all.
         turn_of_second = np.outer(axes[2], of_angles[2])
         turn_of_first = turn_of_second + np.outer(axes[1], of_angles[1])
         change: Array = axes.T @ of_torques

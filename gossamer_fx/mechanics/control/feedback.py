@@ -33,7 +33,8 @@ SAMPLE_ROUND_OFF = 1e-9
 
 
 class _Actuation(HistoryVariables):
-    """The force of an actuator on attached vectors, from a command (n,) that is held."""
+    """The force of an actuator on attached vectors, from n commands that are held: of a torque
+    three [N m], of a thruster one [N], of a wheel one [N m]."""
 
     # It depends on earlier states by its command, so that it has no gradient.
     depends_on_position_only = False
@@ -85,6 +86,7 @@ class _Thrust(_Actuation):
         return np.concatenate([self.command * unit(X[3:]), np.zeros(3)])
 
     def tangent(self, X: Array) -> Array:
+        # A unit vector changes across itself.
         d = unit(X[3:])
         K = np.zeros((6, 6))
         K[:3, 3:] = self.command * (np.eye(3) - np.outer(d, d)) / np.linalg.norm(X[3:])
@@ -132,6 +134,8 @@ class _WheelTorque(_Actuation, Couple):
         self._lag = lag
 
     def force(self, X: Array) -> Array:
+        """Forces on the stacked vectors: zeros on the axis, then those of the torque (1) on the
+        vectors of the frame."""
         self._set_torque(X[:3])
         return np.concatenate([np.zeros(3), super().force(X[3:])])
 
@@ -143,9 +147,10 @@ class _WheelTorque(_Actuation, Couple):
         return K
 
     def _set_torque(self, axis: Array) -> float:
-        """Set the torque (1) for the axis (3,) in the middle; returns its derivative by the axis,
-        a multiple of the unit matrix."""
+        """Set the torque (1) for the axis (3,) in the middle of the step; returns the factor of its
+        derivative by the axis, a multiple of the unit matrix."""
         u = float(self.command[0])
+        # (l_0 - u h/2)/(h/2)
         gyroscopic = self._momentum0 / self._lag - u
         self.torque = u * axis - gyroscopic * (axis - self._axis0)
         return u - gyroscopic
@@ -163,6 +168,7 @@ class Actuators(PointLoads):
     """All actuators of a scene, with what their wheels add to momentum and energy."""
 
     def _actuations(self) -> Iterable[tuple[int, _Actuation]]:
+        """The laws of all terms, each with its number."""
         return enumerate(cast("list[_Actuation]", self._laws))
 
     def begin_search(self) -> None:
@@ -205,7 +211,8 @@ class Actuators(PointLoads):
         return np.array([np.zeros(3), self.wheel_momentum()])
 
     def wheel_momentum(self) -> Array:
-        """Sum (3,) of the angular momenta [kg m²/s] of the wheels, this rank's share."""
+        """Sum (3,) of the angular momenta [kg m²/s] of the wheels in the accepted state, this
+        rank's share."""
         total = np.zeros(3)
         vectors = self._vectors(self._system.q0)
         for k, actuation in self._actuations():
@@ -449,8 +456,8 @@ class Feedback:
         return h if h <= remaining * (1 + SAMPLE_ROUND_OFF) else remaining
 
     def _sample(self, run: Any, controller: _Controller) -> None:
-        """Call the law, and give its commands to the actuators, or those that have waited.
-        Collective."""
+        """Measure, call the law and give the actuators its commands, or with a delay those of an
+        earlier sample, zeros if there is none yet.  Collective."""
         t = run.time
         where = f"Feedback '{self.name}' at t = {t:.6g} s"
         values = []
@@ -460,6 +467,7 @@ class Feedback:
         size = sum(actuator.commands for actuator in self.actuators)
 
         def answer() -> Array:
+            """The commands of the law, and after them its next state."""
             if not len(controller.state):
                 return np.atleast_1d(self.law(t, np.array(values)))
             command, state = self.law(t, np.array(values), controller.state.copy())
@@ -506,4 +514,5 @@ class Feedback:
         return cast("Sequence[_ActuatorLoad]", loads)
 
     def _actuations(self, run: HasSystem) -> dict[str, _Actuation]:
+        """The laws of the actuators, by the names of the actuators."""
         return {load.name: cast("_Actuation", load.law) for load in self._loads(run)}

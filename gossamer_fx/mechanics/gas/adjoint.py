@@ -27,7 +27,7 @@ included.  W is odd in the ends of the step, so that ∂W/∂q0 is -∂W/∂q1 o
 Algorithm.  For each step, last first:
 
 1. `linearise` evaluates F in dual numbers where the step was solved.
-2. The caller solves (3), see `sensitivity.backward`.
+2. The caller solves (3), see `analysis.sensitivity.backward`.
 3. `take` sums up (4) and (7), and what (5) and (6) need.
 4. After the ends of the step have changed places `carry` adds (5) and (6).
 
@@ -117,8 +117,10 @@ class GasAdjoint:
         self.units = self._find_parameters()
         self.sums: dict[Key, float] = {}
         self.start()
-        # Derivatives of the last step, by the name of the quantity
-        self._by: dict[str, Array] = {}
+        # Derivatives of the scaled F of the last step, by the name of the quantity
+        self._of_balance: dict[str, Array] = {}
+        # Of the last step, for `carry`: ν·∂F/∂V0 and ν·∂F/∂W (n,); areas that move with films, with
+        # their gradients by q0 and the derivative of the result by each, its sign that of (5)
         self._to_volumes: Array = np.zeros(self._n)
         self._to_swept: Array = np.zeros(self._n)
         self._to_areas: list[tuple[MovingArea, Array, float]] = []
@@ -164,7 +166,7 @@ class GasAdjoint:
 
     def value(self, item: Any, name: str) -> float:
         """Return the present value of a parameter of an item, by its name (`names_of`), in SI
-        units; 1 for the factor of a valve's area."""
+        units; 1 for the factor of a valve's area.  `KeyError`: the item has no such parameter."""
         if (id(item), name) not in self.units:
             raise KeyError(name)
         if name == AREA_FACTOR:
@@ -210,7 +212,7 @@ class GasAdjoint:
         x = {name: numbers[columns[name]] for name in columns}
         F = self._balance(x, h)
         scaled = jacobian(F, len(values)) / network.scale[:, None]
-        self._by = {name: scaled[:, columns[name]] for name in columns}
+        self._of_balance = {name: scaled[:, columns[name]] for name in columns}
         self._h = h
 
     def _balance(self, x: dict[str, Array], h: float) -> Array:
@@ -251,7 +253,7 @@ class GasAdjoint:
         and W [m³] volumes at its end and those swept; `linearise` has computed the derivatives by
         them.
         """
-        by_start = np.concatenate([-ν @ self._by["p0"], -ν @ self._by["m0"]])
+        by_start = np.concatenate([-ν @ self._of_balance["p0"], -ν @ self._of_balance["m0"]])
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
                 continue
@@ -261,10 +263,10 @@ class GasAdjoint:
             if state.chamber.outside is not None:
                 # The pressure outside acts on the film, too, against that of the gas.
                 self._add(state.chamber.outside, "pressure", -work)
-        self._to_volumes = ν @ self._by["V0"]
-        self._to_swept = ν @ self._by["W"]
+        self._to_volumes = ν @ self._of_balance["V0"]
+        self._to_swept = ν @ self._of_balance["W"]
         # A rigid volume is part of the volume at the start and at the end.
-        by_rigid = -self._to_volumes - ν @ self._by["V"]
+        by_rigid = -self._to_volumes - ν @ self._of_balance["V"]
         for k, state in enumerate(self._network.chambers):
             self._add(state.chamber, _volume_name(state.chamber), by_rigid[k])
         self._take_openings(ν)
@@ -273,9 +275,9 @@ class GasAdjoint:
 
     def _take_openings(self, ν: Array) -> None:
         """Add derivatives by areas [m²] and discharge coefficients of openings to their sums, with
-        the adjoint ν (n + s,) of the scaled balance.  That by the area of a ring is kept, since
-        `carry` takes it to the film later."""
-        by_area = -ν @ self._by["area"]
+        the adjoint ν (n + s,) of the scaled balance.  Those by areas of rings and films are stored
+        for `carry`, which takes them to the films."""
+        by_area = -ν @ self._of_balance["area"]
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
             opening = passage.opening
@@ -299,9 +301,9 @@ class GasAdjoint:
     def _take_boundaries(self, ν: Array) -> None:
         """Add derivatives by conductances [W/K] or coefficients [W/(m² K)], temperatures [K] and
         pressures [Pa] of walls, reservoirs and surroundings to their sums, with the adjoint ν
-        (n + s,) of the balance.  That by the area of a film is kept for `carry`."""
-        by_conductance = -ν @ self._by["conductance"]
-        by_temperature = -ν @ self._by["wall temperature"]
+        (n + s,) of the scaled balance.  Those by areas of films are stored for `carry`."""
+        by_conductance = -ν @ self._of_balance["conductance"]
+        by_temperature = -ν @ self._of_balance["wall temperature"]
         for j, path in enumerate(self._walls):
             wall = path.wall
             name, _ = _coefficient_of(wall)
@@ -314,19 +316,21 @@ class GasAdjoint:
                 self._to_areas.append((moving, gradient, getattr(wall, name) * by_conductance[j]))
             self._add(wall, name, size * by_conductance[j])
             self._add(wall, "temperature", by_temperature[j])
-        by_pressure = -ν @ self._by["holder pressure"]
-        by_temperature = -ν @ self._by["holder temperature"]
+        by_pressure = -ν @ self._of_balance["holder pressure"]
+        by_temperature = -ν @ self._of_balance["holder temperature"]
         for j, holder in enumerate(self._holders):
             self._add(holder, "pressure", by_pressure[j])
             self._add(holder, "temperature", by_temperature[j])
 
     def _add(self, item: object, name: str, derivative: float) -> None:
+        """Add a derivative of the result to the sum of a parameter."""
         self.sums[id(item), name] += float(derivative)
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add what volumes and rings at the start of the step give to derivatives of the result.
-        Called after `take`, when the ends of the step have changed places, so that its start is the
-        end of the present one.  Collective."""
+        """Add (5) and (6), of volumes and areas at the start of the step that `take` had last, to
+        this rank's derivatives of the result by coordinates [m] and velocities [m/s].  The ends of
+        the system's step have changed places before: its end is the start meant here.  Collective.
+        """
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
@@ -340,7 +344,8 @@ class GasAdjoint:
             area.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
 
     def add_energy_derivative(self, share: float) -> None:
-        """Add a share of ∂U/∂V = p ∂U/∂(pV) of each rigid volume, at a given pressure."""
+        """Add the derivative of the internal energy U of the chambers in the present state, times a
+        weight `share`, by their rigid volumes V at given pressures: ∂U/∂V = p ∂U/∂(pV)."""
         for state in self._network.chambers:
             per_volume = state.pressure * state.heat_factor
             self._add(state.chamber, _volume_name(state.chamber), share * per_volume)
@@ -381,16 +386,19 @@ class GasAdjoint:
             }
             change[one] = 1.0
             R_change = sum(rate * other.R for other, rate in change.items())
-            relative = np.array([change.get(held, 0.0) for held in state.species]) * state.mass
-            derivative = by_masses @ (relative - state.masses * R_change / gas.R)
+            fraction_changes = np.array([change.get(held, 0.0) for held in state.species])
+            mass_changes = fraction_changes * state.mass - state.masses * R_change / gas.R
+            derivative = by_masses @ mass_changes
             self._add(state.chamber, FRACTION + one.name, derivative)
 
 
 def _constant(area: Number) -> Any:
+    """An `Aperture` of constant area [m²]."""
     return lambda h, t: area
 
 
 def _constant_wall(temperature: Number, conductance: Number) -> Any:
+    """A `WallState` of constant temperature [K] and conductance [W/K]."""
     return lambda h: (temperature, lambda T: conductance)
 
 
@@ -430,7 +438,7 @@ def _fraction(gas: Gas, name: str) -> float:
 
 
 def _volume_name(item: object) -> str:
-    """What a chamber calls its rigid volume; empty for other items."""
+    """Name of the parameter that is the rigid volume of a chamber; empty for other items."""
     if not isinstance(item, Volume):
         return ""
     return "volume" if item.enclosure is None else "dead_volume"

@@ -230,7 +230,7 @@ class Balance:
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
         """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step,
         (1) and (2) of the module: it gains mass by flows, and energy by flows, heat and the work of
-        its enclosure."""
+        its enclosure.  `known` are the rates of y and V, if they have been computed."""
         p1 = y[: self._n]
         m1 = y[self._n :]
         rates = known or self.rates(y, V)
@@ -412,8 +412,9 @@ class Balance:
     # ---- solution --------------------------------------------------------------------------------
 
     def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
-        """Solve the balance at given volumes by Newton's method, from a positive guess y; returns
-        None if the iteration does not converge or the matrix is singular."""
+        """Solve the balance at given volumes by Newton's method, from a positive guess y, to a
+        scaled residual of 1e-13, or 1e-9 where round-off allows no less.  None if that is not
+        reached in 50 iterations or the matrix is singular."""
         rates = self.rates(y, V)
         flows = abs(np.concatenate([rates.energy, rates.mass]))
         scale = self.scales(y, V, magnitude) + self.h * flows

@@ -34,8 +34,8 @@ WallState = Callable[[float], tuple[Number, Conductance]]
 class Gas(Protocol):
     """A thermally perfect gas, p V = m R T and U = m u(T), or a mixture of such gases.
 
-    Its functions take real, complex and dual numbers T [K]: the network takes their derivatives by
-    complex steps, gradients by dual numbers.
+    Its functions take the temperature T [K], a real, complex or dual number: the network takes
+    their derivatives by complex steps, gradients by dual numbers.
     """
 
     @property
@@ -179,8 +179,8 @@ class Opening(Protocol):
         ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """The effective area C_d A [m²] in a running scene, as a function of step length and
-        time."""
+        """The effective area C_d A [m²] in a running scene, as a function of step length and time.
+        An opening without an area returns its scale instead, which `flow` gets as `area`."""
         ...
 
     def flow(self, gases: Gases, area: float, p: Pair, T: Pair) -> complex:
@@ -254,8 +254,8 @@ class Wall(Protocol):
         ...
 
     def compile(self, geometry: Geometry) -> WallState:
-        """Its temperature and conductance, heat transfer coefficient times area, in a running
-        scene.  Collective, as is the function that it returns."""
+        """Temperature and conductance (heat transfer coefficient times area) of the wall in a
+        running scene, as a function of the step.  Collective, as is that function."""
         ...
 
 

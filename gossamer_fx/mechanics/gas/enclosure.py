@@ -152,8 +152,8 @@ class FilmEnclosure:
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """Raises `InputError` if the surface is open, its normals are not consistent, or one of
-        several components is inside out."""
+        """The volume inside the film in a running scene.  Collective.  `InputError`: the surface is
+        open, its normals are not consistent, or one of several components is inside out."""
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
@@ -379,7 +379,7 @@ class _CompiledPiston:
         self.follow()
 
     def _height(self, q: PETSc.Vec) -> float:
-        """A n·x [m³], the same on every rank."""
+        """A n·x [m³] at coordinates q, the same on every rank.  Collective."""
         return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
@@ -491,7 +491,8 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
     side.  Collective.
 
     A component inside another one may be a hollow, whose normals then point into it; only
-    components that are not inside another one are compared.  Flat components have no volume and are
+    components that are not inside another one, by their bounding boxes, are compared with the
+    largest of them.  Flat components, of a volume below 1e-9 of the sum of its terms' sizes, are
     not examined.  `labels` (n,) are those of `label_components`, x (m, 3) [m] initial positions of
     the film's local nodes.
     """

@@ -78,15 +78,16 @@ class CompiledFilmArea:
         return float(self._film.comm.allreduce(share, op=MPI.SUM))
 
     def aperture_gradient(self, h: float) -> Array:
-        """Its derivative [m] by the owned unknowns of the film at q0, flattened; that by v0 is ½ h
-        times as large.  Collective."""
+        """Derivative [m] of the area of `aperture` by the owned unknowns of the film at q0,
+        flattened; that by v0 is ½ h times as large.  Collective."""
         self._predict(h)
         vector = fem.assemble_vector(self._slope)
         vector.scatter_reverse(la.InsertMode.add)
         return vector.array[: self._owned.stop - self._owned.start].copy()
 
     def add_own(self, values: Array, start: int, gradient: Array) -> None:
-        """Add a gradient to the unknowns of the film, which begin at `start` in the values."""
+        """Add a gradient to the owned unknowns of the film in `values`, whose first entry is
+        unknown number `start` of this rank's part of a system vector."""
         values[self._owned.start - start : self._owned.stop - start] += gradient
 
     def _predict(self, h: float) -> None:

@@ -168,7 +168,8 @@ class PolynomialGas:
         return self.enthalpy(T) - self.R * T
 
     def enthalpy(self, T: Number) -> Number:
-        """h [J/kg], the integral of c_p."""
+        """h [J/kg], the integral of c_p from 298.15 K, where it is `enthalpy_298`; outside of the
+        ranges linear in T."""
         inside = self._inside(T)
         excess = (T - inside) * _polynomial(self._range(T), inside)
         return self.enthalpy_298 + self.R * (self._integral(inside) + excess)
@@ -182,7 +183,7 @@ class PolynomialGas:
         return T
 
     def _range(self, T: Number) -> tuple[float, ...]:
-        """The coefficients at a temperature."""
+        """The coefficients a_1 to a_7 at a temperature [K]."""
         number = sum(T.real >= limit for limit in self.temperatures[1:-1])
         return self.coefficients[number]
 
@@ -203,7 +204,7 @@ class PolynomialGas:
 
 
 def _polynomial(a: tuple[float, ...], T: Number) -> Number:
-    """The polynomial (1) at a temperature."""
+    """c_p/R by (1) of `PolynomialGas` with coefficients a_1 to a_7, at a temperature [K]."""
     result: Number = 0.0
     for coefficient in reversed(a):
         result = result * T + coefficient
@@ -211,7 +212,7 @@ def _polynomial(a: tuple[float, ...], T: Number) -> Number:
 
 
 def _primitive(a: tuple[float, ...], T: Number) -> Number:
-    """A primitive of (1)."""
+    """∫ c_p/R dT [K] of `_polynomial`, to which any constant may be added, at a temperature [K]."""
     result: Number = a[1] * log(T)
     for position, coefficient in enumerate(a):
         power = position + LOWEST_POWER + 1

@@ -134,6 +134,7 @@ class Contents:
         for own in held:
             self.rows.append(list(range(start, start + len(own))))
             start += len(own)
+        # With one species in each chamber sums over species are the values themselves.
         self._is_pure = len(self.gases) == len(chambers)
         self._R: Array = np.array([gas.R for gas in self.gases])
         # γ - 1 of each chamber (n,) if it has a value for all temperatures and masses, else None
@@ -154,8 +155,8 @@ class Contents:
         return _species(end.gas)
 
     def numbers(self, end: int | Holder, species: Sequence[Gas]) -> list[int]:
-        """The positions of some species at an end of an opening: among the masses of all chambers,
-        or, at a boundary, in `species`."""
+        """The positions of some species at an end of an opening: at a chamber among the masses of
+        all chambers, at a boundary among all species of the scene."""
         if isinstance(end, int):
             own = {self.gases[row]: row for row in self.rows[end]}
             return [own[gas] for gas in species]
@@ -168,7 +169,7 @@ class Contents:
         return np.array([sum(values[row] for row in rows) for rows in self.rows])
 
     def per_mass(self, values: Array) -> Array:
-        """The value (s,) of each mass's chamber, of values of the chambers (n,)."""
+        """For each mass the value of its chamber, (s,), from values (n,) of the chambers."""
         if self._is_pure:
             return values
         return values[self.owners]
@@ -213,7 +214,8 @@ class Contents:
 
     def pressures(self, U: Array, m: Array, V: Array, T: Array) -> Array:
         """Pressure [Pa] of each chamber from its energy [J], masses [kg] and volume [m³]; T (n,)
-        [K] is a guess of the temperature."""
+        [K] is a guess of the temperature, which is solved for to round-off, in at most 50
+        iterations, unless the specific heats are constant."""
         if self._gamma_1 is not None:
             return self._gamma_1 * U / V
         for _ in range(MAX_ITERATIONS):

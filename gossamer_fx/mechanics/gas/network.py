@@ -4,10 +4,9 @@ Problem.  Chambers exchange gas through openings and work with films and pistons
 close to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
 Unknowns.  y = (p1, m1), pressures [Pa] of the n chambers and the s masses [kg] of the species that
-they hold or can receive, s = n for one gas, at the end of a step.
-They solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.
-The same p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the
-last digit.
+they hold or can receive, s = n for one gas, at the end of a step.  They solve the mass and energy
+balance of `gas.balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.  The same p̄ acts on the
+film in the midpoint rule, so this work is what the bodies receive, to the last digit.
 
 Algorithm.  In each Newton iteration of the bodies:
 
@@ -189,7 +188,9 @@ class GasNetwork(ScalarUnknowns):
         return self._stiffness(ADIABATIC)
 
     def static_stiffness(self) -> list[tuple[Array, float]]:
-        """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
+        """Gradients of volumes g [m²] and stiffnesses κ [Pa/m³] of the closed films for slow
+        changes by the process of an equilibrium: κ = γ p/V if it is adiabatic, p/V if isothermal,
+        an empty list at held pressure.  Collective."""
         return self._stiffness(self._process)
 
     def _stiffness(self, process: str) -> list[tuple[Array, float]]:
@@ -485,6 +486,8 @@ class GasNetwork(ScalarUnknowns):
         return dict(zip(names, self._flows, strict=True))
 
     def get_history(self) -> dict[str, Any]:
+        """Of each chamber name, pressure [Pa], masses [kg], energy [J] and volume [m³]; what was
+        supplied since the start; flows [kg/s] of the last step; which valves were open."""
         chambers = [
             [
                 state.chamber.name,

@@ -1,5 +1,8 @@
-"""Openings through which gas flows between two volumes: orifices, valves and burst vents, and films
-that leak; walls that heat or cool a chamber.
+"""Openings through which gas flows between two volumes: orifices, valves and burst vents, pipes and
+films that leak; and the heat that a chamber exchanges with walls and through its film.
+
+The flow through an opening depends on pressure, temperature and gas at both ends (`flow`), and has
+its effective area, which may change in time or with a film (`aperture`), as a factor.
 """
 
 from __future__ import annotations
@@ -41,7 +44,8 @@ from gossamer_fx.mechanics.gas.volumes import Chamber
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """An opening between two different ends a and b; its area may be that of a part of a film."""
+    """An opening between two different ends a and b, the part that the classes of openings share;
+    its area, if it has one, may be that of a part of a film."""
 
     a: Volume | Holder
     b: Volume | Holder
@@ -433,7 +437,8 @@ class PorousFilm(PassiveOpening):
         return pu / (gas.R * Tu) * velocity
 
 
-# Bisections of Mach numbers in (0, 1): the last Newton iterations start with 1e-6 of the solution.
+# Bisections for a Mach number in (0, 1), after which it is known to 1e-6; and the largest number of
+# Newton iterations for the other one.
 BISECTIONS = 20
 
 # Newton iterations after them.  They square the error; the last two carry the first and second
@@ -514,16 +519,19 @@ class Pipe(PassiveOpening):
         return scale * self._mass_number(γ, 1 - self.laminar) * (1.25 * ξ - 0.25 * ξ**3)
 
     def _mass_number(self, γ: Number, x: Number) -> Number:
-        """The factor of Mach numbers in (2) at the ratio x of the pressures."""
+        """M1 (1 + (γ - 1)/2 M1²)^(-(γ + 1)/(2 (γ - 1))) of (2), at the ratio x of the pressure
+        downstream to that upstream; γ and x are real, complex or dual numbers, as is the result."""
         resistance = self.friction * self.length / self.diameter
-        # (1) is solved in real numbers first.
+        # (1) is solved in real numbers first, by bisection for M2 in (0, 1).
         γ_value = float(_value(γ))
         ratio = float(_value(x))
         low = 0.0
         high = 1.0
         first = _inlet(γ_value, resistance, high)
         is_choked = ratio <= 0 or _pressure_excess(γ_value, ratio, first, high) >= 0
-        for _ in range(0 if is_choked else BISECTIONS):
+        # A choked flow has M2 = 1.
+        bisections = 0 if is_choked else BISECTIONS
+        for _ in range(bisections):
             middle = (low + high) / 2
             if _pressure_excess(γ_value, ratio, _inlet(γ_value, resistance, middle), middle) > 0:
                 low = middle
@@ -532,11 +540,13 @@ class Pipe(PassiveOpening):
         M: list[Number] = [_inlet(γ_value, resistance, high), high]
 
         def residual(γ: Number, x: Number, M1: Number, M2: Number) -> list[Number]:
+            """Excess of both equations (1)."""
             friction = friction_parameter(γ, M1) - friction_parameter(γ, M2) - resistance
             if is_choked:
                 return [friction, M2 - 1]
             return [friction, _pressure_excess(γ, x, M1, M2)]
 
+        # Newton's method with the matrix in real numbers carries derivatives along.
         for _ in range(POLISHING):
             values = [float(_value(number)) for number in M]
             matrix = np.zeros((2, 2))
@@ -556,7 +566,9 @@ class Pipe(PassiveOpening):
 
 
 def _pressure_excess(γ: Number, x: Number, M1: Number, M2: Number) -> Number:
-    """ln of the pressure at the end of the pipe over that of (1), x times the one upstream."""
+    """ln(p_end/(x p_up)), p_end the pressure at the end of a `Pipe` for the Mach numbers M1 behind
+    its inlet and M2 at its end: zero if that is the pressure downstream, x p_up, positive if it is
+    higher."""
     first = 2 + (γ - 1) * M1 * M1
     last = 2 + (γ - 1) * M2 * M2
     inlet = -γ / (γ - 1) * log(first / 2)
@@ -564,7 +576,8 @@ def _pressure_excess(γ: Number, x: Number, M1: Number, M2: Number) -> Number:
 
 
 def _inlet(γ: float, resistance: float, M2: float) -> float:
-    """M1 of (1) for M2."""
+    """Mach number M1 behind the inlet of a `Pipe`, for M2 at its end, by (1) there; `resistance` is
+    f L/D."""
     target = resistance + float(friction_parameter(γ, M2))
     s = np.log(M2)
     # F is convex in ln M: from the left Newton's method converges without overshoot.

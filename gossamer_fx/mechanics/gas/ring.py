@@ -455,7 +455,7 @@ def _lowest(points: Array) -> int:
 def _strips(n: int, order: int) -> Indices:
     """Return the nodes (strips, 2 (order + 1)) of the n/2 strips, rounded up, that close a ring of
     n edges: on either side the start, the end and, of order 2, the node between.  Vertex i of the
-    walk is node i, the node on the edge behind it is node n + i."""
+    walk is node i, the node on the edge that begins there is node n + i."""
     pairs = np.arange(n // 2)
     # start, end and middle node of the edges on the way there, and on the way back
     there = [pairs, pairs + 1, n + pairs]

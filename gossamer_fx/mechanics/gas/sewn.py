@@ -202,6 +202,7 @@ class SeamStrip:
         add_blocks(A, self._row_indices, self._column_indices, values)
 
     def _middle(self) -> Array:
+        """Positions (n, k, 3) [m] of the nodes where forces act."""
         return (1 - self._alpha) * self._X0 + self._alpha * self._X1
 
     def _tangents(self, X: Array) -> tuple[Array, Array]:
@@ -214,7 +215,8 @@ class SeamStrip:
         return self._test.transpose(0, 2, 1) @ np.cross(xs, xr)
 
     def _in_system(self, G: Array) -> Array:
-        """This rank's part of a system vector with a gradient (n, k, 3)."""
+        """This rank's part of a system vector whose entries at the nodes of the segments are the
+        sums of G (n, k, 3) over them, and else zero."""
         vector = np.zeros(self._system.numbering.size_local)
         np.add.at(vector, self._own, G[self._mine])
         return vector
@@ -248,8 +250,9 @@ class SewnEnclosure:
         yield from self.seams
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """Raises `InputError` if the surface is open, an edge is sewn twice, a seam is on another
-        film, or normals of neighbouring triangles are opposite."""
+        """The volume inside the films in a running scene.  Collective.  `InputError`: the surface
+        is open, an edge is sewn twice, a seam is on another film, or normals of neighbouring
+        triangles are opposite."""
         lines = [seam.lines(system.initial) for seam in self.seams]
         signs, strip_signs = self._orient(lines)
         surfaces = []
@@ -381,7 +384,7 @@ class _CompiledSewn:
         self._pressure = 0.0
 
     def _sum(self, quantity: str) -> float:
-        """The sum of volumes or swept volumes, with signs."""
+        """The sum [m³] over films and strips of their "volume" or "swept", with signs."""
         total = 0.0
         for one in self._surfaces:
             total += one.sign * float(getattr(one.surface, quantity)[one.index])

@@ -102,7 +102,8 @@ class Regulator(Orifice):
 
 @dataclass(eq=False)
 class _Jet:
-    """The gas of an inflator, with its temperature [K] of the present step."""
+    """The end of an inflator from which its gas comes, with its temperature [K] in the present
+    step; the flow does not depend on its pressure [Pa]."""
 
     name: str
     gas: Gas
@@ -271,7 +272,7 @@ class Sublimation:
 
     @cached_property
     def a(self) -> Ambient:
-        """The saturated vapour."""
+        """The saturated vapour at the powder, the end from which gas comes."""
         return Ambient(self.pressure, self.temperature, gas=self.gas, name=self.name)
 
     def requires(self) -> Iterable[Any]:

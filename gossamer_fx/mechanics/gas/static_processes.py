@@ -1,9 +1,9 @@
-"""Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
+"""Gas at rest: the balances of chambers while an equilibrium is looked for, by what stays constant.
 
 A closed chamber at rest is a function of its volume V, whatever the way to it.  The work p̄ W of a
 time step is not: its sum over pseudo-steps depends on their number.  With the pressure p0, volume
-V0 and energy U0 at the start of a pseudo-step, the energy balance of `balance` is replaced by one
-of
+V0 and energy U0 at the start of a pseudo-step, the energy balance of `gas.balance` is replaced by
+one of
 
     adiabatic        U1 = U0 (V0/V)^(γ - 1) + flows,    so that p V^γ = const if closed         (1)
     isothermal       p1 V = m1 R T0                                                             (2)
@@ -39,8 +39,7 @@ class AdiabaticBalance(Balance):
     def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         super().begin(h, t, p, m, U, V)
         self._V0 = V
-
-        # γ - 1
+        # γ - 1 at the start
         self._exponent = 1 / self.contents.heat_factors(self.temperatures, m)
 
     def work(self, y: Array, V: Array, W: Array) -> Array:
@@ -54,8 +53,7 @@ class AdiabaticBalance(Balance):
         return ratio
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg], by pressures and masses, and by
-        volumes (n,) [m³]."""
+        """Derivatives (n + s, n + s) and (n + s, n) of the residual [J, kg] by y and by V."""
         n = self._n
         by_y, by_V = super().derivatives(y, V, np.zeros(n))
         # The work's derivative by V is the pressure p0 (V0/V)^γ at which it ends.
@@ -82,16 +80,8 @@ class IsothermalBalance(Balance):
         return np.concatenate([pressure_energy - thermal_energy, mass_balance])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
-
-        Returns:
-            (n + s, n + s) by y and (n + s, n) by V.
-        """
+        """Derivatives (n + s, n + s) and (n + s, n) of the residual [J, kg] by y and by V; they do
+        not depend on W."""
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         p1 = y[:n]
@@ -116,10 +106,7 @@ class HeldPressureBalance(Balance):
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
         """Residual (n + s,): excess of the pressure as energy (p1 - p0) V [J], then of the masses
-        [kg].
-
-        p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
-        start."""
+        [kg]; the held pressures p0 (n,) [Pa] are those at the start of the step."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]
@@ -130,16 +117,8 @@ class HeldPressureBalance(Balance):
         return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: swept volumes; not used.
-
-        Returns:
-            (n + s, n + s) by y and (n + s, n) by V.
-        """
+        """Derivatives (n + s, n + s) and (n + s, n) of the residual [J, kg] by y and by V; they do
+        not depend on W."""
         n = self._n
         # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
         excess_pressure = y[:n] - self._p0

@@ -114,8 +114,8 @@ class FilmSurface:
         self._start: Array = self._coordinates.q0.x.array
         self._end: Array = self._coordinates.q1.x.array
 
-        # w is a test function, or another vector field, on the film.
         def flux(x: Any, w: Any) -> Any:
+            """The integrand n·w of (1) at positions x, for a vector field w on the film."""
             return ufl.dot(area_vector(film.deformation(x)), w)
 
         self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
@@ -327,12 +327,13 @@ class MovingArea(Protocol):
         ...
 
     def aperture_gradient(self, h: float) -> Array:
-        """Its derivative [m] by positions at the start of the step, for `add_own`; that by v0 is ½
-        h times as large.  Collective."""
+        """Derivative [m] of the area of `aperture` by positions at the start of the step, for
+        `add_own`; that by v0 is ½ h times as large.  Collective."""
         ...
 
     def add_own(self, values: Array, start: int, gradient: Array, /) -> None:
-        """Add such a derivative to this rank's part of a system vector that begins at `start`."""
+        """Add a gradient of `aperture_gradient` to the owned unknowns of the body in `values`,
+        whose first entry is unknown number `start` of this rank's part of a system vector."""
         ...
 
 

@@ -37,8 +37,9 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
-        # For each pair of a load and a kinetic energy with masses on its body: the load and the
-        # weights of positions in the ports (n, k), and P, offsets, M and A.
+        # For each pair of a load and a kinetic energy with masses on its body, in the symbols of
+        # `_add`: the load and the weights of positions in the ports (n, k); P, offsets, M and A;
+        # global indices of the unknowns of P; and a.
         self._loads: list[tuple[AttachedLoad, Array]] = []
         self._masses: list[tuple[Array, Array, Array, Array]] = []
         self._indices: list[GlobalIndices] = []
@@ -52,8 +53,8 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
-        """Prepare the acceleration a + A (x - c) of a body as a load on masses that are attached to
-        it, if any is.
+        """Prepare the acceleration a + A (x - c) of a body as a load on these masses; nothing if
+        none of them is attached to the body.
 
         In the code P and o give the k attached vectors (3k,) of a tuple from its coordinates, as P
         q + o; M (n, 3k, 3k) [kg] are the masses, A (n, 3k, 3k) [1/s²] and a (n, 3k) [m/s²] the
@@ -97,10 +98,9 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
         directors [N m], of each pair of a load and a kinetic energy.  Collective.
 
         X is at (1 - α) X0 + α X1, α the weight of the end of the step: ½ is its middle, 1 its end.
-        A and a are zero for ports of other bodies, a also for directors.
+        The force is linear in X, so the work of the step is exact.  A and a are zero for ports of
+        other bodies, a also for directors.
         """
-        # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
-        # force is linear in X, so the work of the step is exact.
         α = self._system.rule.alpha
         found: list[tuple[Array, Array]] = []
         X1_of_all = self._vectors(self._system.q1)
@@ -131,17 +131,21 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
                 add_blocks(A, indices, indices, K)
 
     def without_gradient(self) -> str:
-        # Its accelerations are numbers of loads, which it does not derive.
+        # A number of such a load, e.g. g of the weight of a film, changes these forces, too; only
+        # the forms of the film are derived by it.
         for term, _ in self._loads:
             if is_on_mesh(term.body):
                 return f"'{term.name}' acts on masses attached to its body; leave them out"
         return ""
 
     def supplied(self) -> float:
+        """Work [J] of the forces in the step, this rank's share.  Collective."""
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
         return sum(float(np.sum(F * (X1 - X0))) for (_, F), X0, X1 in ends)
 
     def resultants(self) -> dict[str, Array]:
+        """Force [N] and moment [N m] about the origin, (2, 3), by the name of the load, this rank's
+        share.  Collective."""
         found: dict[str, Array] = {}
         for (term, points), (X, F) in zip(self._loads, self._forces(), strict=True):
             f = F.reshape(*points.shape, 3)

@@ -1,5 +1,6 @@
-"""Forces on all mass, uniform gravity and the centrifugal force under which a steady spin is an
-equilibrium; drag of residual air on films, which dissipates, and in a wind supplies work.
+"""Loads in the interior of bodies: on all of their mass, uniform gravity and the centrifugal force
+under which a steady spin is an equilibrium; on films, the drag of residual air, which dissipates,
+and in a wind supplies work.
 """
 
 from __future__ import annotations
@@ -150,7 +151,6 @@ class Centrifugal:
         rotation = fem.Constant(mesh, A)
         centre = fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
 
-        # q are coordinates of the body, w test functions and r = q - centre.
         def work(q: Expr, w: Expr) -> ufl.Form:
             """Virtual work [J] at coordinates q along test functions w."""
             r = q - centre
@@ -192,6 +192,7 @@ class AirDrag:
             Drag, 1965, chapter 3).  Where the mean free path, 7 mm at 1 Pa, is not short compared
             with the film, air takes more, in proportion to vₙ.
         wind: velocity u of the air [m/s].
+        name: name in messages and output.
 
     Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C
     t/(2 σ); one that falls comes to v = √(2 σ g/(ρ C)).
@@ -217,9 +218,8 @@ class AirDrag:
         film = self.body
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
-        # Still air has no term for the work of a wind, which would cost an integral a step.
-        # u is the velocity of the wind (3,) [m/s], v that of the film, ρ the density and C the drag
-        # coefficient.
+        # Velocity of the wind (3,) [m/s].  Still air has none: the work of a wind would cost an
+        # integral a step.
         u = None
         if any(self.wind):
             u = fem.Constant(mesh, tuple(map(float, self.wind)))
@@ -242,8 +242,9 @@ class AirDrag:
 class Drags(Loads):
     """All `FilmDrag` terms of a scene.
 
-    With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0
-    to q1.  In a wind u it is the sum of h δW[v - u], which is lost, and h δW[u], which is supplied.
+    δW[w] is the virtual work [W] of the force along a velocity w.  With v = (q1 - q0)/h, h δW[v] is
+    the work [J] of a step of length h, the sum of h δW[v - u], which is lost, and h δW[u], which
+    the wind u supplies.
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
@@ -280,6 +281,7 @@ class Drags(Loads):
         return float(sum(fem.assemble_scalar(form) for form in self._given))
 
     def dissipated(self) -> Array:
+        """Loss [J] of each drag in the step, this rank's share."""
         return np.array([fem.assemble_scalar(form) for form in self._lost])
 
 

@@ -1,7 +1,8 @@
-"""Damping of films, cables and beams, off unless it is item of the scene; its loss counts as
-dissipated.
+"""Damping of films, plates, cables and beams, off unless it is an item of the scene; its loss
+counts as dissipated.
 
-Losses of a film that follow its state have its stiffness ψ''(e) at the start of each step.
+With `tension_only` a film loses energy in proportion to the stiffness ψ''(e) that it has at the
+start of each step, see `PresentStiffness`; ψ is the energy density of the strains e.
 """
 
 from __future__ import annotations
@@ -112,8 +113,9 @@ class Damping:
             β = constant(body.space.mesh, self.stiffness_factor)
             factor = (Parameter("stiffness_factor", "s", β),)
             if self.tension_only and isinstance(body, Membrane):
-                yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
-                C = now.matrix
+                stiffness = PresentStiffness(body, body.measure, body.density, body.dx)
+                yield stiffness
+                C = stiffness.matrix
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
                 yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx, factor)
                 return
@@ -132,7 +134,8 @@ class Damping:
 
 
 def _inertia(body: Body) -> list[Expr]:
-    """Mass per unit of the mesh of each of a node's numbers."""
+    """Inertia, per area of a film or per length of the mesh of a cable or beam, of each of a node's
+    numbers: [kg/m²] or [kg/m] for the position, [kg m] for the directors of a beam."""
     if isinstance(body, Membrane):
         return [body.area_density] * 3
     c = body.constants
@@ -171,11 +174,12 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         Collective."""
         self._system = system
         self._terms = terms
-        self._made = []
+        # Functions that fill `values` of each term.
+        self._evaluations = []
         for term in terms:
             entries = self._entries(term, system.coordinates[term.body].q0)
             points = interpolation_points(term.values.function_space)
-            self._made.append(tabulation(compile_expression(entries, points), term.values))
+            self._evaluations.append(tabulation(compile_expression(entries, points), term.values))
         # Of gradients, made at the first use.
         self._products: list[_StartProduct] | None = None
 
@@ -190,7 +194,8 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
         return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
 
     def commit(self) -> None:
-        for evaluate in self._made:
+        """Evaluate C in the accepted state, the start of the next step."""
+        for evaluate in self._evaluations:
             evaluate()
 
     # ---- sensitivities ---------------------------------------------------------------------------
@@ -241,7 +246,7 @@ class _StartProduct:
         self._stand_in = stand_in
         self._forms = []
         test = ufl.TestFunction(term.body.space)
-        # All kinds are compiled when a gradient asks.
+        # Gradients make this object: all kinds have compiled their forms by then.
         for kind in cast(Any, system).differentiable:
             for form in kind.residual_forms(term.body, self.μ):
                 if any(function is term.values for function in form.coefficients()):

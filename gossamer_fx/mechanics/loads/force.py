@@ -19,12 +19,13 @@ from gossamer_fx.core.model.terms import Parameter, Term
 from gossamer_fx.mechanics.bodies.frames import Frame, Line, bodies_of
 from gossamer_fx.mechanics.terms.loads import Couple, PointForce, PointLoad
 
+# A force [N] or torque [N m] as a function of time [s].
 History = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
 class ConstantForce:
-    """Forces (3k,) that never change."""
+    """Forces (3k,) [N] that never change, a vector that is one number of the load."""
 
     value: Array
     depends_on_position_only = True
@@ -45,6 +46,7 @@ class ConstantForce:
         return ConstantForce(value)
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, 3k) of the forces by themselves."""
         return np.eye(X.size)
 
 
@@ -84,6 +86,7 @@ class ForceInTime:
         return changed
 
     def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivative (3, 1) [N] of the force by `factor`, the only number."""
         return self._now[:, None]
 
 

@@ -1,14 +1,14 @@
-"""Prescribed pressure on a film.
+"""Pressure on films: a prescribed one, or that of a heavy fluid at rest, which is the weight of gas
+inside or the lift of air outside.
 
-Pressure of a heavy fluid at rest on a film: the weight of gas inside, and of air outside.
+A pressure p presses on the deformed film along its normal n,
 
-A fluid at rest has the pressure p(z), dp/dz = -ρ g.  It presses on the deformed film
+    δW = ∫ p n·w da                                                                              (1)
 
-    δW = ± ∫ p(z) n·w da                                                                         (1)
-
-along the normal n from inside, and against it from outside.  On a closed film the resultant is the
-weight of the fluid inside, or the lift of the fluid that it displaces.  For a uniform density (1)
-is integrated exactly.
+`Pressure` has one p on all of the film, a number or a function of time.  `FluidPressure` has the
+p(z) of a fluid at rest, dp/dz = -ρ g, that presses along n from inside, and with the opposite sign
+from outside.  On a closed film its resultant is the weight of the fluid inside, or the lift of the
+fluid that the film displaces.  For one p, and for a uniform density, (1) is integrated exactly.
 
 A balloon is a `Chamber` whose outside is a vacuum, with the `FluidPressure` of an atmosphere from
 outside.  When it rises the pressure outside falls, and its gas expands.  The weight of its gas is
@@ -203,17 +203,17 @@ class StandardAtmosphere:
     altitude: Annotated[float, Range(LOWEST, HIGHEST, unit="m")] = 0.0
 
     def __call__(self, altitude: float) -> float:
-        """Pressure [Pa]."""
+        """Pressure [Pa] at a geopotential altitude [m]."""
         layer = _layer_at(altitude)
         return float(_pressure(layer, altitude, math.exp, math.log))
 
     def temperature(self, altitude: float) -> float:
-        """Temperature [K]."""
+        """Temperature [K] at a geopotential altitude [m]."""
         layer = _layer_at(altitude)
         return layer.temperature + layer.lapse * (altitude - _base(layer))
 
     def density(self, altitude: float) -> float:
-        """Density [kg/m³]."""
+        """Density [kg/m³] at a geopotential altitude [m]."""
         return self(altitude) / (GAS_CONSTANT * self.temperature(altitude))
 
     def profile(self, g: float, mesh: Mesh) -> Profile:
@@ -223,15 +223,15 @@ class StandardAtmosphere:
         def pressure(z: Expr) -> Expr:
             altitude = z + start
             found = ufl.as_ufl(0.0)
-            # From the highest layer down; each is asked for its own altitudes only, as others
-            # may have no temperature in its formula.
+            # From the highest layer down.  Altitudes are limited to those of each layer: outside,
+            # its linear temperature may be negative, of which there is no logarithm.
             for layer in reversed(LAYERS):
                 within = ufl.max_value(layer.bottom, ufl.min_value(layer.top, altitude))
                 here = _pressure(layer, within, ufl.exp, ufl.ln)
                 found = ufl.conditional(ufl.gt(altitude, layer.top), found, here)
             return found
 
-        # Over the height of a balloon it is nearly a straight line.
+        # Over the height of a balloon it is nearly a straight line, so that degree 2 is enough.
         return Profile(pressure, 2, ())
 
 
@@ -267,7 +267,8 @@ def _pressure(
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class FluidPressure:
-    """The pressure of a fluid at rest on one side of a film, see the module.
+    """The pressure p(z) of a fluid at rest on one side of a film: δW = ± ∫p(z) n·w da, with + from
+    inside and - from outside, n the normal of the deformed film.
 
     Args:
         body: a film or plate; the normals of its mesh point outwards.

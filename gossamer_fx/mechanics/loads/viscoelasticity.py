@@ -141,7 +141,7 @@ class RelaxingEnergies(ElementEnergies, HistoryVariables):
     """All `RelaxingEnergy` terms of a scene; at rest they have no stress."""
 
     def __init__(self, terms: Sequence[RelaxingEnergy], system: Assembly) -> None:
-        self._branches: list[RelaxingForces] = []
+        self._relaxing: list[RelaxingForces] = []
         super().__init__([] if system.rule.is_static else terms, system)
 
     def _viscous_forces(
@@ -149,41 +149,44 @@ class RelaxingEnergies(ElementEnergies, HistoryVariables):
     ) -> ViscousForces:
         assert isinstance(term, RelaxingEnergy)
         forces = RelaxingForces(term, at, rule)
-        self._branches.append(forces)
+        self._relaxing.append(forces)
         return forces
 
     def begin_step(self, t: float) -> None:
         super().begin_step(t)
-        for forces in self._branches:
+        for forces in self._relaxing:
             forces.begin_step(self._system.h)
 
     def take_time(self, t: float) -> None:
         # A state is restored: what is committed next is not the end of a step.
-        for forces in self._branches:
+        for forces in self._relaxing:
             forces.in_step = False
 
     def commit(self) -> None:
-        for forces in self._branches:
+        for forces in self._relaxing:
             forces.commit()
 
     def energies(self) -> dict[str, float]:
-        return {forces.term.name: forces.energy() for forces in self._branches}
+        return {forces.term.name: forces.energy() for forces in self._relaxing}
 
     def without_gradient(self) -> str:
-        for forces in self._branches:
+        for forces in self._relaxing:
             return f"the stress of '{forces.term.name}' depends on its history; leave it out"
         return ""
 
     def get_history(self) -> dict[str, Any]:
+        """Empty: all history is that of cells."""
         return {}
 
     def set_history(self, state: dict[str, Any]) -> None:
-        for forces in self._branches:
+        # The arrays of `cell_history` have been written to.
+        for forces in self._relaxing:
             forces.take_history()
 
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
+        """The elastic strains by number of the term, of its branch, and of the row in `history`."""
         found = {}
-        for i, forces in enumerate(self._branches):
+        for i, forces in enumerate(self._relaxing):
             for k, z in enumerate(forces.history):
                 for j, values in enumerate(z):
                     found[f"elastic strain {i} {k} {j}"] = forces.term.body, values
@@ -219,6 +222,7 @@ class RelaxingForces(ViscousForces):
         (size,) = term.measure(at.q1).ufl_shape
         space = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (size,)))
         topology = mesh.topology
+        # Quadrature points of each owned cell, and z_k of `history` as functions for the forms.
         self._rows = cell_nodes(space)[: topology.index_map(topology.dim).size_local]
         self._z = [fem.Function(space) for _ in term.times]
         # E of each branch in the present step.
@@ -269,6 +273,7 @@ class RelaxingForces(ViscousForces):
             return
         self.in_step = False
         (size,) = self._strain.function_space.value_shape
+        # Δe in the order of `history`: a column for each cell.
         in_cells = change.reshape(-1, size)[self._rows].reshape(len(self._rows), -1).T
         for E, z in zip(self._decays, self.history, strict=True):
             decay = float(E.value)

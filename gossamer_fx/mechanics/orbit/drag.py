@@ -215,7 +215,8 @@ class _FlowOnFaces(FacesForce):
         self._air, self._wind = self._drag.flow(flight)
 
     def on_faces(self, areas: Array, rates: Array) -> Array:
-        """A face without area or without relative flow gives NaN."""
+        """Drag (..., n, 3) [N] on n faces, see `FacesForce`; NaN for a face without area or without
+        relative flow."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         # Velocity of the air relative to each face (..., n, 3) [m/s].

@@ -117,8 +117,9 @@ def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
     """Osculating elements of a position r (3,) [m] from the centre and a velocity v (3,) [m/s], for
     a gravitational parameter `mu` [m³/s²].
 
-    The perigee of a circle is set to its node; the node of an equatorial orbit to the x axis.  A
-    motion on a straight line or a parabola raises `InputError`.
+    The perigee of a circle (e below 1e-11) is set to its node, the node of an equatorial orbit
+    (sine of the inclination below 1e-11) to the x axis.  `InputError`: a straight line (sine of the
+    angle between r and v below 1e-9) or a parabola (energy below 1e-14 μ/|r|).
 
     >>> import numpy as np
     >>> circle = elements_of(np.array([7e6, 0.0, 0.0]), np.array([0.0, np.sqrt(MU / 7e6), 0.0]))
@@ -176,12 +177,12 @@ def _angle(a: Array, b: Array, axis: Array) -> float:
 
 
 def _about(axis: int, angle: float) -> Array:
-    """Rotation matrix (3, 3) about a coordinate axis, by a right-handed angle [rad]."""
+    """Matrix (3, 3) that turns vectors about a coordinate axis, 0 to 2, by a right-handed angle
+    [rad]."""
     cosine = math.cos(angle)
     sine = math.sin(angle)
     i = (axis + 1) % 3
     j = (axis + 2) % 3
-    # R turns vectors right-handed about the axis.
     R = np.eye(3)
     R[i, i] = cosine
     R[i, j] = -sine

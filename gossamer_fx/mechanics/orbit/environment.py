@@ -1,4 +1,5 @@
-"""What attracts and lights a scene in orbit."""
+"""What attracts and lights a scene in orbit, as functions of position and time: gravity of the
+central body, Sun and Moon, and sunlight with the shadow of the central body."""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ class Environment:
         self.radius = radius
         self.pressure = pressure
         self.following = following
-        # arguments that a restart compares, see `outputs.output`
+        # Arguments that a restart compares, see `records.outputs.output`.
         self._start = start
         self._gravity = gravity
         self._epoch = epoch
@@ -143,7 +144,7 @@ class Environment:
         return a
 
     def gradient(self, r: Array, t: float) -> Array:
-        """Its derivative (3, 3) with respect to r [1/s²]."""
+        """Derivative (3, 3) [1/s²] of `field` with respect to r (3,) [m], at time t [s]."""
         G: Array = np.zeros((3, 3))
         if self._harmonics is not None:
             E = self.earth(t)
@@ -153,7 +154,8 @@ class Environment:
         return G
 
     def tide(self, r: Array) -> Array:
-        """μ/|r|³ (1 - 3 r̂r̂ᵀ) (3, 3) [1/s²]."""
+        """Derivative μ/|r|³ (1 - 3 r̂r̂ᵀ) (3, 3) [1/s²] of μ r/|r|³, the opposite of the attraction
+        by the central body, at r (3,) [m] from it."""
         return point_gradient(r, self.mu)
 
     def _bodies(self, t: float) -> Iterable[tuple[Array, float]]:
@@ -165,11 +167,11 @@ class Environment:
                 yield self.sky.moon(t), MU_MOON
 
     def earth(self, t: float) -> Array:
-        """Rotation (3, 3) to Earth-fixed axes; without epoch, from the axes at time 0 about z."""
+        """Rotation (3, 3) from the axes of the scene to Earth-fixed axes at time t [s]; without an
+        epoch both agree at time 0, and the Earth turns about z."""
         if self.sky is not None:
             return self.sky.earth(t)
-        # The angle at time 0 is unknown without an epoch; J2, which is symmetric about z, needs
-        # none.
+        # The true angle is unknown without an epoch; J2, which is symmetric about z, needs none.
         c, s = math.cos(ROTATION * t), math.sin(ROTATION * t)
         return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -205,7 +207,8 @@ class Environment:
         return way / distance, self.pressure * (AU / distance) ** 2 * self.sunlit(r, sun)
 
     def sunlit(self, r: Array, sun: Array) -> float:
-        """Fraction of the Sun that is seen from r."""
+        """Fraction, 0 to 1, of the Sun at `sun` (3,) [m] that is seen from r (3,) [m], both from
+        the attracting centre."""
         # A Sun in the centre casts no shadow: nothing lies between it and the scene.
         if self.shadow == "none" or not np.any(sun):
             return 1.0
@@ -226,8 +229,8 @@ class Environment:
 
 
 def local_axes(r: Array, v: Array) -> Array:
-    """Columns: away from the centre, in the plane of the orbit along the motion, and normal to
-    it."""
+    """Rotation matrix (3, 3) of a position r (3,) [m] and a velocity v (3,) [m/s]: its columns are
+    away from the centre, in the plane of the orbit along the motion, and normal to it."""
     out = r / np.linalg.norm(r)
     across = np.cross(r, v)
     across /= np.linalg.norm(across)

@@ -61,6 +61,7 @@ class Origin:
         self._V0 = exact(v)
         self._R1 = self._R0
         self._V1 = self._V0
+        # The invariants at the start of the run, of which `gained` is the change.
         with localcontext(_DIGITS):
             self._first = self._invariants()
 
@@ -149,6 +150,8 @@ class Origin:
         ]
 
     def get_history(self) -> dict[str, Any]:
+        """Decimal digits of "position" [m], "velocity" [m/s], and "first", the invariants at the
+        start of the run."""
         names = {"position": self._R0, "velocity": self._V0, "first": self._first}
         return {name: [str(d) for d in numbers] for name, numbers in names.items()}
 
@@ -208,16 +211,18 @@ class Moments:
 
 
 class Flight(HistoryVariables):
-    """The origin of a flying frame at work, `around` what attracts and lights.
+    """The origin of a flying frame in a run; `around` is what attracts and lights.
 
     Attributes:
         origin: its position and velocity at the ends of the step.
+        moments: function that returns the moments of all bodies at the start of the step,
+            collective; None until the bodies of the scene are compiled.
         time: of the middle of the step [s].
-        R, V: there (3,) [m, m/s].
-        field: acceleration [m/s²] that the origin has there by all attraction in addition to the
-            central body's 1/r.
-        gradient: its derivative (3, 3) [1/s²].
-        pushed: acceleration [m/s²] of the origin by which it is kept near the bodies.
+        R, V: position [m] and velocity [m/s] of the origin in the middle of the step, (3,) each.
+        field: acceleration (3,) [m/s²] that the origin has there by all attraction in addition to
+            the central body's 1/r.
+        gradient: derivative (3, 3) [1/s²] of `field` with respect to R; zero without perturbation.
+        pushed: acceleration (3,) [m/s²] of the origin by which it is kept near the bodies.
         centre: of mass in the middle of the last step, from the origin (3,) [m].
     """
 
@@ -225,7 +230,8 @@ class Flight(HistoryVariables):
         self.around = around
         self.origin = Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None
-        self._for: tuple[float, float] | None = None
+        # Start and length [s] of the step that was computed last; None if it was accepted.
+        self._prepared_step: tuple[float, float] | None = None
         self.time = 0.0
         self.R: Array = self.origin.R0
         self.V: Array = self.origin.V0
@@ -239,13 +245,13 @@ class Flight(HistoryVariables):
         at the middle of the step, which depends on the end; a fixed-point iteration solves that.
         Collective.  A step for which it does not converge raises `InputError`."""
         # Several loads share one flight; the first one prepares it.
-        if self._for == (system.time, system.h):
+        if self._prepared_step == (system.time, system.h):
             return
         around = self.around
         origin = self.origin
         h = system.h
         self.time = system.time + h / 2
-        self.pushed = self._return(h)
+        self.pushed = self._acceleration_to_bodies(h)
         # Origin at the start of the step (3,) [m], from the attracting centre.
         R0 = origin.R0
         self.R = R0 + h / 2 * origin.V0
@@ -262,9 +268,9 @@ class Flight(HistoryVariables):
         self.V = origin.moved / h
         if around.is_perturbed:
             self.gradient = around.gradient(self.R, self.time)
-        self._for = (system.time, h)
+        self._prepared_step = (system.time, h)
 
-    def _return(self, h: float) -> Array:
+    def _acceleration_to_bodies(self, h: float) -> Array:
         """Acceleration (3,) [m/s²] that returns the origin to the centre of mass, critically
         damped, in a step of length h [s]; zeros before the bodies of the scene are known.
         Collective.
@@ -279,26 +285,26 @@ class Flight(HistoryVariables):
         return (m.first / T**2 + 2 * m.momentum / T) / m.mass
 
     def state(self) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s] of the centre of mass, from what attracts, at the start
-        of the step.
-        """
+        """Position [m] and velocity [m/s], (3,) each, of the centre of mass of all bodies relative
+        to the central body, at the start of the step.  Collective."""
         assert self.moments is not None
         m = self.moments()
         return self.origin.R0 + m.first / m.mass, self.origin.V0 + m.momentum / m.mass
 
     def light(self) -> tuple[Array, float]:
-        """Direction (3,) of sunlight, and its pressure on a black surface [N/m²]."""
+        """Unit vector (3,) along the sunlight, and its pressure on a black surface [N/m²], at the
+        origin in the middle of the step."""
         return self.around.light(self.R, self.time)
 
     def keep(self) -> None:
-        """Accept the step."""
-        if self._for is not None:
+        """Accept the step; nothing if none was computed since the last one."""
+        if self._prepared_step is not None:
             self.origin.keep()
-            self._for = None
+            self._prepared_step = None
 
     def get_history(self) -> dict[str, Any]:
         return self.origin.get_history()
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.origin.set_history(state)
-        self._for = None
+        self._prepared_step = None

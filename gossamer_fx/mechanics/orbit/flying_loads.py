@@ -63,7 +63,7 @@ class FlyingForce(Protocol):
     """Force on attached vectors in flight; an array X (..., k, 3) may be complex."""
 
     def prepare(self, flight: Flight) -> None:
-        """Take what surrounds the flight in the step."""
+        """Take light, air or magnetic field of the coming step from the flight."""
         ...
 
     def forces(self, X: Array, rate: Array) -> Array:
@@ -88,6 +88,7 @@ class _ByComplexSteps:
         self._X0 = X
 
     def _forces(self, X: Any) -> Any:
+        """Forces (..., k, 3) on the stacked vectors X (..., 3k), real or complex."""
         shape = (*X.shape[:-1], -1, 3)
         return self._law.forces(X.reshape(shape), ((X - self._X0) / self._lag).reshape(shape))
 
@@ -154,6 +155,7 @@ class FacesForce:
         # Area vectors turn with the directors; the position does not move them.
         faces = self._areas @ X[..., 1:, :]
         f = self.on_faces(faces, self._arms @ rate)
+        # armsᵀ f: forces on position and directors that do the same virtual work.
         return np.swapaxes(np.swapaxes(f, -1, -2) @ self._arms, -1, -2)
 
     def on_faces(self, areas: Array, rates: Array) -> Array:

@@ -65,22 +65,14 @@ class SolidHarmonics:
 
     def gradient(self, r: Array) -> Array:
         """∇Φ (..., 3) at positions r (..., 3) [m], in the unit of `scale` per metre."""
-        Y = solid_harmonics(
-            len(self._first[0]) - 1,
-            r,
-            self.radius,
-        )
+        Y = solid_harmonics(len(self._first[0]) - 1, r, self.radius)
         components = [_real_sum(c, Y) for c in self._first]
         return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
         """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre:
         symmetric, with the trace zero, not finite at the origin."""
-        Y = solid_harmonics(
-            len(self._second[0][0]) - 1,
-            r,
-            self.radius,
-        )
+        Y = solid_harmonics(len(self._second[0][0]) - 1, r, self.radius)
         G = np.empty((*np.shape(r)[:-1], 3, 3))
         for i, row in enumerate(self._second):
             for j, c in enumerate(row):
@@ -92,24 +84,13 @@ class SolidHarmonics:
     def _sum(self, c: Coefficients, r: Array) -> Array:
         """Re Σ c_nm Y_nm (...), dimensionless, of coefficients c (N, N) at positions r (..., 3)
         [m]."""
-        return _real_sum(
-            c,
-            solid_harmonics(
-                len(c) - 1,
-                r,
-                self.radius,
-            ),
-        )
+        return _real_sum(c, solid_harmonics(len(c) - 1, r, self.radius))
 
 
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
     """Re Σ c_nm Y_nm (...); the degree of c is at most that of Y (N, N, ...)."""
     N = len(c)
-    return np.einsum(
-        "nm,nm...->...",
-        c,
-        Y[:N, :N],
-    ).real
+    return np.einsum("nm,nm...->...", c, Y[:N, :N]).real
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:

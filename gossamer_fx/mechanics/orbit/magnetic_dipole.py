@@ -85,6 +85,7 @@ class _DipoleTorque:
 
     def __init__(self, dipole: MagneticDipole) -> None:
         self._dipole = dipole
+        # Field [T] and moment [A m²] of the step; `prepare` sets them.
         self._B: Array = np.zeros(3)
         self._m: Array = np.zeros(3)
 
@@ -105,9 +106,8 @@ class _DipoleTorque:
         """Forces (..., 3, 3) [N m], conjugate to the directors X (..., 3, 3) [-], whose torque is m
         × B."""
         torque = np.cross(self._m @ X, self._B)
-        # In the middle of a step directors are not exactly orthonormal; with their own S the
-        # torque is still m × B.
-        # F: torque over the resistance tr(S) 1 - S of the directors [N m].
+        # In the middle of a step directors are not exactly orthonormal; with the S of these
+        # directors the torque is still m × B.  F [N m] is the torque over tr(S) 1 - S.
         S = np.swapaxes(X, -1, -2) @ X
         resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
         F = np.linalg.solve(resistance, torque[..., None])[..., 0]

@@ -2,7 +2,6 @@
 
 The argument `maths` of the formulas is `Symbolic` for films, whose forces are compiled by UFL, and
 `Rows` for the flat faces of rigid bodies, which are NumPy arrays.
-
 """
 
 from __future__ import annotations

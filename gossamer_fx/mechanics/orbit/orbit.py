@@ -39,7 +39,7 @@ class Orbit(Environment):
         mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.
         radius: of the centre, for shadow and altitude [m].
         pressure: of sunlight at 1 au on a black surface [N/m²].
-        ut1_utc: [s].
+        ut1_utc: difference UT1 - UTC of the epoch [s], below 0.9 s.
         following: time in which the origin returns to the centre of mass [s]; the motion does not
             depend on it.
         name: for messages and results.
@@ -63,6 +63,6 @@ class Orbit(Environment):
         yield RelativeGravity(self.name, Flight(self), self._flights)
 
     def flight(self, system: Assembly) -> Flight:
-        """The orbit at work on a system; `InputError` if it is not in that scene."""
+        """The flight of a compiled scene; `InputError` if the orbit is not in it."""
         check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
         return self._flights[system]

@@ -49,7 +49,8 @@ NEWTON_ITERATIONS = 60
 
 
 def substeps(T: Array, h: float, C: Array | float, A: Array, B: Array) -> int:
-    """Number of sub-steps that a step of length h [s] needs on this rank; see `advance`."""
+    """Number of sub-steps that a step of length h [s] needs on this rank, for the arguments of
+    `advance`: two in a time constant, from 1 to 201, which stands for more than `MAX_SUBSTEPS`."""
     if not len(T):
         return 1
     # Between the present and the equilibrium temperature, where the time constant is least.

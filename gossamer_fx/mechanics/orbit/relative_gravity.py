@@ -4,8 +4,8 @@ Problem.  Positions x in the frame are metres, those of its origin R are 7e6 m: 
 both attractions would lose seven digits.
 
 Method.  A mass m at X = R + x has over a step from X0 to X1 the exact average of 1/r gravity, with
-σ of `orbit.flight`, and the frame the same at R.  The difference is the force in the
-frame,
+σ of `orbit.flight`; the origin has the same average from R0 to R1.  The difference is the force in
+the frame,
 
     f/m = -σ(X0, X1) X_mid + σ(R0, R1) R_mid = -σ(R0, R1) [x_mid - γ/(1+γ) X_mid]                (1)
 
@@ -136,7 +136,7 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     mass matrix (k, k): masses [kg] of positions, first [kg m] and second moments [kg m²] of
     directors.
 
-    If the whole mass moves with the centre, there is one point.  Otherwise there is a pair of
+    If all mass moves with the centre (to 1e-13), there is one point.  Otherwise there is a pair of
     points on each principal axis, at equal distances to both sides of the centre.  Mass, centre and
     second moments are exact; third moments are zero.  `translation_weight` (k,) is 1 for positions
     and 0 for directors.
@@ -182,7 +182,7 @@ def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
 
 
 def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
-    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, see the module.
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, (2) of the module.
 
     r0 and r1 are |R0| and |R1| [m], d0 and d1 |X0| - |R0| and |X1| - |R1| [m] as `growth` returns
     them; numbers, arrays or UFL scalars.
@@ -305,11 +305,14 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         points = [t for t in system.terms if isinstance(t, AttachedKineticEnergy)]
         self._meshes = [MeshGravity(t, system.coordinates[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
+        # Number of the owned coordinates of bodies; multipliers follow them in vectors.
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
         ones = np.array([self._weights.array_r[: self._size : 3] @ self._is_position()])
         self.mass = float(system.comm.allreduce(ones)[0])
         self.flight.moments = self.moments
+        # Of the last step: derivative [1/s²] of the force per mass by the position at the end, and
+        # this rank's share of force [N] and moment [N m] of gravity.
         self._tangent: Array = np.zeros((3, 3))
         self._resultant: Array = np.zeros((2, 3))
 
@@ -327,7 +330,8 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         return W
 
     def _is_position(self) -> Array:
-        """Array of 1 for each owned position and 0 for each director."""
+        """1 for each owned position and 0 for each owned director, in the order of the unknowns,
+        three of which are one of them."""
         each = [
             np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local)
             for b in self._system.bodies
@@ -404,6 +408,7 @@ class CompiledOrbit(CompiledTerms["RelativeGravity"]):
         return [mesh.tangent for mesh in self._meshes if mesh.body is body]
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of gravity on mass points from the tangent."""
         if self._points:
             self._points.add_matrices(-self._points.mass[:, None, None] * self._tangent, A)
 

@@ -1,6 +1,7 @@
-"""Positions of Sun and Moon and orientation of the Earth at a date, by the library ERFA.
+"""The sky around an orbit: the shadow of the Earth, positions of Sun and Moon and orientation of
+the Earth at a date, and the tidal acceleration by Sun and Moon.
 
-ERFA is the extra `orbit` of the package (pip install 'gossamer_fx[orbit]').
+Dates need the library ERFA, the extra `orbit` of the package (pip install 'gossamer_fx[orbit]').
 """
 
 from __future__ import annotations

@@ -157,12 +157,12 @@ class ThermalProperties:
 
     @property
     def absorptivities(self) -> tuple[float, float]:
-        """Those of front and back."""
+        """Absorptivities of front and back."""
         return _of_faces(self.absorptivity)
 
     @property
     def emissivities(self) -> tuple[float, float]:
-        """Those of front and back."""
+        """Emissivities of front and back."""
         return _of_faces(self.emissivity)
 
 
@@ -284,11 +284,14 @@ class FilmTemperatures:
         self._shades: ShadowMap | None = None
         if heating.shadow_pixels:
             self._shades = ShadowMap(film, heating.shadow_pixels)
+        # None for a film without thermal expansion.
         self._strain = thermal_strain_of(system, film)
         self.T: Array = self._initial()
-        self._fluxes_absorbed = 0.0
+        # Heat [J] since the start, and stored at the start, this rank's shares.
+        self._heat_absorbed = 0.0
         self._heat_emitted = 0.0
         self._first = self._stored()
+        # Of a step that is not accepted yet: temperatures, and heat [J] absorbed and emitted.
         self._pending: tuple[Array, float, float] | None = None
         if self._strain is not None:
             self._strain.is_heated = True
@@ -302,6 +305,7 @@ class FilmTemperatures:
         table = np.zeros((self._owned, 5))
 
         def row(properties: ThermalProperties) -> list[float]:
+            """Heat capacity, then absorptivities and emissivities, front and back each."""
             faces = (*properties.absorptivities, *properties.emissivities)
             return [properties.heat_capacity, *faces]
 
@@ -358,21 +362,24 @@ class FilmTemperatures:
         self._expand(T)
 
     def commit(self) -> None:
+        """Accept the step that `begin_step` has computed; nothing if there is none."""
         if self._pending is None:
             return
         T, absorbed, emitted = self._pending
         # In place: a restart writes to this array.
         self.T[:] = T
-        self._fluxes_absorbed += absorbed
+        self._heat_absorbed += absorbed
         self._heat_emitted += emitted
         self._pending = None
 
     def take_time(self) -> None:
+        """Drop a step that was not accepted; the film has the thermal strain of T again."""
         self._pending = None
         self._expand(self.T)
 
     def _expand(self, T: Array) -> None:
-        """Give the film the thermal strain of temperatures (n,) at the end of the step."""
+        """Give the film the thermal strain of temperatures T (n,) [K] at the end of the step;
+        nothing for a film without thermal expansion."""
         if self._strain is None:
             return
         function = self._strain.end_temperature
@@ -431,7 +438,8 @@ class FilmTemperatures:
         return stretch * (absorbed * of_faces).sum(axis=1)
 
     def _middle_area_vectors(self) -> Array:
-        """Area vectors (n, 3) at q0 + ½ h v0, over stress-free areas.  Collective."""
+        """Area vectors (n, 3) [-] of this rank's triangles at q0 + ½ h v0, over their stress-free
+        areas.  Collective."""
         of_film = self._system.state[self.film]
         middle = of_film.coordinates() + self._system.h / 2 * of_film.rates()
         self.film.reconstruct(self._x, middle.ravel())
@@ -446,7 +454,7 @@ class FilmTemperatures:
 
     def sums(self) -> Array:
         """Absorbed, emitted and first stored heat [J] (3,), of all ranks.  Collective."""
-        own = np.array([self._fluxes_absorbed, self._heat_emitted, self._first])
+        own = np.array([self._heat_absorbed, self._heat_emitted, self._first])
         return self._system.comm.allreduce(own)
 
     def set_sums(self, sums: Sequence[float]) -> None:
@@ -454,7 +462,7 @@ class FilmTemperatures:
         # Rank 0 has the sums of all ranks, so that they count once.
         share = float(self._system.comm.rank == 0)
         absorbed, emitted, first = sums
-        self._fluxes_absorbed = share * absorbed
+        self._heat_absorbed = share * absorbed
         self._heat_emitted = share * emitted
         self._first = share * first
 
@@ -512,6 +520,7 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
             one.take_time()
 
     def get_history(self) -> dict[str, Any]:
+        """Absorbed, emitted and first stored heat [J] of each film.  Collective."""
         return {"heats": [one.sums().tolist() for one in self._films]}
 
     def set_history(self, state: dict[str, Any]) -> None:
@@ -523,6 +532,8 @@ class HeatedFilms(HistoryVariables, Shown, CompiledTerms["HeatedFilm"]):
         return {f"temperature {k}": (one.film, one.T) for k, one in enumerate(self._films)}
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Numbers and temperatures [K] of this rank's triangles of a heated film, for the field
+        "temperature"; None for other fields and bodies."""
         if field != "temperature":
             return None
         for one in self._films:

@@ -218,11 +218,12 @@ class _LightOnFaces(FacesForce):
         self._u, self._P = flight.light()
 
     def on_faces(self, areas: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] of light on n faces, whatever their velocities are."""
         return self._P * light_force(areas, self._u, self._front, self._back, Rows)
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
-    """Area vectors and centres (n, 3)."""
+    """Area vectors [m²] and centres [m] of n surfaces in body axes, (n, 3) each."""
     # Normals are given with any length.
     areas = [s.area * np.asarray(s.normal, dtype=float) / math.hypot(*s.normal) for s in surfaces]
     return np.array(areas), np.array([s.centre for s in surfaces], dtype=float)

@@ -25,6 +25,7 @@ _FIELDS = {
     "tension": ("Tension", "N"),
     "axial_strain": ("Axial strain", ""),
     "pressure": ("Pressure inside over outside", "Pa"),
+    "temperature": ("Temperature", "K"),
     "mode_amplitude": ("Amplitude of the mode (arbitrary scale)", "m"),
     "wrinkle_amplitude": ("Amplitude of the wrinkles", "m"),
     "contact_pressure": ("Contact pressure", "Pa"),
