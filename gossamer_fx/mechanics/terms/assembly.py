@@ -66,6 +66,7 @@ class Assembly(Protocol):
         coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
+        v0: rates of the coordinates at the start of the step.
         previous: coordinates at the start of the last accepted step.
         geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
             iterations without it.
@@ -142,7 +143,8 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
         return [cls(terms, system)]
 
     def has(self, term: object) -> bool:
-        """Return whether it was compiled from a term of its kind."""
+        """Return whether it was compiled from this term of its kind: always, unless `compile` makes
+        several objects."""
         return True
 
     # ---- equations -------------------------------------------------------------------------------
