@@ -87,7 +87,8 @@ class ScalarUnknowns(HistoryVariables):
         return ()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the part of this derivative that is not made of forms to A."""
+        """Add the part of the derivative of their forces that is not made of forms to the matrix A
+        of all coordinates."""
         return
 
     def inadmissible(self) -> str:
