@@ -48,8 +48,8 @@ def vary(
     """Replace numbers of a film law, in `constants`, by functions that are constant in each cell.
     Collective.
 
-    Numbers that are derived from the argument in question, or values out of their limits, raise
-    `InputError`; where nothing is given the number of the law holds.
+    Where nothing is given the number of the law holds.  `InputError`: a number that cannot vary (of
+    a law with numbers that are derived from others all but the density), or values out of `LIMITS`.
     """
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]

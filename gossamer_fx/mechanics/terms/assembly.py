@@ -280,8 +280,8 @@ class Multipliers(ABC):
 
     @abstractmethod
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """See that the initial state keeps the constraints, and none follows from others; `free` is
-        0 where held."""
+        """Check that the initial state fulfils the constraints and that none follows from others;
+        `free` is 0 at held coordinates, else 1."""
 
     @abstractmethod
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
@@ -355,7 +355,8 @@ class ActiveSet(ABC):
         set."""
 
     def activate_present(self) -> None:
-        """Start a step of no length from the accepted state, with what has energy there."""
+        """Start a step of no length from the accepted state, with the pairs that have energy
+        there."""
 
 
 class HistoryVariables(ABC):
@@ -484,10 +485,11 @@ class Differentiable:
         """Forget all sums: a backward pass begins."""
 
     def add_energy_by_history(self, share: float) -> None:
-        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
+        """Add `share` times ∂ψ/∂s of the stored energy at q0 to the sums."""
 
     def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
-        """Add what later steps give for the end of the solved step, of which s is a function."""
+        """Add (∂s/∂q1)ᵀ times the sums, of history variables s that the solved step has set as
+        functions of its end q1."""
 
     def save_history(self) -> Any:
         """The history variables of the accepted state on this rank, as an object that does not
