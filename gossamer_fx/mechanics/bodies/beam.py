@@ -139,7 +139,8 @@ class Beam(Curve):
         return self._reference.x.array.reshape(-1, 3, 3)[nodes]
 
     def measure(self, q: Expr) -> Expr:
-        """Strains (Γ, γ2, γ3, κ2, κ3, τ)."""
+        """Strains (Γ, γ2, γ3, κ2, κ3, τ) of the coordinates q (9,), less those of the mesh, with
+        the initial strain added to Γ; κ and τ in [1/m]."""
         strains = beam_strain(q) - beam_strain(self._reference)
         initial = self.initial_strain
         if initial is None:
@@ -176,14 +177,15 @@ class Beam(Curve):
     def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(self, self.mass)
         yield stored_energy(self, (), quadratic=True, discrete_derivative=self.discrete_derivative)
-        # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
-        # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
+        # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node: three
+        # equations, and three multipliers, at each owned node.
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
         H, L, c = orthonormality(2)
         yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
+        """d2 and d3 of a global node as ports."""
         d2 = Port(self, (node,), weights=(1.0,), vectors=(1,))
         d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
         return d2, d3

@@ -40,7 +40,7 @@ LineDensity = Annotated[float, positive("kg/m")]
 
 
 class BarLaw:
-    """Base of the laws of cables: an energy per reference length of ε = ½(λ² - 1).
+    """Base of the laws of cables: an energy per reference length of ε = ½(λ² - 1), λ the stretch.
 
     Attributes:
         line_density: mass per reference length [kg/m].
@@ -64,11 +64,12 @@ class BarLaw:
         raise NotImplementedError
 
     def constants(self, mesh: DolfinxMesh) -> SimpleNamespace:
-        """The numbers of the law as constants `c` of a mesh."""
+        """The numbers of the law as UFL constants of a mesh: the argument `c` of other methods."""
         return constants(self, mesh)
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """Pieces of the path from e0 to e1 with exact averages; none: Gauss points take them."""
+        """Pieces of the path of a step from e0 to e1, each with its exact mean stress; an empty
+        list: the stress is averaged at Gauss points."""
         return []
 
 
@@ -104,34 +105,37 @@ class CableLaw(BarLaw):
         return self.strain == "green"
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return c.EA / 2 * self._stretched_by(e) ** 2
+        return c.EA / 2 * self._law_strain(e) ** 2
 
-    def _stretched_by(self, e: Expr) -> Expr:
-        """The strain of this law, of e = (ε,)."""
+    def _law_strain(self, e: Expr) -> Expr:
+        """ε, or λ - 1 for an engineering law, of e = (ε,)."""
         return e[0] if self.strain == "green" else engineering_strain(e)
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """The whole path.  Of Green strains its stress is the mean force EA ε_m.  Of engineering
-        strains x, with the mean force EA x_m and Δε = λ_m Δx, the stress S = EA x_m/λ_m has S Δε =
-        ΔW exactly."""
+        """None for a quadratic energy, whose stress at the middle is exact; else the whole path.
+
+        Of Green strains its mean stress is EA ε_m.  Of engineering strains x, with the mean force
+        EA x_m and Δε = λ_m Δx, the stress S = EA x_m/λ_m has S Δε = ΔW exactly."""
         if self.quadratic:
             return []
         return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
 
     def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
-        x0 = self._stretched_by(e0)
-        x1 = self._stretched_by(e1)
+        """Mean stress (1,) [N] of the path from e0 to e1, see `pieces`."""
+        x0 = self._law_strain(e0)
+        x1 = self._law_strain(e1)
         force = c.EA * self._mean(x0, x1)
         if self.strain == "engineering":
             force /= 1 + (x0 + x1) / 2
         return ufl.as_vector([force])
 
     def _mean(self, x0: Expr, x1: Expr) -> Expr:
-        """The strain that bears, averaged over the path from x0 to x1."""
+        """Average, over the path from x0 to x1, of the strain that bears; here all of it."""
         return (x0 + x1) / 2
 
     def green_strain(self, share: Expr) -> Expr:
-        """The strain ε that has the tension N at the natural length, of N/EA."""
+        """The strain ε with which the cable has the tension N in the shape of its mesh, from the
+        number `share` = N/EA."""
         if self.strain == "green":
             return share
         # EA x/(1 + x) = N, as the stress EA x/λ along ε acts on the length 1.
@@ -157,7 +161,7 @@ class TensionOnly(CableLaw):
         return False
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        return c.EA / 2 * ufl.max_value(self._stretched_by(e), 0.0) ** 2
+        return c.EA / 2 * ufl.max_value(self._law_strain(e), 0.0) ** 2
 
     def _mean(self, x0: Expr, x1: Expr) -> Expr:
         return mean_of_positive_part(x0, x1)
@@ -174,7 +178,8 @@ def engineering_strain(e: Expr) -> Expr:
 
 
 def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
-    """Average of max(y, 0) along the path from y0 to y1; `terms.point_energies` says how."""
+    """Average of max(y, 0) along the straight path from y0 to y1, in UFL;
+    `terms.point_energies.one_sided_average` has the same in NumPy and says how."""
     positive0 = ufl.max_value(y0, 0.0)
     positive1 = ufl.max_value(y1, 0.0)
     passes_zero = ufl.lt(y0 * y1, 0.0)
@@ -184,7 +189,7 @@ def mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
 
 
 class Curve(Meshed):
-    """A body on line elements.  Its constants include EA [N] where there is one."""
+    """A body on line elements.  Its constants include EA [N] if its law or section has one."""
 
     strains = 1  # number of its strains
 
@@ -215,7 +220,8 @@ class Curve(Meshed):
         return None
 
     def _strain_of_tension(self, share: Expr) -> Expr:
-        """The initial strain that has a tension N0 at the natural length, of N0/EA."""
+        """The initial strain of a tension N0 in the shape of the mesh, from `share` = N0/EA; here
+        of a law that is linear in the strain."""
         return share
 
     @property
@@ -353,6 +359,7 @@ class Cable(Curve):
         return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy, as integrals over the length of the mesh."""
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -369,7 +376,7 @@ class Cable(Curve):
         )
 
     def density(self, e: Expr) -> Expr:
-        """Stored energy per unit length of the mesh."""
+        """Stored energy per unit length of the mesh [J/m] of the strain e = (ε,)."""
         return self.per_mesh_length(self.law.energy(e, self.constants))
 
     @property
@@ -382,13 +389,13 @@ class Cable(Curve):
         return self.axial_force(x, gradient(self.density, self.measure(x)))
 
     def axial_force(self, q: Expr, S: Expr) -> Expr:
-        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ by the natural length
-        and the stress S (1,) [N] of the density: that of W, times the natural length over that of
-        the mesh."""
+        """Tension N = W'(ε) λ [N] at the positions q (3,), with the stretch λ from the natural
+        length.  S (1,) [N] is the stress of `density`, which is per length of the mesh: W' times
+        the natural length over that of the mesh."""
         dx = line_derivative(q)
         stretch = ufl.sqrt(ufl.dot(dx, dx))
         if self._length_ratio is not None:
-            # One ratio is that of the density, the other that of the stretch.
+            # One ratio turns S into W', the other x' into the stretch from the natural length.
             stretch = stretch / self._length_ratio**2
         return S[0] * stretch
 

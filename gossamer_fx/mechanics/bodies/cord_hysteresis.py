@@ -75,6 +75,7 @@ class Hysteresis:
         v = self.unloading
         turning_force = self._tension.force(X)
         end_force = float(v.force(np.array(self.end)))
+        # The strain of v, continued with its last slope, that is moved to the turning point.
         top = self.end + np.maximum(turning_force - end_force, 0.0) / v.slope_changes.sum()
         # Corners below the force at which the branch is cut move to where it is cut: their slopes
         # add up to the slope there.
@@ -92,21 +93,21 @@ class Hysteresis:
         which a cycle would gain energy."""
         tension = self._tension
         points = np.append(tension.strains, last)
-        # Between these strains D' is linear: δ has corners where the force left on the unloading
-        # curve is that of one of its corners.
-        left = self.unloading.force(np.array(self.end)) - self.unloading.force(
-            self.unloading.strains
-        )
-        X = np.unique([*points, *np.interp(left, tension.force(points), points)])
+        # D' is linear between corners of N_l and of δ.  δ has a corner where (1) is cut at a corner
+        # of v, as the turning force is v_m less the force there.
+        v = self.unloading
+        turning_forces = v.force(np.array(self.end)) - v.force(v.strains)
+        X = np.unique([*points, *np.interp(turning_forces, tension.force(points), points)])
         force = tension.force(X)
         slope = np.diff(force) / np.diff(X)
         δ = X - self.branch(X).strains[:, 0]
+        # D' at the beginnings of the intervals, then at their ends.
         for end in (slice(None, -1), slice(1, None)):
             growth = force[end] - δ[end] * slope
-            bad = np.flatnonzero(growth < -ROUND_OFF * np.maximum(force[end], slope))
+            gains = growth < -ROUND_OFF * np.maximum(force[end], slope)
             check(
-                not len(bad),
-                f"TabulatedCable: a cycle up to the strain {X[end][bad[:1]].sum():.4g} gains "
+                not gains.any(),
+                f"TabulatedCable: a cycle up to the strain {X[end][gains.argmax()]:.4g} gains "
                 "energy, as the unloading curve is not steep enough; give a steeper one.",
             )
 
@@ -121,7 +122,7 @@ class Hysteresis:
     def average(self, x0: Array, x1: Array, X: Array) -> tuple[Array, Array]:
         """Force [N] averaged over the path from x0 to x1 (n,), and its derivative by x1, if the
         largest strain before is X.  Only x1, or both if they are equal, may be beyond X."""
-        compression, its_slope = self._compression.average(x0, x1)
+        compression, compression_slope = self._compression.average(x0, x1)
         below, slope_below = self.branch(X).average(np.minimum(x0, X), np.minimum(x1, X))
         above, slope_above = self._tension.average(np.maximum(x0, X), np.maximum(x1, X))
         # The share of the path on the loading curve, and how it grows with x1.
@@ -131,7 +132,7 @@ class Hysteresis:
         growth = np.where(passes, (1 - share) / change, 0.0)
         force = compression + (1 - share) * below + share * above
         slope = np.where(x1 > X, share * slope_above, slope_below)
-        return force, its_slope + slope + growth * (above - below)
+        return force, compression_slope + slope + growth * (above - below)
 
 
 def _of_side(corners: Corners, side: int) -> Corners:
@@ -151,7 +152,7 @@ class HystereticBars(TabulatedBars, PathDensity):
 
     Attributes:
         law: force of the bars, in place of `corners`.
-        numbers: of the bars (n,) of this rank in the whole line.
+        numbers: positions (n,) of this rank's bars in the whole line.
         largest: X (n,), the largest strains so far; changed in place.
         comm: on whose ranks the bars are.
     """
@@ -162,6 +163,7 @@ class HystereticBars(TabulatedBars, PathDensity):
     comm: MPI.Intracomm
 
     def energy(self, e: Array) -> Array:
+        """Stored energies [J] (n,) of the strains ε (n, 1), which may be beyond `largest`."""
         x = self.strain(e)
         # A strain that was just reached is one from which the cord unloads.
         return self.lengths * self.law.energy(x, np.maximum(x, self.largest))
@@ -170,9 +172,11 @@ class HystereticBars(TabulatedBars, PathDensity):
         return self.law.average(x0, x1, self.largest)
 
     def take(self, e: Array) -> None:
+        """Raise the largest strains to accepted ones, ε (n, 1)."""
         np.maximum(self.largest, self.strain(e), out=self.largest)
 
     def loss(self, e0: Array, e1: Array) -> Array:
+        """Growth [J] (n,) of D, equation (2) of the module, from ε e0 to e1 (n, 1)."""
         before = np.maximum(self.strain(e0), self.largest)
         after = np.maximum(self.strain(e1), self.largest)
         return self.lengths * (self.law.dissipated(after) - self.law.dissipated(before))

@@ -1,4 +1,4 @@
-"""Lines of edges of films, in order, with their arc length: what is sewn to what.
+"""Lines of edges of films, in order, with their arc length, by which seams join films.
 
 A line is a named group of curves of a film's mesh that is connected and has no branches, open or
 closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which
@@ -26,7 +26,8 @@ Numbers = npt.NDArray[np.int64]
 # meshes place the nodes of like lines with relative differences of 1e-6 to 1e-4.
 NODE_FRACTION = 1e-3
 
-# Coordinates that differ by less than this fraction of the size of a line count as equal.
+# Coordinates that differ by less than this fraction of the size of a line count as equal, and so do
+# mean squared distances of two lines that differ by less than this fraction of them.
 COORDINATE_TOLERANCE = 1e-9
 
 
@@ -59,6 +60,7 @@ class EdgeLine:
 
     @property
     def length(self) -> float:
+        """Length [m] of the line on the mesh."""
         return float(self.edge_lengths.sum())
 
     @cached_property
@@ -69,6 +71,7 @@ class EdgeLine:
 
     @property
     def order(self) -> int:
+        """Order p of the body: an edge has p + 1 nodes."""
         return int(self.nodes.shape[1]) - 1
 
     def reversed(self) -> EdgeLine:
@@ -216,30 +219,33 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]
         point[last] = X[i, -1]
-    # A line has no vertex with three edges, and two ends or none; the walk finds several parts.
-    most = max(len(meeting) for meeting in edges_at.values())
+    # A line has no vertex with three edges, and two ends, or none if it is closed.  Further closed
+    # parts also pass this check; the walk does not reach them, and is refused at its end.
+    most_edges = max(len(meeting) for meeting in edges_at.values())
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(
-        most <= 2 and len(ends) in (0, 2),
+        most_edges <= 2 and len(ends) in (0, 2),
         f"{what} is not one line: it branches or has several parts; "
         "name one line for each side of a seam.",
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)
     size = float(np.linalg.norm(np.ptp(coordinates, axis=0)))
-    # A line without extent has any resolution.
+    # Where all points coincide, any number serves.
     resolution = COORDINATE_TOLERANCE * size or 1.0
 
-    def height(vertex: int) -> tuple[float, ...]:
-        """Rounded coordinates, so that round-off does not choose between equal ones."""
+    def rounded(vertex: int) -> tuple[float, ...]:
+        """Coordinates of a vertex as whole numbers, so that round-off does not choose between equal
+        ones."""
         return tuple(np.rint((point[vertex] - low) / resolution).tolist())
 
     def other(edge: int, vertex: int) -> int:
+        """The other end of an edge."""
         first, last = ends_of[edge]
         return last if vertex == first else first
 
-    start = min(ends or point, key=height)
-    edge = min(edges_at[start], key=lambda one: height(other(one, start)))
+    start = min(ends or point, key=rounded)
+    edge = min(edges_at[start], key=lambda one: rounded(other(one, start)))
     walk = []
     forwards = []
     vertex = start
@@ -289,7 +295,8 @@ def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
 
 
 def _mean_square(σ_a: Array, x_a: Array, σ_b: Array, x_b: Array) -> float:
-    """Mean of |x_a - x_b|² [m²] at the points of a."""
+    """Mean of |x_a - x_b|² [m²] at the points of a, of two lines given by the fractions σ (n,) and
+    the positions x (n, 3) [m] of their points; b is linear between its points."""
     at_points_of_a = np.stack([np.interp(σ_a, σ_b, component) for component in x_b.T], axis=1)
     squared_distances = ((x_a - at_points_of_a) ** 2).sum(axis=1)
     return float(squared_distances.mean())

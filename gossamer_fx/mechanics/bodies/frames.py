@@ -30,7 +30,7 @@ SAME_DIRECTION = 1e-9
 # Coordinates of a frame: a point and three directors.
 FRAME_SIZE = 12
 
-# Vectors as bodies have them by themselves, outside of any scene.
+# The vector (3,) of a port or of the ground as the body is made, outside of any scene.
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 
 
@@ -50,14 +50,15 @@ class OneNode:
         self.block = Block(IndexMap(self.comm, int(self.comm.rank == 0)), size)
 
     def initial_state(self) -> tuple[Array, Array]:
-        here = self.block.size * self.block.index_map.size_local
-        return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+        """Coordinates and rates at the start, flattened; empty on all ranks but rank 0."""
+        own_size = self.block.size * self.block.index_map.size_local
+        return self._q.ravel()[:own_size].copy(), self._v.ravel()[:own_size].copy()
 
     def describe(self, node: int) -> str:
         return self.description
 
     def vector(self, k: int) -> Port:
-        """The vector k of the node, from zero."""
+        """The vector k of the node, counted from zero, as a port."""
         return Port(self, (0,), weights=(1.0,), vectors=(k,))
 
 
@@ -89,7 +90,8 @@ class Frame:
 
     @cached_property
     def complete(self) -> Frame:
-        """The frame with three directors; all that needs the normal of a section shares one."""
+        """This frame if it has three directors or is of the ground; of a beam's section one with
+        its normal too (`SectionFrame`), made once for all that need it."""
         if len(self.directors) == 3 or isinstance(self.origin, Ground):
             return self
         return SectionFrame(self, self.origin).frame
@@ -158,8 +160,8 @@ def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INI
 
 
 def across(axis: Vector, side: Frame) -> Frame:
-    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
-    section if it needs it."""
+    """The side of a hinge as a frame whose directors span the normals of the axis: itself if all of
+    its directors are normal to the axis, else completed to three directors."""
     return side if is_normal(unit(axis), side) else side.complete
 
 
@@ -190,7 +192,7 @@ def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
 
 
 class SectionFrame(OneNode):
-    """A massless body that follows a section of a beam and has its normal as third director.
+    """A massless body that follows a section of a beam and has its normal as a further director.
 
     Problem.  Products of the directors of two sections in one plane do not change to first order
     when one of them tilts; a joint needs products with the normal of a section.
@@ -219,10 +221,12 @@ class SectionFrame(OneNode):
 
     @property
     def frame(self) -> Frame:
+        """The frame at x with the directors n, d2, d3."""
         x, *directors = self._vectors()
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
+        """x, n, d2 and d3 as ports."""
         return tuple(self.vector(k) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
@@ -264,7 +268,7 @@ class SectionFrame(OneNode):
 
 
 def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
-    """The bodies that a joint refers to."""
+    """The bodies of the sides of a joint; one may come several times."""
     for side in sides:
         vectors = (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,)
         # Vectors of the ground belong to no body.
@@ -306,6 +310,7 @@ class Between:
 
     @property
     def _sides(self) -> tuple[Attached | Frame, Attached | Frame]:
+        """The sides as the equations have them: joints may complete a frame to three directors."""
         return self.a, self.b
 
     def requires(self) -> Iterable[Any]:
@@ -334,8 +339,7 @@ class FrameJoint(Between):
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin
-        # The distance of two points of one body follows from its stiffness: a joint would be a
-        # support.
+        # Within one body a joint would hold a deformation, or repeat what its rigidity says.
         if isinstance(a, Port) and isinstance(b, Port):
             check(
                 a.body is not b.body,

@@ -89,8 +89,8 @@ def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> No
 
 def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
     """A function of symmetric tensors (3, 3), constant in each cell, in the unit of what was given.
-    A number stands for that multiple of the unit tensor, the same in all directions.  Collective.
-    """
+    A number stands for that multiple of the unit tensor, the same in all directions.  `what` names
+    the argument in messages.  Collective."""
     shape = (3, 3)
     if isinstance(given, Mapping):
         by_group = {}
@@ -159,8 +159,8 @@ def strain_in_frame(tensors: fem.Function, frame: Expr) -> Expr:
 
 
 def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constants: Any) -> Expr:
-    """Strain (E11, E22, 2 E12) of taut film in its frame (3, 2), of stresses (3, 3) in space
-    [Pa]."""
+    """Strain (E11, E22, 2 E12) in the frame (3, 2) of a film at which it is taut and has stresses
+    (3, 3) in space [Pa]; `constants` are those of its law."""
     stress = _in_frame(stresses, frame)
     shear = (stress[0, 1] + stress[1, 0]) / 2
     S = ufl.as_vector([stress[0, 0], stress[1, 1], shear])

@@ -193,15 +193,16 @@ class Membrane(Meshed):
         return green_lagrange(self.deformation(x))
 
     def deformation(self, x: Expr) -> Expr:
-        """F (3x2) of the positions x."""
+        """Deformation gradient F (3, 2) of the positions x (3,), by the axes of the triangles."""
         return surface_gradient(x, self._frame)
 
     def density(self, e: Expr) -> Expr:
-        """Stored energy per unit reference area."""
+        """Stored energy per unit reference area [J/m²] of the strain e (3,)."""
         return self.law.energy(e, self.constants)
 
     def pieces(self, e0: Expr, e1: Expr) -> list[Piece]:
-        """The pieces of the path from e0 to e1 on which the density is smooth."""
+        """The pieces of the path from e0 to e1 on which the density is smooth; empty if the law
+        does not know them."""
         return self.law.pieces(e0, e1, self.constants)
 
     @property
@@ -230,6 +231,8 @@ class Membrane(Meshed):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
+        """Positions and velocities at the start.  At nodes of several groups of the displacement
+        the last one counts."""
         if not isinstance(self._displacement, Mapping):
             return positions(self.space, self._displacement, self._velocity)
         # Positions x and velocities v of this rank's own nodes, (3 n,).

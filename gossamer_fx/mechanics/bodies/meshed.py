@@ -75,7 +75,7 @@ class Meshed(ABC):
         self.order = order
         self.space = fem.functionspace(domain, ("Lagrange", order, (size,)))
         self.block = Block(self.space.dofmap.index_map, size)
-        # The strain of a beam is taken where it does not lock.
+        # The degree of squared gradients: in a beam two Gauss points, where nothing locks.
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
@@ -164,6 +164,7 @@ class Meshed(ABC):
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
+    """`checked_function` of a function that may be absent: None stays None."""
     if function is None:
         return None
     return checked_function(function, what, comm)
@@ -171,7 +172,7 @@ def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> P
 
 def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
     """The function, with a check on all ranks of what it returns; each rank calls it with its own
-    points."""
+    points.  `what` is the subject of the messages."""
     check(
         callable(function),
         f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",

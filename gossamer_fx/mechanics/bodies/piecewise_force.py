@@ -40,6 +40,7 @@ class Corners:
         return (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
 
     def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """N [N] averaged over the path from x0 to x1, of any shape, and its derivative by x1."""
         mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
         force = (self.slope_changes * self.sides * mean).sum(axis=-1)
         stiffness = (self.slope_changes * slope).sum(axis=-1)
@@ -54,7 +55,7 @@ class Corners:
 class TabulatedBars:
     """Energy L W(x) of bars with natural lengths L [m], as a function of ε = ½(λ² - 1).
 
-    It plays `terms.point_energies.PointDensity`, for tapes.
+    It is the `terms.point_energies.PointDensity` of tapes.
     """
 
     corners: Corners

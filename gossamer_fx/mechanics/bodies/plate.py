@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 # Sine of the angle between neighbouring cells below which they count as lying in one plane.
 FLAT = 1e-6
 
-# The same below which the plane triangles of a curved plate are close to it: 45 degrees.
+# The same sine, below which the plane triangles of a curved plate are close to it: 45 degrees.
 CLOSE = 0.7
 
 # Share of a given curvature below which its antisymmetric and its normal part count as zero.
@@ -182,7 +182,7 @@ class Plate(Membrane):
         if rest_curvature is not None:
             given_rest = self._rest(rest_curvature)
             rest = given_rest if rest is None else rest + given_rest
-        # The penalty is a constant, so that another one needs no new kernel.
+        # The bending energy; `_bending` is the argument, `bending_stiffness` the tensor.
         self.bending = self._bending_about(rest)
 
     def _take_shape(self, geometry: Geometry) -> None:
@@ -199,6 +199,8 @@ class Plate(Membrane):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
+        """Positions and velocities of `Membrane`, moved from the plane triangles to the curved
+        shape if there is one."""
         x, v = super()._start
         if self.shape is not None:
             x = x + self.shape.x.array[: len(x)]
@@ -308,7 +310,8 @@ class Plate(Membrane):
         # A bending stiffness [N m] of each cell, by which the products are scaled.
         D = self.bending_stiffness.reference
         mean = (D("+") + D("-")) / 2
-        # In a curved plate the energies of a cell cancel point by point.
+        # In a plane plate the products are of degree 2.  In a curved one they cancel the bending
+        # energy at each of its points.
         inside = dx
         if self.shape is None:
             inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
@@ -322,7 +325,9 @@ class Plate(Membrane):
         return TripleProductEnergy(name, self, products, constant_energy, varying)
 
     def _bending_about(self, rest: Expr | None) -> Bending:
+        """The bending energy with a rest curvature (2, 2) [1/m]; None stands for zero."""
         domain = self.mesh.domain
+        # A constant, so that another penalty needs no new kernel.
         penalty = constant(domain, PENALTY)
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest, self.shape)
 
@@ -358,6 +363,7 @@ class Plate(Membrane):
         limit = FLAT
         if self.shape is not None:
             limit = CLOSE
+            # Beyond a right angle the sine falls again.
             sines[np.einsum("ni,ni->n", left, right) < 0] = 1.0
             advice = "neighbours in its curved mesh are at more than 45 degrees; use smaller cells."
         check_on_all(self.comm, bool((sines < limit).all()), f"Plate '{self.name}': {advice}")

@@ -24,6 +24,7 @@ from gossamer_fx.mechanics.materials.film import FilmLaw
 
 Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
 
+# Numbers of laws that may vary: each is above its first limit, and at most the second.
 LIMITS = {
     "E": (0.0, np.inf),
     "E1": (0.0, np.inf),
@@ -47,8 +48,8 @@ def vary(
     """Replace numbers of a film law, in `constants`, by functions that are constant in each cell.
     Collective.
 
-    Numbers that are derived from the argument in question, or values out of their limits, raise
-    `InputError`; where nothing is given the number of the law holds.
+    Where nothing is given the number of the law holds.  `InputError`: a number that cannot vary (of
+    a law with numbers that are derived from others all but the density), or values out of `LIMITS`.
     """
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
@@ -117,7 +118,8 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
 
 
 def cells_of_group(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group of triangles or lines, owned and ghost."""
+    """Local cells (n,) of a named group of triangles or lines, owned and ghost.  `InputError`,
+    which begins with `what`: a group of another dimension."""
     dim, cells = mesh.group(group)
     wanted = mesh.domain.topology.dim
     check(

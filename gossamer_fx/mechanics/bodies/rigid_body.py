@@ -40,9 +40,6 @@ ATTITUDE_TOLERANCE = 1e-12
 # Extent of a set of points, over its largest one, below which it counts as flat in that direction.
 FLAT = 1e-9
 
-# [m] Avoids 0 < 0 in the comparison of extents where all points coincide.
-SMALLEST_EXTENT = 1e-300
-
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
     """H (m, 3k, 3k), L (m, 3k) and c (m,) of the measures ½(d_i·d_i - 1) and d_i·d_j of k = `count`
@@ -55,14 +52,14 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
     H = np.zeros((len(pairs), 3 * count, 3 * count))
     L = np.zeros((len(pairs), 3 * count))
     c = np.zeros(len(pairs))
-    for k, (i, j) in enumerate(pairs):
+    for row, (i, j) in enumerate(pairs):
         product = np.zeros((count, count))
         product[i, j] = 1.0
         product[j, i] = 1.0
-        H[k] = np.kron(product, np.eye(3))
+        H[row] = np.kron(product, np.eye(3))
         # A length is measured from that of a unit vector; a right angle has the product 0.
         if i == j:
-            c[k] = -0.5
+            c[row] = -0.5
     return H, L, c
 
 
@@ -164,6 +161,7 @@ class RigidBody(OneNode):
         self._make_node(12)
 
     def terms(self, start: State) -> Iterable[Term]:
+        # Of the rates of x [kg] and of the three directors [kg m²].
         mass = np.zeros((1, 4, 4))
         mass[0, 0, 0] = self.mass
         mass[0, 1:, 1:] = self.euler_tensor
@@ -279,10 +277,11 @@ class RigidPiece(OneNode):
 
     @property
     def directors(self) -> tuple[Port, ...]:
+        """The k directors as ports."""
         return tuple(self.vector(k) for k in range(1, len(self._q)))
 
     def port(self, *along: float) -> Port:
-        """The point x + Σ along[i] d_i."""
+        """The point x + Σ along[i] d_i, of up to k coordinates along the directors."""
         count = 1 + len(along)
         nodes = (0,) * count
         vectors = tuple(range(count))
@@ -305,14 +304,15 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
     mean_velocity = comm.allreduce(v.sum(axis=0)) / count
     arms = x - mean
     covariance = comm.allreduce(arms.T @ arms)
-    rates = comm.allreduce(arms.T @ (v - mean_velocity))
-    # d (k, 3): the directors.
-    # Sums may differ between ranks in the last digit, and with it the sign of an eigenvector.
+    moments = comm.allreduce(arms.T @ (v - mean_velocity))
+    # d (k, 3): the directors.  Sums may differ between ranks in the last digit, and with it the
+    # sign of an eigenvector.
     d = comm.bcast(directors_of(covariance))
     along = arms @ d.T
     director_rates = np.zeros((0, 3))
     if len(d):
-        director_rates = np.linalg.solve(d @ covariance @ d.T, d @ rates)
+        # Least squares of along @ director_rates = v - mean_velocity over all points.
+        director_rates = np.linalg.solve(d @ covariance @ d.T, d @ moments)
     frame = np.vstack([mean[None], d])
     frame_rates = np.vstack([mean_velocity[None], director_rates])
     return frame, frame_rates, along
@@ -330,7 +330,7 @@ def directors_of(covariance: Array, flat: float = FLAT) -> Array:
     extents = np.sqrt(np.maximum(squares, 0.0))
     dimension = 0
     if extents[2] > 0:
-        dimension = int((extents > flat * max(extents[2], SMALLEST_EXTENT)).sum())
+        dimension = int((extents > flat * extents[2]).sum())
     if dimension == 0:
         return np.zeros((0, 3))
     if dimension == 3:

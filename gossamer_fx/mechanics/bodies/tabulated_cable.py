@@ -168,7 +168,7 @@ class TabulatedCable(BarLaw):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """Equation (2) of the module."""
+        """Stored energy [J/m] of the Green-Lagrange strain e = (ε,), equation (2) of the module."""
         x = engineering_strain(e)
         total = ufl.as_ufl(0.0)
         # A sum over corners, not a search of the segment: UFL has no branches with a table.
@@ -241,5 +241,6 @@ def _check_table(strain: Array, force: Array) -> None:
 
 
 def _first(found: npt.NDArray[np.intp]) -> int:
-    """The first of some numbers, counted from one; zero if there is none."""
+    """The first of some indices, counted from one; zero if there is none, as messages are also
+    formatted where nothing is wrong."""
     return int(found[0]) + 1 if len(found) else 0

@@ -27,7 +27,7 @@ from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 class TemperatureInTime:
     """A temperature [K], or a difference of temperatures, in space and time; `elsewhere` in cells
-    that are in no group, and refused below `lowest`.
+    that are in no group, and refused below `lowest` in messages about `what`.
 
     Attributes:
         in_time: whether a function of the user is to be asked at every time.
@@ -40,7 +40,7 @@ class TemperatureInTime:
         self._elsewhere = elsewhere
         self._lowest = lowest
         self._what = what
-        # Values with their cells; None stands for all cells.
+        # Values, their cells (None: all of them), and their name in messages.
         self._parts: list[tuple[Any, Indices | None, str]] = []
         if isinstance(given, Mapping):
             for group, value in given.items():
@@ -62,8 +62,8 @@ class TemperatureInTime:
             nodes = cell_nodes(space)
             if cells is not None:
                 nodes = nodes[cells]
-            places = np.unique(nodes.ravel())
-            values[places] = self._ask(value, points[:, places], t, what)
+            nodes = np.unique(nodes.ravel())
+            values[nodes] = self._ask(value, points[:, nodes], t, what)
         is_possible = bool((values >= self._lowest).all())
         check_on_all(
             self._comm,

@@ -1,14 +1,15 @@
 """Energies that are triple products (u×v)·s of three vectors linear in the coordinates: those of
 rest curvatures.
 
-They are cubic, so the gradient at q̄ keeps both momenta but not the energy: with Δ = q1 - q0
+They are cubic, so the gradient at q_mid = ½ (q0 + q1) keeps both momenta but not the energy: with Δ
+the change of a quantity from q0 to q1
 
-    Δ((u×v)·s) = ∂((u×v)·s)(q̄)·Δ + ¼ (Δu×Δv)·Δs.
+    Δ((u×v)·s) = ∂((u×v)·s)(q_mid)·Δq + ¼ (Δu×Δv)·Δs.
 
-What is missing is given back at every quadrature point along the gradients at q̄ of six invariants
-of the three vectors,
+The missing energy is given back at every quadrature point along the gradients g_i' at q_mid of six
+invariants of the three vectors,
 
-    g = (½ u·u, u·v, ½ v·v, u·s, v·s, (u×v)·s),      force = missing Σ (g_i'·Δ) g_i' / Σ (g_i'·Δ)²:
+    g = (½ u·u, u·v, ½ v·v, u·s, v·s, (u×v)·s),    force = missing Σ (g_i'·Δq) g_i' / Σ (g_i'·Δq)²:
 
 all are invariant to rigid motions, so the momenta stay, and one of them changes in every motion
 that is not rigid.  The tangent leaves this part out: it is of third order in the step.
@@ -38,7 +39,7 @@ from gossamer_fx.core.model.body import Body, MeshBody
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import gonzalez_correction
 
-# Lower bound of the divisor Σ (g_i'·Δ)², which vanishes in a step without motion.  The vectors are
+# Lower bound of the divisor Σ (g_i'·Δq)², which vanishes in a step without motion.  The vectors are
 # dimensionless, so that changes of 1e-12, the root of this, are round-off.
 SMALLEST = 1e-24
 
@@ -60,7 +61,8 @@ class _Compiled:
 
 @dataclass(frozen=True, eq=False)
 class _Changing:
-    """A function of time at both ends of the step, and the form of what changes it supplies."""
+    """A function of time at both ends of the step, `varying.function` and `before`, and the form of
+    the work [J] that its change supplies."""
 
     varying: Varying
     before: fem.Function
@@ -96,6 +98,8 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
             if term.varying is not None:
                 after = term.varying.function
                 before = fem.Function(after.function_space)
+                # Symbols are those of the end: forces take the value in the step, the energy at q0
+                # that of the start.
                 in_step = {after: (1 - at.α) * before + at.α * after}
                 residual = ufl.replace(residual, in_step)
                 tangent = ufl.replace(tangent, in_step)
@@ -117,13 +121,16 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
             self._compiled.append(compiled)
 
     def begin_step(self, t: float) -> None:
+        # The end of the step, not the time t of its forces.
         self.take_time(self._system.time + self._system.h)
 
     def take_time(self, t: float) -> None:
+        """Set the functions of time at the end of the step, t [s]."""
         for changing in self._changing():
             changing.varying.set(changing.varying.function, t)
 
     def commit(self) -> None:
+        """Take the functions of time at the end of the step as those at the start of the next."""
         for changing in self._changing():
             changing.before.x.array[:] = changing.varying.function.x.array
 
@@ -132,6 +139,7 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
         return sum(float(fem.assemble_scalar(one.supplied)) for one in self._changing())
 
     def _changing(self) -> list[_Changing]:
+        """The functions of time of those terms that have one."""
         return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
@@ -149,6 +157,7 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
         return [compiled.tangent for compiled in self._compiled if compiled.body is body]
 
     def energies(self) -> dict[str, float]:
+        """Stored energies [J] at q0 by name, this rank's share; terms of one name add up."""
         found: dict[str, float] = {}
         for compiled in self._compiled:
             energy = float(fem.assemble_scalar(compiled.energy))
@@ -174,8 +183,8 @@ class TripleProductEnergy:
     """Stored energy Σ ∫ scale (u×v)·s, and a constant.
 
     Args:
-        products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates,
-            dimensionless, and the measure, of cells or of interior edges.
+        products: for each the scale, [J/m²] or at edges [J/m]; the dimensionless vectors (u, v, s)
+            as a linear function of the coordinates; and the measure, of cells or interior edges.
         constant: energy [J] that does not depend on the coordinates, a form.
         varying: a function of time on which one vector of each product depends linearly.
     """

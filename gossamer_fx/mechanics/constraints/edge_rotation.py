@@ -1,8 +1,8 @@
 """Clamped edges: edges of plates whose slope is fixed or prescribed.
 
 The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's
-bending energy; the work of what turns or heats the edge, by which the quadratic form of
-that energy changes with time, counts as supplied.
+bending energy.  Where the edge is turned or heated, the quadratic form of this energy changes with
+time; the work of that counts as supplied.
 """
 
 from __future__ import annotations
@@ -186,13 +186,14 @@ class EdgeRotation:
 
     def _slope(self, coordinates: Array) -> Expr:
         """The slope (3,) along the outer conormal of the edge, of coordinates of this rank's nodes.
-        A given direction counts with its sign, since moments at rest bend to one side."""
+        A given direction gets the sign with which it points along this slope."""
         x = fem.Function(self.plate.space)
         self.plate.reconstruct(x, coordinates)
         return self.plate.bending.slope(x)
 
 
 def _three(vector: list[float]) -> str:
+    """The numbers of a vector, for messages."""
     return ", ".join(f"{value:.4g}" for value in vector)
 
 
@@ -237,9 +238,11 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
             self._compiled.append(compiled)
 
     def begin_step(self, t: float) -> None:
+        # The end of the step, not the time t of its forces.
         self.take_time(self._system.time + self._system.h)
 
     def take_time(self, t: float) -> None:
+        """Set the functions d at the end of the step, t [s]."""
         for c in self._compiled:
             c.term.set(c.after, t)
 
@@ -261,6 +264,7 @@ class MovingEnergies(CompiledTerms["MovingEnergy"]):
         return [c.tangent for c in self._compiled if c.term.body is body]
 
     def supplied(self) -> float:
+        """Work [J] of what changes the forms in the step, this rank's share."""
         return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
 
     def energies(self) -> dict[str, float]:

@@ -52,7 +52,7 @@ class Fixed:
             slide in the plane with this normal, e.g. a plane of symmetry.
         motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of
             shape (3, n).  None: they stay where they start.
-        rotation: whether the rotation is fixed, too; also with a direction or twist.
+        rotation: whether the rotation is fixed, too; a direction or twist fixes it in any case.
         direction: of a beam the normal of the sections, of a plate the vector to which it is
             tangent at the edge, across it; three numbers of any length, or a function of the points
             (3, n) of the stress-free shape and the time [s] that returns (3, n).  None: as it

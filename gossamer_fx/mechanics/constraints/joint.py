@@ -50,8 +50,8 @@ COINCIDE = 1e-8
 
 
 def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
-    """Check that the two points of a joint coincide in the initial state, within `COINCIDE` of its
-    extent.  Collective."""
+    """Check that the two points of a joint coincide in the initial state, within `COINCIDE` of the
+    extent of the scene.  Collective."""
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE * start.extent(),
@@ -119,7 +119,7 @@ def on_axis(
 ) -> Iterable[PointConstraint]:
     """Constrain the origin of b to the straight line through the origin of a of direction n at the
     start, which turns with a: two equations (x_b - x_a)·p = 0 for vectors p of a that are normal to
-    n.  Collective."""
+    n.  `kind` is the class of the joint, for messages.  Collective."""
     gap = start.vector(b.origin) - start.vector(a.origin)
     check(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE * start.extent(),
@@ -382,7 +382,7 @@ class PrismaticJoint(AxisJoint):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        # A section across the axis has both its normals already.
+        # Two directors of a section across the axis are both its normals: no third one is needed.
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
 

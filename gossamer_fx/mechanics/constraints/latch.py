@@ -99,6 +99,7 @@ class Latch:
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
+        """The frames of the joint, a beam's section with its normal if the measure needs it."""
         joint = self.joint
         if isinstance(joint, RevoluteJoint):
             return across(joint.axis, joint.a), across(joint.axis, joint.b)
@@ -118,6 +119,7 @@ class Latch:
         yield from bodies_of(*self._sides)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """One constraint of the free motion, which a released latch does not impose."""
         latch = LatchState(self._measure)
         if self.engaged:
             latch.engage(start)
@@ -138,25 +140,30 @@ class Latch:
     def position(self, run: HasSystem) -> float:
         """The angle of b against a from the start [rad], or the distance of the origins of a rail
         along its axis [m]: a probe."""
-        e = self._measures(run)
-        if len(e) == 1:
-            return float(e[0])
-        return self.angle / 2 + math.atan2(e[1], e[0])
+        measures = self._values(run)
+        # A rail has one measure, its travel; a hinge has cosine and sine.
+        if len(measures) == 1:
+            return float(measures[0])
+        cosine, sine = measures
+        return self.angle / 2 + math.atan2(sine, cosine)
 
     def load(self, run: HasSystem) -> float:
         """The size of the moment [N m] or force [N] that the latch bore in the last step: a
         probe."""
-        λ: Array = run.system.comm.allreduce(
-            multipliers_of(self._term(run), run.system).sum(axis=0)
-        )
+        # One rank has the multipliers as one row, all others have no row.
+        own = multipliers_of(self._term(run), run.system).sum(axis=0)
+        λ: Array = run.system.comm.allreduce(own)
+        # A rail has one multiplier, the force [N].
         if len(λ) == 1:
             return abs(float(λ[0]))
-        # The derivatives of cosine and sine by the angle.
-        cosine, sine = self._measures(run)
+        # A hinge has those of cosine and sine of its angle, which give the moment [N m] by the
+        # derivatives of both by the angle.
+        cosine, sine = self._values(run)
         return abs(float(λ @ np.array([-sine, cosine])))
 
-    def _measures(self, run: HasSystem) -> Array:
-        """The measures (m,) in the present state.  Collective."""
+    def _values(self, run: HasSystem) -> Array:
+        """Values (m,) of `_measure` in the present state: one of a rail, two of a hinge.
+        Collective."""
         return self._measure.at(run.system.state.vectors(self._measure.ports[0]).ravel())
 
     def _term(self, run: HasSystem) -> PointConstraint:
@@ -167,6 +174,7 @@ class Latch:
         return term
 
     def _state(self, run: HasSystem) -> LatchState:
+        """The history variables of the latch in the scene of a run."""
         latch = self._term(run).latch
         assert latch is not None
         return latch
@@ -215,7 +223,7 @@ class HoldDown:
 
     @property
     def name(self) -> str:
-        """That of the joint."""
+        """The name of the joint."""
         return self.joint.name
 
     @property
@@ -232,6 +240,7 @@ class HoldDown:
         return self.joint.requires()
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraints of the joint, each with the state by which it is released."""
         for term in self.joint.terms(start):
             assert isinstance(term, PointConstraint)
             yield replace(term, latch=LatchState(term.measure, holds_all=True))
@@ -246,7 +255,8 @@ class HoldDown:
         return self._states(run)[0].is_engaged
 
     def _states(self, run: HasSystem) -> list[LatchState]:
-        """Of the constraints of the joint in the scene of a run; `InputError` if there are none."""
+        """The history variables of each constraint of the joint in the scene of a run; `InputError`
+        if it has none."""
         terms = run.system.terms_of(self)
         check(bool(terms), f"HoldDown '{self.name}' is not in the scene of this run; add it.")
         return [term.latch for term in terms]

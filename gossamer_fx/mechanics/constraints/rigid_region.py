@@ -143,7 +143,8 @@ class RigidRegion:
 
     @property
     def b(self) -> Port:
-        """The piece, as the second side of a joint: `joint_force` is what the body exerts on it."""
+        """The piece, as the second side of a joint: `probes.JointForce` is what the body exerts on
+        it."""
         return self.port()
 
     # ---- the equations ---------------------------------------------------------------------------

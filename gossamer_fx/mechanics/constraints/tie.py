@@ -1,9 +1,10 @@
-"""Ties: edges of films that are connected, cables along edges of films.
+"""Ties and seams, which connect lines of films and cables.
 
-Seams: edges of films that are cut flat and apart, drawn together and tied.
+A tie (`Tie`) holds a line of a film or cable on another from the start: each of its nodes stays at
+the point of the other line where it is.  A seam (`Seam`) first draws two edges of films together.
 
-Problem.  A gossamer body is sewn or welded from flat panels.  Their edges do not coincide at the
-start, are curved differently, and their meshes may differ.
+Problem of seams.  A gossamer body is sewn or welded from panels that are cut flat and apart.  Their
+edges do not coincide at the start, are curved differently, and their meshes may differ.
 
 Idea.  Points of both edges belong together by the fraction σ of arc length on the cut pattern.  The
 distance of a pair shrinks as a function of time,
@@ -13,8 +14,7 @@ distance of a pair shrinks as a function of time,
 with X the positions at the start of the scene and s rising from 0 to 1.  This is a linear
 constraint with a moving right-hand side: the work of its multipliers counts as supplied, and it
 keeps momentum, as both sides bear opposite forces.  An open gap has the direction that it had at
-the start, so that something outside bears a moment until it is closed.  With s = 1 it is the
-ordinary tie.
+the start, so that something outside bears a moment until it is closed.  With s = 1 it is a tie.
 
 Algorithm.
 
@@ -50,8 +50,8 @@ from gossamer_fx.mechanics.bodies.meshed import Meshed
 from gossamer_fx.mechanics.constraints.joint import COINCIDE, coincidence
 from gossamer_fx.mechanics.terms.point_constraints import Closing, PointConstraint
 
-# Distance from the end of a segment, over its length, below which a point counts as the end.  A
-# point on a node then depends on this node only.
+# Distance of a point from the end of a segment, over the length of the segment, below which it
+# counts as the end, and depends on one node only.
 NODE = 1e-9
 
 
@@ -61,8 +61,9 @@ class Tie:
     """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of
     another.
 
-        x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the
-                                        second
+        x_k - (1 - s) x_i - s x_j = 0
+
+    for every node k of the first line, at the fraction s between nodes i and j of the second one.
 
     Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of
     them to the third.  Multipliers do no work and keep both momenta.  Matching lines are found
@@ -313,14 +314,14 @@ class Seam:
         return line_a.length / line_b.length - 1
 
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
-        """Both edges, turned so that points of like fractions of arc length belong together.
-        Collective."""
+        """Both edges; the second is walked such that points of like fractions of arc length belong
+        together, i.e. are close in the initial state.  Collective."""
         line_a, line_b = self._lines
         return line_a, aligned(line_a, line_b, start)
 
     @check_arguments
     def openness(self, t: float) -> float:
-        """1 - s(t): 1 before the sewing, 0 after it."""
+        """1 - s at a time t [s]: 1 before the sewing, 0 after it, and 0 without `closing`."""
         if self.closing is None:
             return 0.0
         begin, end = self.closing
@@ -333,8 +334,8 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint x_a - x_b = (1 - s(t)) (X_a - X_b) for each node of the finer edge and its
-        point of the other one, with s from 0 to 1 during `closing`.  Collective."""
+        """The constraint (1) of the module for each node of the finer edge and its point of the
+        other one.  Collective."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))

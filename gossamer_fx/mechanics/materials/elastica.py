@@ -66,7 +66,8 @@ def onset(e_E: float) -> float:
     """Buckling strain e_c of a strip with Euler's strain e_E ≤ ¼, the smaller root of (2); the load
     p at which it buckles is the same number.
 
-    >>> round(onset(0.09), 12) 0.1
+    >>> round(onset(0.09), 12)
+    0.1
     """
     # The form of the root that does not subtract nearly equal numbers.
     return 2 * e_E / (1 + math.sqrt(1 - 4 * e_E))
@@ -76,7 +77,9 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     """Shortening δ and relative load P/P_c of a buckled strip with Euler's strain e_E ≤ ¼ and the
     slope α > 0 [rad] at its ends, equations (3) and (4) of the module.
 
-    >>> δ, load = buckled_strip(1e-6, 0.1) >>> round(δ, 6), round(load, 6) (0.0025, 1.001251)
+    >>> δ, load = buckled_strip(1e-6, 0.1)
+    >>> round(δ, 6), round(load, 6)
+    (0.0025, 1.001251)
     """
     points, point_weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
     # From [-1, 1] to [0, π/2].

@@ -169,8 +169,8 @@ class FilmLaw:
 
     @property
     def has_wrinkle_maps(self) -> bool:
-        """Whether the law gives the taut strain and the bending stiffness of which maps are
-        made."""
+        """Whether the law gives the taut strain and the bending stiffness, which maps of wrinkles
+        need."""
         law = type(self)
         has_strain = law.taut_strain is not FilmLaw.taut_strain
         return has_strain and law.bending_stiffness is not FilmLaw.bending_stiffness
@@ -326,6 +326,7 @@ class Miyazaki(IsotropicFilm):
         return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
+        """Energy [J/m²] of the wrinkled state."""
         h, r = half_trace_and_radius(e)
         tr, det = invariants(e)
         ν = c.nu
@@ -334,6 +335,7 @@ class Miyazaki(IsotropicFilm):
         return factor * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
 
     def _slack(self, e: Expr, c: Any) -> Expr:
+        """Energy [J/m²] of the slack state."""
         tr, det = invariants(e)
         ν = c.nu
         u = c.residual_stiffness
@@ -390,7 +392,7 @@ class TensionField(Miyazaki):
 
 
 def _taut(e: Expr, c: Any) -> Expr:
-    """Energy [J/m²] of taut isotropic film."""
+    """Energy [J/m²] of taut isotropic film at the strain e."""
     tr, det = invariants(e)
     return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 

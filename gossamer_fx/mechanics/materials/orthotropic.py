@@ -254,7 +254,8 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """By the compliance in the axes of the law."""
+        """The strain at which taut film has the stress S = (S11, S22, S12) [N/m], by the compliance
+        in the axes of the law."""
         # `in_axes` takes twice the shear, as strains have it.
         stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
         F11 = 1 / (c.E1 * c.thickness)
@@ -406,7 +407,8 @@ def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
 
 
 def _without_variables(e: Expr) -> Expr:
-    """The strain as no variable of UFL, so that the derivative does not go through an iteration."""
+    """The strain without its label as a variable of UFL, so that UFL does not derive an iteration
+    that uses it."""
     while isinstance(e, Variable):
         e = e.expression()
     return e

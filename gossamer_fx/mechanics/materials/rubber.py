@@ -155,22 +155,23 @@ class MooneyRivlin(FilmLaw):
 
 
 def _first_invariant(e: Expr) -> Expr:
-    """I1 - 3 of the strain e, (1) of the module, on the denominator det C: its parts of first order
-    cancel."""
+    """I1 - 3 of the strain e, (1) of the module, as one fraction with the denominator det C: parts
+    of first order in e cancel, and are left out."""
     tr, det = invariants(e)
     inverse, _ = _inverse_determinant(e)
     return (4 * tr**2 - 4 * det + 8 * tr * det) * inverse
 
 
 def _second_invariant(e: Expr) -> Expr:
-    """I2 - 3 of the strain e, in the same form."""
+    """I2 - 3 of the strain e, as one fraction in the same way as `_first_invariant`."""
     _, det = invariants(e)
     inverse, change = _inverse_determinant(e)
     return (change**2 - 4 * det) * inverse
 
 
 def _inverse_determinant(e: Expr) -> tuple[Expr, Expr]:
-    """1/det C and det C - 1 of the strain e."""
+    """1/det C and det C - 1 of the strain e; below `SMALLEST_DETERMINANT` the first one goes on as
+    its tangent."""
     tr, det = invariants(e)
     change = 2 * tr + 4 * det
     J0 = SMALLEST_DETERMINANT

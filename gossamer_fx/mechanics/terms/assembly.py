@@ -66,6 +66,7 @@ class Assembly(Protocol):
         coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
+        v0: rates of the coordinates at the start of the step.
         previous: coordinates at the start of the last accepted step.
         geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
             iterations without it.
@@ -142,7 +143,8 @@ class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
         return [cls(terms, system)]
 
     def has(self, term: object) -> bool:
-        """Return whether it was compiled from a term of its kind."""
+        """Return whether it was compiled from this term of its kind: always, unless `compile` makes
+        several objects."""
         return True
 
     # ---- equations -------------------------------------------------------------------------------
@@ -278,8 +280,8 @@ class Multipliers(ABC):
 
     @abstractmethod
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """See that the initial state keeps the constraints, and none follows from others; `free` is
-        0 where held."""
+        """Check that the initial state fulfils the constraints and that none follows from others;
+        `free` is 0 at held coordinates, else 1."""
 
     @abstractmethod
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
@@ -353,7 +355,8 @@ class ActiveSet(ABC):
         set."""
 
     def activate_present(self) -> None:
-        """Start a step of no length from the accepted state, with what has energy there."""
+        """Start a step of no length from the accepted state, with the pairs that have energy
+        there."""
 
 
 class HistoryVariables(ABC):
@@ -482,10 +485,11 @@ class Differentiable:
         """Forget all sums: a backward pass begins."""
 
     def add_energy_by_history(self, share: float) -> None:
-        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
+        """Add `share` times ∂ψ/∂s of the stored energy at q0 to the sums."""
 
     def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
-        """Add what later steps give for the end of the solved step, of which s is a function."""
+        """Add (∂s/∂q1)ᵀ times the sums, of history variables s that the solved step has set as
+        functions of its end q1."""
 
     def save_history(self) -> Any:
         """The history variables of the accepted state on this rank, as an object that does not

@@ -33,18 +33,14 @@ class Coordinates:
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
         """Make the functions and constants of one step on the space of the coordinates: positions
         [m] and, for beams, section axes [-].  `alpha` is α.  Collective."""
-        # Coordinates at the start (q0) and the end (q1) of the step, and the increment δ of an
-        # iteration.
         self.q0 = fem.Function(space)
         self.q1 = fem.Function(space)
         self.δ = fem.Function(space)
-        # Share of the end (α), length of the step [s] and factor of the geometric stiffness (γ).
         # Constants, as a number in a form would be compiled into its kernel.
         self.α = constant(space.mesh, alpha)
         self.h = constant(space.mesh, 1.0)
         self.γ = constant(space.mesh, 1.0)
         self.mid = (1 - self.α) * self.q0 + self.α * self.q1
-        # Test (w) and trial function (dq).
         self.w = ufl.TestFunction(space)
         self.dq = ufl.TrialFunction(space)
 

@@ -85,8 +85,8 @@ ROUND_OFF = 4 * np.finfo(float).eps
 
 
 class PathEnergy(Protocol):
-    """What a stress rule knows of a stored energy: its density ψ, whether that is quadratic, and
-    its pieces."""
+    """What a stress rule knows of a stored energy: its density ψ, whether that is quadratic, the
+    pieces of a path on which it is smooth, and the C functions of a law that has them."""
 
     @property
     def density(self) -> Callable[[Expr], Expr]: ...
@@ -139,7 +139,7 @@ class StressRule(ABC):
 
     @abstractmethod
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
-        """S_mean, an expression of e0 and the UFL variable e1."""
+        """S_mean (m,) of strains e0 and e1 (m,), an expression of e0 and the UFL variable e1."""
 
     def point_stress(self, energy: PointEnergy, e0: Array, e1: Array) -> tuple[Array, Array]:
         """S_mean (n, m) of n energies between points, and its derivatives (n, m, m) by e1."""

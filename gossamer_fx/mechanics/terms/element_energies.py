@@ -138,6 +138,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
     def _viscous_forces(
         self, term: ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> ViscousForces:
+        """The stresses of a term; `loads.viscoelasticity` overrides this for those with history."""
         return ViscousForces(term, at, rule)
 
     def begin_step(self, t: float) -> None:
@@ -147,11 +148,14 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             force.begin_step(self._system.time + self._system.h)
 
     def take_time(self, t: float) -> None:
+        """Take the thermal strains at the end of a step, t [s]."""
         for force in self._stored:
             if force.thermal is not None:
                 force.thermal.set_end(t)
 
     def update(self, linearly: bool) -> None:
+        """Set the strains ê of the iterate q1: `linearly` those of the mixed iteration, else the
+        true ones."""
         for force in self._stored:
             if linearly:
                 force.linearise()
@@ -191,6 +195,7 @@ class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissi
             force.commit()
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] of the last accepted state, by name."""
         return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
@@ -362,7 +367,7 @@ class StoredForces(ElementForces):
         self._rule = rule
         self.thermal: ThermalStrain | None = term.thermal
         self.measure = term.measure(at.mid if rule.takes_mid_strain else at.q1)
-        e = self._strain()
+        e = self._acting_strain()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
         self._metadata = term.dx.metadata()
@@ -402,8 +407,8 @@ class StoredForces(ElementForces):
         linear_strain = self.strain_variable if self._law is None else self._linear_strain
         self._set_linear_strain = self._evaluated(_linearised(term, e, at), linear_strain)
 
-    def _strain(self) -> Expr:
-        """The strain whose stress acts: the measure less the thermal strain."""
+    def _acting_strain(self) -> Expr:
+        """Strain (m,) whose stress acts, at q1 or q_mid: the measure less the thermal strain."""
         if not self._rule.takes_mid_strain:
             return self._strain_at_end()
         if self.thermal is None:
@@ -470,13 +475,14 @@ class StoredForces(ElementForces):
     # ---- the course of a step --------------------------------------------------------------------
 
     def begin_step(self, end: float) -> None:
-        """Start a step that ends at the time `end` [s]: nothing is known of its stress yet."""
+        """Start a step that ends at the time `end` [s], with the thermal strain there."""
         if self.thermal is not None:
             self.thermal.set_end(end)
         if self._law is not None:
             self._law.begin_step()
 
     def commit(self) -> None:
+        """Take the strain at the end of the accepted step as that at the start of the next one."""
         self._strain_before[:] = self.strain_at_start.x.array
         if self._set_strain_of_end is None:
             self.strain_at_start.x.array[:] = self.strain_variable.x.array
@@ -505,7 +511,7 @@ class StoredForces(ElementForces):
         self._has_response = False
 
     def evaluate(self) -> None:
-        """Take the true strain for ê."""
+        """Set ê to the true strain of q1."""
         self._set_true_strain()
         self._has_response = False
 
@@ -559,7 +565,7 @@ class StoredForces(ElementForces):
         e0 = term.measure(at.q0)
         if self.thermal is not None:
             e0 -= self.thermal.start
-        e1 = ufl.variable(self._strain())
+        e1 = ufl.variable(self._acting_strain())
         S_mean = self._rule.stress(term, e0, e1)
         return ufl.dot(S_mean, _variation(term, at, w, self._rule)) * term.dx
 
@@ -569,7 +575,7 @@ class StoredForces(ElementForces):
 
     @property
     def strain(self) -> Array:
-        """Strains at the quadrature points, owned and ghost, flattened."""
+        """ê at the quadrature points, owned and ghost, flattened."""
         return self.strain_variable.x.array
 
 

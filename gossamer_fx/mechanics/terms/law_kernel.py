@@ -39,9 +39,14 @@ HEADER = Path(__file__).parent / "law.h"
 
 @dataclass(frozen=True, eq=False)
 class CellFunction:
-    """A compiled C function of the values in one cell, with the signature of FFCx's expressions:
-    its address, the functions whose values in the cell are its arguments, views of the values of
-    its constants, both in their order, and what has to exist as long as it is called."""
+    """A compiled C function of the values in one cell, with the signature of FFCx's expressions.
+
+    Attributes:
+        address: of the function.
+        coefficients: functions whose values in the cell are its arguments, in this order.
+        constants: views of the values of its constants, in their order.
+        owner: what has to exist as long as it is called.
+    """
 
     address: int
     coefficients: tuple[fem.Function, ...]
@@ -72,8 +77,8 @@ class LawFunctions:
 
 
 def cell_function(expression: fem.Expression) -> CellFunction:
-    """The C function of an expression of float values, made by `compile_expression`, which it keeps
-    alive."""
+    """The C function of an expression that `compile_expression` made, of float values; the result
+    keeps the expression alive."""
     compiled = expression.ufcx_expression
     ufl_expression = expression.ufl_expression
     coefficients = extract_coefficients(ufl_expression)
@@ -290,18 +295,20 @@ class PointLaw:
         if law.sort is not None:
             everything.append(law.sort)
         functions = [law.start, law.strain]
-        for cell_function in everything:
-            functions += cell_function.coefficients
+        for one in everything:
+            functions += one.coefficients
         width = self._values.rows.shape[1] * self._size
-        self._numbers: dict[fem.Function, Indices] = {}
+        # Indices of the values of each function in the array of one cell; for all but the strains,
+        # which fill its first 2 `width` numbers, also their columns in `_others`.
+        self._indices: dict[fem.Function, Indices] = {}
         self._other_columns: list[tuple[fem.Function, slice]] = []
         start = 0
         # A dictionary in place of a set, which has no order
         for function in dict.fromkeys(functions):
             end = start + _values_in_cell(function)
-            self._numbers[function] = np.arange(start, end, dtype=np.int32)
+            self._indices[function] = np.arange(start, end, dtype=np.int32)
             # The kernel copies the strains itself.
-            if all(function is not strain for strain in (law.start, law.strain)):
+            if function is not law.start and function is not law.strain:
                 columns = slice(start - 2 * width, end - 2 * width)
                 self._other_columns.append((function, columns))
             elif end - start != width:
@@ -314,9 +321,9 @@ class PointLaw:
         """Members of the C struct `cell_function` of law.h, by name: address, constants, and the
         indices (int32) of the arguments among all values of a cell.  The arrays are kept alive by
         this object."""
-        numbers: list[Indices] = [np.zeros(0, dtype=np.int32)]
-        numbers += [self._numbers[coefficient] for coefficient in function.coefficients]
-        arguments = np.concatenate(numbers)
+        indices: list[Indices] = [np.zeros(0, dtype=np.int32)]
+        indices += [self._indices[coefficient] for coefficient in function.coefficients]
+        arguments = np.concatenate(indices)
         check_indices("The numbers of a cell", arguments, self._pool_size)
         constants = np.zeros(sum(value.size for value in function.constants))
         self._constants.append((constants, list(function.constants)))
@@ -411,7 +418,7 @@ def _values_in_cell(f: fem.Function) -> int:
 
 
 def _in_cells(f: fem.Function, cells: Indices) -> npt.NDArray[np.float64]:
-    """Values (cells, k) of a function as a compiled expression takes them."""
+    """Values (cells, k) of a function in local cells, as a compiled expression takes them."""
     dofmap = f.function_space.dofmap
     values = f.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list[cells]]
     return values.reshape(len(cells), _values_in_cell(f))

@@ -1,7 +1,6 @@
 """Loads on mesh bodies, points and directors: their force at q_mid and their work over a step.
 
 Loads on points are known on every rank and entered by the one that owns the first port.
-
 """
 
 from __future__ import annotations
@@ -50,6 +49,7 @@ class Loads(Differentiable, CompiledTerms["Load"]):
         self._loads = [LoadForces(term, system.coordinates[term.body]) for term in terms]
 
     def begin_step(self, t: float) -> None:
+        """Set the constants of loads that change with time to the time t [s] of the forces."""
         for load in self._loads:
             if load.term.at is not None:
                 load.term.at(t)
@@ -116,8 +116,8 @@ class Loads(Differentiable, CompiledTerms["Load"]):
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants
-    to time t.
+    """A load: `work(q, w)` is its virtual work [J], linear in w; `at(t)`, if given, sets its
+    constants to time t [s].
 
     `parameters` are constants of the work that no `at` sets.
     """
@@ -133,7 +133,8 @@ class Load:
 
 
 class RateWork(Protocol):
-    """What a load needs that also depends on the mean velocity of the step: `work(q, rate, w)`."""
+    """A load that also depends on the mean velocity of the step, `rate`, by its virtual work
+    `work(q, rate, w)` [J]."""
 
     @property
     def name(self) -> str: ...
@@ -146,7 +147,7 @@ class RateWork(Protocol):
 
 
 def rate_of(at: Coordinates) -> Expr:
-    """(q1 - q0)/h."""
+    """Mean velocity (q1 - q0)/h of the step."""
     return (at.q1 - at.q0) / at.h
 
 
@@ -236,7 +237,7 @@ class PointForce(Protocol):
         ...
 
     def tangent(self, X: Array) -> Array:
-        """Their derivatives (3k, 3k)."""
+        """Derivatives (3k, 3k) of the forces by X (3k,)."""
         ...
 
 
@@ -265,11 +266,11 @@ class ForceWithNumbers(NumberedForce, Protocol):
 @runtime_checkable
 class ForceOfStart(Protocol):
     """A force that depends also on the vectors and rates at the start of a step: of this step, or
-    of an earlier one, by numbers that it holds.
+    of an earlier one in which it stored numbers, such as the torque of a sampled control.
 
-    In the reversed step, which begins with a negative `lag`, it holds these numbers.  In each step
-    of a backward pass `work_by_number` is asked first: `products_at_start` adds the step to what
-    `work_by_number` of earlier steps takes into account.
+    The reversed step, whose `begin` has a negative `lag`, must not change these numbers.  In each
+    step of a backward pass `work_by_number` is asked first: `products_at_start` adds the step to
+    what `work_by_number` of earlier steps takes into account.
     """
 
     def start_adjoint(self) -> None:
@@ -291,12 +292,14 @@ class ForceOfStart(Protocol):
 
 @runtime_checkable
 class ForceOfPosition(Protocol):
-    """Marks a force that depends on the configuration and on the time at which forces act, only."""
+    """A force that says whether it depends only on the configuration and time at which forces
+    act."""
 
     depends_on_position_only: bool
 
 
 def _is_of_position(law: PointForce) -> bool:
+    """Whether a law says that it depends on configuration and time only."""
     return isinstance(law, ForceOfPosition) and law.depends_on_position_only
 
 
@@ -328,6 +331,7 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         self._gather = Gather(system.numbering, self._indices)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
+        """Vectors X = P q + o (3k,) of each load in a state q.  Collective."""
         return [P @ values + o for (P, o), values in zip(self._maps, self._gather(q), strict=True)]
 
     def _middle(self) -> list[Array]:
@@ -394,6 +398,7 @@ class PointLoads(Differentiable, CompiledTerms["PointLoad"]):
         return work if self._mine[k] else np.zeros(len(work))
 
     def _with_numbers(self, term: PointLoad) -> NumberedForce:
+        """The law of a term that has parameters."""
         law = self._laws[self._terms.index(term)]
         assert isinstance(law, NumberedForce), "a load with parameters has them"
         return law
@@ -498,10 +503,11 @@ class Couple:
     depends_on_position_only = True
 
     def __init__(self) -> None:
+        # T [N m], which subclasses set.
         self.torque: Array = np.zeros(3)
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Nothing to prepare: the torque is constant."""
+        """Nothing to prepare for a constant torque; laws that change it in time override this."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
         """The matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] of the k attached vectors r (k, 3) [m], or
@@ -524,10 +530,12 @@ class Couple:
         return arms.T @ inverse
 
     def force(self, X: Array) -> Array:
+        """Forces f_i (3k,) on the vectors X (3k,)."""
         r = X.reshape(-1, 3)
         return np.cross(self._spread(r)[1], r).ravel()
 
     def tangent(self, X: Array) -> Array:
+        """Derivatives (3k, 3k) of the forces by the vectors X (3k,)."""
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
         # Of f_i = F × r_i with F constant; the change of F follows.

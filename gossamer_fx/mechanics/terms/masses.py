@@ -42,7 +42,8 @@ class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
         return found
 
     def kinetic_forms(self, body: Body, v: Expr, w: Expr) -> list[ufl.Form]:
-        """The same forms as expressions of velocities v [m/s] and test functions w."""
+        """Bilinear forms of the mass of a body's terms in UFL, not compiled, of velocities v [m/s]
+        and test functions w."""
         return [term.mass(v, w) for term in self._terms if term.body is body]
 
     def add_mass(self, M: PETSc.Mat) -> None:

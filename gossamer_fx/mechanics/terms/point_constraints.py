@@ -150,6 +150,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             self._is_free = self._free_equations()
 
     def commit(self) -> None:
+        """Take the unknowns at the end of the step as those at the start of the next one."""
         self._q0 = self._gather(self._system.q0)
 
     def supplied(self) -> float:
@@ -208,13 +209,15 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return found
 
     def _take_initial(self, q0: PETSc.Vec) -> None:
-        """Measure where the constraints that close begin.  Collective."""
+        """Store e(q0) of the constraints that close, from which they begin.  Collective."""
         if self._closes:
             closes = np.array([term.closing is not None for term in self._terms])
             groups = zip(self._term_of, self._measures, self._gather(q0), strict=True)
             self._initial = [closes[k][:, None] * at.strain(q) for k, at, q in groups]
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Add De(q_mid)ᵀ λ to r, and in the rows of the multipliers e(q1) less its target, or λ
+        itself where a latch is released."""
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
@@ -243,6 +246,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
             add_blocks(A, rows, rows, is_free[:, :, None] * np.eye(at.m))
 
     def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
+        # Those of latches do not always hold, and are left out.
         equations = []
         for k, at in enumerate(self._measures):
             # The gradient of linear measures is the same in every state.
@@ -267,7 +271,7 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return at.gradient((1 - α) * self._q0[k] + α * q)
 
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
-        """D²e[v, v] in the rows of the multipliers."""
+        """Add D²e[v, v] of rates v in the rows of the multipliers; free equations have none."""
         for k, (at, rates) in enumerate(zip(self._measures, self._gather(v), strict=True)):
             second = np.where(self._is_free[k], 0.0, at.second(rates))
             r.setValues(self._rows[k].ravel(), second.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
@@ -300,6 +304,8 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
         return np.zeros(len(self.losses))
 
     def switch(self) -> Iterator[str]:
+        """Engage or release each latch of which that is wanted; yields the names of the engaged
+        ones.  Multipliers of released ones become zero.  Collective."""
         for k, latch in self._latches.items():
             if latch.is_wanted == latch.is_engaged:
                 continue
@@ -548,9 +554,10 @@ class LatchState(HistoryVariables):
     """The history variables of a constraint that is switched: which of its m measures it holds, and
     at which values.
 
-    All ranks have the same.  Those of a latch have one free motion; that nearest to zero is held,
-    as of the sine and cosine of an angle it is the one that changes fastest.  A constraint that
-    `holds_all` does so from the start, at zero, until it is released.
+    All ranks have the same values.  A latch has one measure, the travel of a rail, or two, cosine
+    and sine of the angle of a hinge; it holds the one nearest to zero, which changes fastest with
+    the angle.  A joint that can only be released, `holds_all`, holds all measures at zero from the
+    start until then.
 
     Attributes:
         can_engage: whether it may be engaged in a run, which takes energy.
@@ -577,6 +584,7 @@ class LatchState(HistoryVariables):
         self.is_wanted = True
 
     def release(self) -> None:
+        """Hold no measure from now on; `is_wanted` is not changed."""
         self.is_held[:] = False
 
     def get_history(self) -> dict[str, Any]:
@@ -618,7 +626,8 @@ class PointConstraint:
 
 
 def multipliers_of(constraint: PointConstraint, system: Assembly) -> Array:
-    """λ (n, m) of a constraint in the accepted state, one row for each of this rank's tuples."""
+    """λ (n, m) of a constraint in the accepted state, one row for each tuple of ports that this
+    rank evaluates; a measure in [m] has the force [N] along it."""
     terms = [term for term in system.terms if isinstance(term, PointConstraint)]
     # Multipliers are numbered behind the bodies, in the order of the constraints.
     k = next(i for i, term in enumerate(terms) if term is constraint)

@@ -108,8 +108,7 @@ class Stencil:
         self._takes_mid_strain = rule.takes_mid_strain and not dissipates
         self.h = 1.0
         # Unknowns q1 (n, D), vectors (n, 3k), strains (n, m) and stresses (n, m) with their
-        # derivatives (n, m, m) of the last evaluation: forces and tangent of one
-        # iterate use the same ones.
+        # derivatives (n, m, m) of the last evaluation, for forces and tangent of one iterate.
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
         self.keep(np.zeros((at.n, at.D)))
 
@@ -275,6 +274,7 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
+        # Of the stored energies.
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.
         groups: dict[Any, list[PointStoredEnergy | PointDissipation]] = {}
@@ -315,6 +315,7 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
     def begin_step(self, t: float) -> None:
         """Start a step of length `system.h` [s]."""
         self._ends = None
+        # In statics histories change at the start of a search only, not in its pseudo-steps.
         if not self._system.rule.is_static:
             self.begin_search()
         for stencil in self._stencils:
@@ -424,7 +425,8 @@ class PointEnergies(Differentiable, CompiledTerms["PointStoredEnergy | PointDiss
         return np.array(found)
 
     def without_gradient(self) -> str:
-        """Name a density with a history, whose derivative is not known."""
+        """A sentence on the first density with a history, whose derivative is not known; else an
+        empty one."""
         for name in self._with_history.values():
             return (
                 f"'{name}' unloads on another curve than it is loaded, so that its force depends "

@@ -40,12 +40,13 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
-    # The matrix is assembled once; the system multiplies it with the coordinates for the forces.
     def add_stiffness(self, K: PETSc.Mat) -> None:
+        """Add the matrices of the forms [N/m] to K, once: the system makes the forces of it."""
         for body, form in self._stiffness:
             self._system.block(body).assemble(K, [form])
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        """Forms a(q_mid, w) of the forces on a body."""
         found = []
         for term in self._terms:
             if term.body is body:
@@ -72,8 +73,8 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
 
 @dataclass(frozen=True, eq=False)
 class QuadraticEnergy:
-    """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold
-    interior facets.
+    """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may have
+    integrals over interior facets.
 
     The force at q_mid is linear, so that energy is conserved.  Momenta are conserved if a(q, q) is
     the same for all rigid motions of q.

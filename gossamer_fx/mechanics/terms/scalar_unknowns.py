@@ -18,8 +18,8 @@ from gossamer_fx.mechanics.terms.assembly import Assembly, HistoryVariables
 
 @dataclass(frozen=True)
 class ScalarTotals:
-    """Share of scalar unknowns in the ledger: energies [J], masses [kg]; supplied ones since the
-    start."""
+    """Share of scalar unknowns in the ledger: stored energies [J] by name and mass [kg] now, and
+    energy [J] and mass [kg] that were supplied since the start."""
 
     stored: dict[str, float]
     supplied: float
@@ -74,20 +74,21 @@ class ScalarUnknowns(HistoryVariables):
 
     @abstractmethod
     def add_force(self, values: Array) -> None:
-        """Add the forces of these unknowns, at the y of the last `residual`, to the owned part of
-        r."""
+        """Add the forces [N] of these unknowns, at the y of the last `residual`, to `values` (n,),
+        this rank's part of r."""
 
     @abstractmethod
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
+        """This rank's parts (n,) of the columns of G and of H (None: zero), and C (size, size)."""
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Their derivatives with respect to the coordinates of one body, as far as they are made of
-        forms."""
+        """Bilinear forms of the derivative of their forces with respect to the coordinates of one
+        body: their part of A that is assembled from forms."""
         return ()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the rest of their derivatives to the matrix of all coordinates."""
+        """Add the part of the derivative of their forces that is not made of forms to the matrix A
+        of all coordinates."""
         return
 
     def inadmissible(self) -> str:
@@ -136,14 +137,15 @@ class ScalarUnknowns(HistoryVariables):
         return []
 
     def vibration_stiffness(self) -> list[tuple[Array, float]] | None:
-        """The same in a fast vibration; None: it is not known, and the scene has no modes."""
+        """Pairs (g, κ) as of `static_stiffness` in a fast vibration; None: they are not known, and
+        the scene has no modes."""
         return None
 
     # ---- gradients -------------------------------------------------------------------------------
 
     def adjoint(self) -> Any:
-        """Their derivatives, with the methods of `gas.adjoint.GasAdjoint`; None: the scene has no
-        gradient."""
+        """An object with the methods of `gas.adjoint.GasAdjoint`, which derives the equations of
+        these unknowns; None: the scene has no gradient."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""Coordinates that are held or moved, and the forces that it takes."""
+"""Coordinates that supports hold or move, and the reactions of the supports."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gossamer_fx.core.checks.errors import check_on_all
 from gossamer_fx.core.model.body import Array, Body, Indices
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 
+# Coordinates (n,) of a support at a time [s].
 Motion = Callable[[float], Array]
-
 
 # Difference of two supports at a coordinate that both prescribe, over the largest coordinate that
 # is held, up to which they agree: round-off of the functions of the user.
@@ -88,7 +88,8 @@ class Supports(CompiledTerms["Support"]):
         self.hold(np.flatnonzero(setter != NOBODY))
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
-        """Hold these positions, too; on all ranks together."""
+        """Hold further coordinates, given by positions (n,) in this rank's part of a vector, and
+        set all reactions to zero.  Collective."""
         self.held = np.union1d(self.held, positions)
         # Asked once, as `clear` is called in each iteration.
         self._any = self._numbering.comm.allreduce(len(self.held)) > 0
@@ -96,7 +97,7 @@ class Supports(CompiledTerms["Support"]):
 
     @property
     def at_rest(self) -> npt.NDArray[np.integer]:
-        """Held positions that do not move."""
+        """Those of `held` whose coordinates do not move."""
         moved = [moved.at[moved.sets] for moved in self._moved]
         return np.setdiff1d(self.held, np.concatenate([np.zeros(0, dtype=np.int64), *moved]))
 
@@ -125,7 +126,8 @@ class Supports(CompiledTerms["Support"]):
             self.prescribe(q.copy(), t)
 
     def take(self, r: PETSc.Vec) -> None:
-        """Save the reactions from the residual r, and set its rows to zero."""
+        """Take the reactions [N] from the rows of the residual r at held coordinates, and set these
+        rows to zero."""
         with r as values:
             self.reactions = values[self.held]
             values[self.held] = 0
@@ -141,7 +143,8 @@ class Supports(CompiledTerms["Support"]):
         return work
 
     def clear(self, matrix: PETSc.Mat, diagonal: float) -> None:
-        """Replace rows and columns of the held coordinates by `diagonal` times the identity."""
+        """Replace rows and columns of the held coordinates by `diagonal` times the identity.
+        Collective."""
         # Skipped where no rank has a fixed coordinate, as the call is collective and takes time.
         if self._any:
             rows = (self.held + self._numbering.start).astype(PETSc.IntType)

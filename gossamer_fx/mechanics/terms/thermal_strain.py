@@ -56,6 +56,7 @@ class ThermalStrain:
         self._temperature = temperature
         self._constants = parameters
         temperature(self.end_temperature, 0.0)
+        # Twice: the temperatures of the end are taken to the start, then to the start before it.
         self.commit()
         self.commit()
 
@@ -68,10 +69,12 @@ class ThermalStrain:
         return (*self._constants, *(Parameter("temperature", "K", one) for one in both))
 
     def set_end(self, t: float) -> None:
-        """Take the temperatures at the end of a step, t [s]."""
+        """Take the temperatures at the end of a step, t [s], unless they are constant or another
+        item computes them."""
         if self.in_time and not self.is_heated:
             self._temperature(self.end_temperature, t)
 
     def commit(self) -> None:
+        """Take the temperatures at the end of the step as those at the start of the next one."""
         self._temperature_before.x.array[:] = self.start_temperature.x.array
         self.start_temperature.x.array[:] = self.end_temperature.x.array
