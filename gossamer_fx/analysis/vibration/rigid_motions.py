@@ -357,8 +357,9 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
-    """The factor R (6, 6) of the QR decomposition of a matrix (n, 6) whose rows are distributed.
-    In contrast to a Cholesky factor of the product with its transpose, it loses no digits."""
+    """The factor R (6, 6), the same on all ranks, of the QR decomposition of a matrix (n, 6) whose
+    rows are distributed.  In contrast to a Cholesky factor of the product with its transpose, it
+    loses no digits.  Collective."""
     # Six rows of zeros, as a rank may have fewer than six rows.
     padded = np.vstack([columns, np.zeros((6, 6))])
     own = np.asarray(np.linalg.qr(padded, mode="r"))
@@ -398,7 +399,7 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     translations = motions @ svd.Vh[rank:].T
     rotations = _aligned(motions @ svd.Vh[:rank].T)
 
-    directions = _reduced(translations[:3])
+    directions = _along_axes(translations[:3])
     words = [f"translation {_direction(direction)}" for direction in directions]
     span: Array = np.zeros((3, 0))
     if directions:
@@ -461,7 +462,7 @@ def _aligned(motions: Array) -> Array:
     return rows[order].T
 
 
-def _reduced(vectors: Array) -> list[Array]:
+def _along_axes(vectors: Array) -> list[Array]:
     """A basis of the span of vectors (3, k), along coordinate axes if possible."""
     if not vectors.size:
         return []
