@@ -174,7 +174,7 @@ class _Estimate:
         in_plane = np.zeros(self._n)
         for c in examples:
             normal = _normal(c)
-            blocks = self._blocks(stiffness, c)
+            blocks = self._stiffness_of_nodes(stiffness, c)
             k_across = np.einsum("i,nij,j->n", normal, blocks, normal)
             # Mean of the two directions in the plane
             k_in_plane = (np.trace(blocks, axis1=1, axis2=2) - k_across) / 2
@@ -193,11 +193,11 @@ class _Estimate:
         )
 
     def _mean(self, values: Array) -> float:
-        """Mean over the nodes of all ranks."""
+        """Mean of values (n,) at owned nodes over the nodes of all ranks.  Collective."""
         nodes = self._comm.allreduce(self._n)
         return float(self._sum(np.array(values.sum()))) / nodes
 
-    def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
+    def _stiffness_of_nodes(self, stiffness: fem.Form, c: Array) -> Array:
         """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of coefficients c
         (r, 3) [m]: diagonal blocks of the matrix.  Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
@@ -216,6 +216,7 @@ class _Estimate:
 
 
 def _normal(c: Array) -> Array:
-    """Unit normal (3,) of the film's mean plane, from the coefficients of X and Y."""
+    """Unit normal (3,) of the film's mean plane, from the coefficients c (r, 3) of its modes, of
+    which 1 and 2 are those of X and Y."""
     normal = np.cross(c[1], c[2])
     return normal / max(float(np.linalg.norm(normal)), TINY)

@@ -1,4 +1,5 @@
-"""The adjoint of the midpoint rule: derivatives of the end of a step carried to its start.
+"""The adjoint of the midpoint rule: derivatives of the end of a step carried to its start, by
+linear systems with the transposed tangent (`TransposedSolver`).
 
 Problem.  A result J of the last state of a run depends on parameters θ through all steps.  Finite
 differences take one run for each parameter, and lose digits.  Differentiating forwards takes one
@@ -62,8 +63,6 @@ to a before (3) is solved (`Differentiable.add_end_derivatives`).
 Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
 that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
 (`sensitivity.transient`).
-
-Linear systems with the transposed tangent.
 """
 
 from __future__ import annotations
@@ -128,13 +127,13 @@ class TransposedSolver:
             self._update = factorisation.LowRankUpdate(self._A, stiffnesses, self._solve)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set x = A⁻ᵀ b, or that of `add_to_inverse`, refined where that changes it."""
+        """Set x = A⁻ᵀ b, or (A + Σ κ g⊗g)⁻ᵀ b after `add_to_inverse`.  Collective."""
         self._solve(b, x)
         if self._update is not None:
             self._update.correct(x)
 
     def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set x = A⁻ᵀ b."""
+        """Set x = A⁻ᵀ b, refined once if its residual is more than round-off."""
         if self._is_empty:
             return
         self._pc.applyTranspose(b, x)
@@ -214,7 +213,8 @@ class BackwardSteps:
         self._check_residual(start, end)
 
     def _end_at(self, start: RecordedState, end: RecordedState) -> None:
-        """Set q1 to the end of a step; the increment is that of the step, without its round-off."""
+        """Set q1 to the end of a step, by the increment from its prediction, and `inertia`.  What
+        earlier steps have left of round-off in the increment is dropped."""
         system = self._system
         system.increment.remainder.set(0.0)
         self._right_side.array[:] = end.h * start.v
@@ -353,7 +353,7 @@ class BackwardSteps:
 
 class ScalarParts:
     """The adjoints of all scalar unknowns of a scene, one after the other; `c` (size,) are
-    derivatives of the result by them at the end of the present step."""
+    derivatives dJ/dy1 of the result by them at the end of the present step, see (7)."""
 
     def __init__(self, system: System) -> None:
         self.parts: list[GasAdjoint] = []
@@ -377,8 +377,8 @@ class ScalarParts:
             part.start()
 
     def take(self, ν: Array, μ: Array, h: float) -> None:
-        """Sum up parameters at the solved step of length h, and carry c to its start.
-        Collective."""
+        """Add the derivatives by parameters of the scalar unknowns in the solved step of length h
+        [s], with ν (size,) and this rank's μ (n,) of (7), and carry c to its start.  Collective."""
         at_start = []
         for part, own in zip(self.parts, self._split(ν), strict=True):
             part.linearise(h)
