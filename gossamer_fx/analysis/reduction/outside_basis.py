@@ -81,6 +81,7 @@ class OutsideBasis:
         self._estimate: _Estimate | None = None
 
     def __call__(self, run: StateView) -> float:
+        """Energy outside of the basis over the stored energy, in the present state.  Collective."""
         film = self.body
         # Compiled at the first call: ports are known by then.
         if self._estimate is None:
@@ -168,7 +169,8 @@ class _Estimate:
         at nodes with ports, which other terms of the scene move or load.  Collective.
 
         k_n is the largest stiffness of the node in all examples, as a film that starts without
-        tension has none across; it is at least 0.001 of the mean over the nodes.
+        tension has none across; it is at least `MIN_STIFFNESS_RATIO` of the mean over the nodes,
+        and across also `MIN_ACROSS_RATIO` of the mean in the film.
         """
         across = np.zeros(self._n)
         in_plane = np.zeros(self._n)

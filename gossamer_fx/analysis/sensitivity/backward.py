@@ -205,8 +205,8 @@ class BackwardSteps:
         y = system.begin_recorded_step(h, end.active_sets)
         system.set_inertia(2 / h**2)
         self._end_at(start, end)
-        # On several ranks contact searches its pairs, and may miss some in its prediction of the
-        # step.
+        # On several ranks pairs of contact are not recorded but searched for, about the predicted
+        # step: those that only its end has are added here.
         while system.extend_active_set():
             self._end_at(start, end)
         system.residual(y, self._scratch)

@@ -291,7 +291,8 @@ class CrossingTime:
         self(SceneView(system))
 
     def has_passed(self, values: Sequence[float]) -> bool:
-        """Whether the value lies between the last two of these, or is one of them."""
+        """Whether the value lies between the last two of these results, or is one of them; not if
+        there is one only, or both are equal."""
         if len(values) < 2:
             return False
         before, after = values[-2:]

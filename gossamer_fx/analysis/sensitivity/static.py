@@ -191,7 +191,8 @@ class StaticGradients(StaticAdjoint):
         return collected(value, objective.unit, self.variables, system.comm)
 
     def _add_pressures(self, objective: Objective) -> None:
-        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates."""
+        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates, over the chambers that
+        films enclose: pressures in tanks do not depend on coordinates."""
         if not (self._gas and isinstance(objective, ScalarObjective)):
             return
         system = self._system

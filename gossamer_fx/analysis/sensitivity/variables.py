@@ -49,6 +49,7 @@ class MeshNodes:
 
     @property
     def _count(self) -> int:
+        """Number of nodes on this rank, ghosts included."""
         nodes = self.space.dofmap.index_map
         return int(nodes.size_local + nodes.num_ghosts)
 
@@ -183,6 +184,7 @@ class AdjointFields:
         self._spread(z, self.inertia)
 
     def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
+        """Copy the part of a vector that belongs to each body to the function of the body."""
         for body, function in functions.items():
             owned = self._system.block(body).owned
             self._system.coordinates[body].take(function, vector.array_r[owned])

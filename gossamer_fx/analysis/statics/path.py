@@ -260,6 +260,9 @@ class _Load:
     """What the load factor changes: the time of the loads, or a number of an item."""
 
     def __init__(self, system: System, name: str) -> None:
+        """`name` is "item.quantity", of which the factor multiplies the present value, or "" for
+        the time.  Raises `InputError` if the scene has no such number, or it is zero, a shape or a
+        stiffness that is assembled once."""
         self._system = system
         self._variable: Variable | None = None
         if not name:
@@ -326,6 +329,7 @@ class _PathNewton(Newton):
     own_scalars = 1
 
     def __init__(self, system: System, load: _Load, difference: float) -> None:
+        """`difference` is the step of the load factor in differences ∂/∂λ."""
         super().__init__(system, Tolerances(), direct=True)
         self._load = load
         self._difference = difference
@@ -578,6 +582,8 @@ class _Follower:
         toward: float,
         first_step: float,
     ) -> None:
+        """Compute the tangent of the path in the equilibrium found last, at the load factor
+        `start`, in the direction of the load factor `toward`.  Collective."""
         started = time.process_time()
         system = equilibrium.system
         self._equilibrium = equilibrium
@@ -602,7 +608,8 @@ class _Follower:
         self._show(self._last, started)
 
     def _first_point(self, start: float) -> _Point:
-        """The state of the equilibrium, with the tangent towards the wanted load."""
+        """The state of the equilibrium, with the tangent towards the wanted load.  Sets 1/W of (1),
+        zero if the load moves nothing, and the length of the first step."""
         newton = self._newton
         newton.factor = start
         newton.begin_at_point(start)

@@ -98,8 +98,7 @@ class ReachedPrestress:
         return f"{self._words(self.mean)} of {self._words(self.asked)}"
 
     def _words(self, value: float) -> str:
-        """A value with its unit, e.g. "43.2 kPa"."""
-        # Round-off of zero is zero in the unit without a prefix.
+        """A value with its unit, e.g. "43.2 kPa"; the prefix is that of the value asked for."""
         for factor, prefix in _PREFIXES:
             if abs(self.asked) >= factor:
                 return f"{value / factor:.3g} {prefix}{self.unit}"
@@ -220,7 +219,8 @@ def likely_tensions(system: System) -> dict[str, float]:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the items that have lost more than a tenth of their prestress; else empty."""
+    """A warning of the parts that have lost more than a tenth of their prestress, of which it names
+    `MAX_NAMED_PARTS`; empty if there are none."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""

@@ -312,7 +312,8 @@ def _distance(mode: Mode, ω: float) -> float:
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
     """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass;
-    `least` is the square of a frequency [rad²/s²] that is round-off.  Of several modes of one
+    `least` is the square of a frequency [rad²/s²] that is round-off.  Frequencies count as equal
+    if their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of one
     frequency the solver finds any independent combinations, whose effective masses do not add up.
     Collective."""
 
@@ -344,7 +345,8 @@ def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]
 
 
 def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
-    """Modes of one frequency whose shapes are orthogonal; as they are if they are dependent."""
+    """As many modes of one frequency with real shapes that are orthogonal with respect to the mass;
+    the given ones if these are dependent.  Collective."""
     # Round-off may make a pair of complex conjugates of two real vectors of one eigenvalue.
     columns = [part for mode in group for part in (mode.shape.real, mode.shape.imag)]
     V = np.array(columns).T
@@ -406,8 +408,8 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies whose squares are below `least` [rad²/s²], that is round-off: slack film
-    and free motions have them.  Collective."""
+    """Warn of frequencies whose squares are up to `ZERO_FREQUENCY_FACTOR` times `least` [rad²/s²],
+    which is round-off, unless the equilibrium is regular: slack film and free motions have them."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
@@ -430,8 +432,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than √`least` [1/s], which is round-off: the equilibrium is
-    not stable.  Collective."""
+    """Warn of modes that grow, so that the equilibrium is not stable: whose squared growth is more
+    than `ZERO_FREQUENCY_FACTOR` times `least` [1/s²], which is round-off.  Collective."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
@@ -625,7 +627,8 @@ def _modes_at_rest(
 
 
 def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
-    """Yield modes of (3) near a shift [rad²/s²], from the largest eigenvalues of the operator."""
+    """Yield modes of (3) near a shift [rad²/s²], from the largest eigenvalues of the operator:
+    `count` of them, or more or fewer as the solver has found; their shapes are not scaled."""
     for θ, shape in _largest_eigenpairs(operator, count):
         # ω² = shift + 1/θ, and the mode moves as exp(λ t) with λ² = -ω².  θ = 0 is that of an
         # infinite frequency, or of a mode that is projected out.
@@ -670,8 +673,8 @@ def _squares_within(ω: float, distance: float) -> tuple[float, float]:
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
-    """Yield about `count` eigenvalues of largest magnitude, and this rank's parts of their vectors,
-    by SLEPc.  Collective."""
+    """Yield eigenvalues of largest magnitude, and this rank's parts of their vectors, by SLEPc: all
+    that have converged, of which there may be more or fewer than `count`.  Collective."""
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 

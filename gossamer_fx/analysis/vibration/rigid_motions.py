@@ -99,10 +99,10 @@ class _Nodes:
 def free_motions(
     system: System, K: PETSc.Mat, unbalanced: float, stiffnesses: Sequence[tuple[Array, float]] = ()
 ) -> tuple[str, ...]:
-    """Rigid motions that nothing resists, in words such as "translation z of 'film'", the same on
-    every rank.  K is the tangent at equilibrium without inertia and fixed coordinates, to which
-    `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero within the residual `unbalanced` [N].
-    """
+    """Rigid motions of the first `MAX_PARTS` parts that nothing resists, in words such as
+    "translation z of 'film'", the same on every rank.  K is the tangent at equilibrium without
+    inertia and fixed coordinates, to which `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero
+    within the residual `unbalanced` [N].  Collective."""
     part, count = parts(system, K)
     found: list[str] = []
     for bodies, centre, motions in _motions(system, K, part, count, unbalanced, stiffnesses):
