@@ -298,7 +298,8 @@ def balloon(
     """
     half_height = radius if height is None else height / 2
     edge = 2 * math.pi * radius / (gores * cells)
-    # Ramanujan's mean radius of an ellipse, of which a quarter is from a pole to the equator.
+    # The circumference of the ellipse over 2π, by Ramanujan; a quarter of it is from a pole to the
+    # equator.
     mean_radius = (3 * (radius + half_height)) / 2 - math.sqrt(
         (3 * radius + half_height) * (radius + 3 * half_height)
     ) / 2

@@ -74,6 +74,7 @@ class EquilibriumSource:
         return self._variables[name].is_distributed
 
     def set(self, values: Mapping[str, Array]) -> None:
+        """Change the scene, and find its equilibrium from the present state.  Collective."""
         for name, variable in self._variables.items():
             variable.set(values[name])
         # Masses and constants that the system keeps depend on parameters.
@@ -117,6 +118,7 @@ class RunSource:
         return self.gradient(None)[name].function is not None
 
     def set(self, values: Mapping[str, Array]) -> None:
+        """Give the parameters other values; the next gradient makes a run with them."""
         self._values = {name: np.array(value) for name, value in values.items()}
         self._found = None
 

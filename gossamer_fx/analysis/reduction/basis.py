@@ -267,7 +267,8 @@ def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> 
 
 
 def _count_modes(singular_values: Array) -> int:
-    """How many singular values, in falling order, are more than round-off."""
+    """How many singular values, in falling order, are more than round-off: more than
+    `MIN_SINGULAR_VALUE_RATIO` of the largest."""
     largest = singular_values[0]
     if largest <= 0:
         return 0

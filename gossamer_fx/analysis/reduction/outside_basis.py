@@ -155,8 +155,8 @@ class _Estimate:
         return released / max(stored, TINY)
 
     def _forces(self, c: Array) -> Array:
-        """Nodal forces (n, 3) [N] of the whole film in the shape of the coefficients.
-        Collective."""
+        """Forces (n, 3) [N] of the whole film at owned nodes in the shape of coefficients c (r, 3)
+        [m].  Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         self._b.array[:] = 0
         fem.assemble_vector(self._b.array, self._force)

@@ -224,12 +224,12 @@ class BackwardSteps:
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
     def _check_residual(self, start: RecordedState, end: RecordedState) -> None:
-        """Raise `StepFailure` if the residual of the repeated step [N] is more than `MAX_RESIDUAL`
-        of the change of momentum in it over its length, as after an event that changed the scene.
-        """
+        """Raise `StepFailure` if the residual of the repeated step [N], in `_scratch`, is more than
+        `MAX_RESIDUAL` of its momenta over its length, as after an event that changed the scene.
+        Keeps the largest ratio in `residual`.  Collective."""
         system = self._system
         forces, _ = system.imbalance(self._scratch)
-        # Without change of momentum nothing can be compared; both velocities are then a fair scale.
+        # The change of momentum alone would be no scale for a step without any: both are added.
         self._right_side.array[:] = abs(end.v - start.v) + abs(end.v) + abs(start.v)
         system.M.mult(self._right_side, self._Mμ)
         scale = float(self._Mμ.norm()) / end.h
@@ -291,7 +291,7 @@ class BackwardSteps:
         system.M.mult(self.μ, self._Mμ)
         # Before the step is reversed: these derivatives are those of the solved step.
         by_position, by_velocity = self._irreversible_products()
-        self._multiply_by_exchanged(start, end)
+        self._multiply_by_reversed(start, end)
         a.set(0.0)
         a.axpy(c, self._Mμ)
         a.axpy(-1.0, self._Bμ)
@@ -325,7 +325,7 @@ class BackwardSteps:
         if self._system.constraints:
             vector.array[self._system.constraints.owned] = 0
 
-    def _multiply_by_exchanged(self, start: RecordedState, end: RecordedState) -> None:
+    def _multiply_by_reversed(self, start: RecordedState, end: RecordedState) -> None:
         """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
         self.reverse(start, end)
         μ = self._scratch

@@ -413,5 +413,5 @@ class ChamberPressure:
         """Add nothing: it is one of the unknowns, which `add_scalar_derivative` derives by."""
 
     def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
-        """Add the derivative by itself."""
+        """Add one, the derivative of the pressure by itself, at its scalar unknown."""
         by_scalars[self._index(system)] += 1.0

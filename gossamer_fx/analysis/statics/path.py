@@ -512,7 +512,8 @@ class _Point:
 
 
 class _PathView:
-    """The last point of a path as a view, for outputs: its `time` is the number of the point."""
+    """The last point of a path as a `solve.view.StateView`, for outputs: its `time` and its `step`
+    are the number of the point, from 0."""
 
     axis = Axis("point of the path")
 
@@ -685,7 +686,7 @@ class _Follower:
         last = self._last
         newton = self._newton
         system = self._system
-        # Row of (1), which also orients the new tangent.
+        # Row of (1), which also orients the new tangent; `_mass_square` sets `_product` = M t.
         self._mass_square(last.direction)
         row = self._displacement_weight * self._product.array_r
         weight = last.slope / self._first_step**2
@@ -765,7 +766,7 @@ class _Follower:
         """Make the solution of the last `_solve` the state of the scene."""
         system = self._system
         system.commit(self._zero)
-        # Not by adding the pseudo-time, which would round.
+        # Sets the time of the load itself: adding the pseudo-time to the time would round it.
         self._equilibrium.take_over(self._load.time(point.factor))
         self._last.direction.destroy()
         self._last = point
@@ -848,7 +849,7 @@ class _Follower:
 
     def _cosine(self, point: _Point) -> float:
         """Cosine of the angle between the tangents at the last point and at another one."""
-        self._mass_square(point.direction)
+        self._mass_square(point.direction)  # sets `_product` = M t
         along = self._displacement_weight * float(self._last.direction.dot(self._product))
         return along + point.slope * self._last.slope / self._first_step**2
 

@@ -311,11 +311,11 @@ def _distance(mode: Mode, ω: float) -> float:
 
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
-    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass;
-    `least` is the square of a frequency [rad²/s²] that is round-off.  Frequencies count as equal
-    if their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of one
-    frequency the solver finds any independent combinations, whose effective masses do not add up.
-    Collective."""
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
+    `least` is the square of a frequency [rad²/s²] that is round-off; frequencies count as equal if
+    their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of
+    one frequency the solver finds any independent combinations, whose effective masses do not add
+    up.  Collective."""
 
     def square(mode: Mode) -> float:
         """λ² [1/s²]: -ω² of a vibration, positive of a mode that grows."""
@@ -569,7 +569,8 @@ class _ShiftedInverse:
             y.array[:] -= shapes @ amounts
 
     def project_out(self, found: Sequence[Mode]) -> None:
-        """Leave modes, orthogonal ones, out of what later searches find.  Collective."""
+        """Leave modes at rest that are orthogonal to each other, and no others, out of what later
+        searches find.  Collective."""
         comm = self._M.comm.tompi4py()
         vector = self._M.createVecRight()
         shapes = []

@@ -115,7 +115,7 @@ class Ikaros(FoldMap):
 
     @property
     def _layers(self) -> float:
-        """Number of layers on the hub."""
+        """Thickness of all that lies on the hub, in layers."""
         if self.wound:
             return self._height_of_roll
         return self.outer
@@ -256,6 +256,7 @@ class Ikaros(FoldMap):
 
         # Heights, in layers.
         seam = self._rise(p) + np.where(back, 2 * N + 1, 0)
+        # A half turns back at its column 0, in the middle of the layers of both halves.
         is_turn = p < 0.5
         beyond = np.maximum(np.abs(i) - corner, 0.0)
         on_tip = seam - self.out - 1

@@ -119,7 +119,8 @@ def read_dxf(
 
 
 def _read_panels(path: Path, scale: float | None, size: float) -> list[Panel]:
-    """The panels of a file, which triangles with edges of a size [m] can fill; on one rank."""
+    """Read the panels of a file, on one rank; warn of entities that are left out, and refuse a size
+    [m] of edges with which there would be too many triangles."""
     drawing = _read(path, scale)
     if drawing.left_out:
         kinds = ", ".join(f"{count} {kind}" for kind, count in drawing.left_out.items())
@@ -402,7 +403,7 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 
 def _clusters(points: Array, tolerance: float) -> Indices:
     """Number (n,) of the cluster of each point (n, 2) [m]; points nearer to each other than a
-    tolerance [m] are in one cluster."""
+    tolerance [m], also by way of others, are in one cluster."""
     pairs = KDTree(points).query_pairs(tolerance, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     return np.asarray(connected_components(links, directed=False)[1])

@@ -171,11 +171,11 @@ class Gores:
         return found
 
     def _arrays(self, along: int, across: int) -> tuple[Points, Numbers, dict[str, Numbers]]:
-        """Points [m], triangles and groups of all panels, see `mesh_of_arrays`."""
+        """Points (n, 3) [m], triangles (m, 3) and groups of all panels, see `mesh_of_arrays`."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
-        # Normals point outwards in place: those of the panels are turned if the profile rises.
+        # Normals shall point outwards on the body: triangles are turned if the profile rises.
         rises = self.profile[-1, 1] > self.profile[0, 1]
         points: list[Points] = []
         triangles: list[Numbers] = []
