@@ -112,7 +112,8 @@ class Convergence:
 
     @property
     def orders(self) -> dict[str, Array]:
-        """Observed order between each mesh and the one before, (n,) by name; NaN of the first."""
+        """Observed order between each mesh and the one before that has an error, (n,) by name; NaN
+        of the first, and of meshes without an error."""
         found: dict[str, Array] = {}
         for name, errors in self.errors.items():
             orders = np.full(len(errors), np.nan)

@@ -440,13 +440,13 @@ def _search(
     if method == "L-BFGS-B":
         # The scaled gradient may fall far below one before the value stands still.
         options["gtol"] = 0.0
-    # Without bounds L-BFGS-B takes its first step without a projection.
     low, high = problem.bounds(bounds)
     found = optimize.minimize(
         problem.scaled,
         problem.start,
         jac=True,
         method=method,
+        # Infinite bounds would change its first step, which is projected onto bounds.
         bounds=optimize.Bounds(low, high) if bounds else None,
         constraints=_constraints(problem, limits),
         options=options,

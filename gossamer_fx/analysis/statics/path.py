@@ -374,7 +374,8 @@ class _PathNewton(Newton):
         self._evaluate_at(factor, None)
 
     def begin_step(self, factor: float) -> Array:
-        """Begin a step to a load factor; returns a first guess of the scene's scalar unknowns."""
+        """Begin a step of the length `DURATION` to a load factor; returns a first guess of the
+        scene's scalar unknowns.  Collective."""
         self._load.set(factor)
         self.system.time = self._load.time(factor) - DURATION
         self._applied = None

@@ -60,8 +60,8 @@ def remedies(
 
 
 def _unsupported(system: System) -> Iterator[str]:
-    """Yield a sentence if no coordinate of the scene is held and its loads do not balance each
-    other.  Collective."""
+    """Yield a sentence if no coordinate of the scene is held, it has no constraints or obstacles,
+    and its loads do not balance each other.  Collective."""
     held = system.comm.allreduce(len(system.supports.held))
     if held or system.constraints is not None:
         return

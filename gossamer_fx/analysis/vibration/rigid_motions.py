@@ -177,7 +177,8 @@ def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tupl
 
 def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
     """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
-    of an unknown in the part.  `component` has those of other ranks in its rows, too."""
+    of an unknown in the part.  `component` has the parts, of `count`, on this rank alone: of its n
+    unknowns, and then of those of other ranks with the global indices `others`.  Collective."""
     n = system.numbering.size_local
     own_indices = system.numbering.start + np.arange(n)
     smallest = np.full(count, np.iinfo(np.int64).max)
