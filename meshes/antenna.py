@@ -93,7 +93,7 @@ def _ticks(cells: int, side: float) -> np.ndarray:
 
 
 def _square_grid(ticks: np.ndarray) -> np.ndarray:
-    """All pairs (n², 2) of n numbers, the second one fastest."""
+    """All pairs (n², 2) of n numbers, those with the same first number one after the other."""
     slow = np.repeat(ticks, len(ticks))
     fast = np.tile(ticks, len(ticks))
     return np.column_stack([slow, fast])

@@ -49,9 +49,9 @@ def mesh_of_arrays(
     def build(model: Any) -> None:
         points, triangles, groups = arrays()
         for name, array in {"points": points, "triangles": triangles, **groups}.items():
-            is_array = isinstance(array, np.ndarray) and array.dtype.kind in "iu"
+            has_integers = isinstance(array, np.ndarray) and array.dtype.kind in "iu"
             check(
-                is_array or (name == "points" and real_numbers(array) is not None),
+                has_integers or (name == "points" and real_numbers(array) is not None),
                 f"mesh_of_arrays: {name} is not an array of numbers of points; give integers.",
             )
         parts = {name: nodes for name, nodes in groups.items() if _dimension(nodes) == 2}
@@ -171,7 +171,7 @@ def joined(
 
 
 def rim(triangles: Numbers) -> Numbers:
-    """Edges (n, 2) of one triangle only."""
+    """Edges (n, 2) that belong to one of the triangles (m, 3) only, as numbers of nodes."""
     edges, count = np.unique(sorted_sides(triangles), axis=0, return_counts=True)
     return edges[count == 1]
 

@@ -12,7 +12,17 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 from gossamer_fx.extend import check, check_arguments
 
-from .arrays import Length, Numbers, Points, add_triangles, check_cells, rim, sorted_sides
+from .arrays import (
+    GMSH_LINE,
+    GMSH_POINT,
+    Length,
+    Numbers,
+    Points,
+    add_triangles,
+    check_cells,
+    rim,
+    sorted_sides,
+)
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -97,8 +107,8 @@ def creased_tube(
         # The compartment of each triangle, from the row of its middle.
         row = rows(points)
         wall_rows = np.asarray(walls)
-        walled = np.abs(row[:, None] - wall_rows) < ON
-        which = np.searchsorted(wall_rows, row[triangles].mean(axis=1))
+        is_on_wall = np.abs(row[:, None] - wall_rows) < ON
+        compartment = np.searchsorted(wall_rows, row[triangles].mean(axis=1))
         sides = np.unique(sorted_sides(triangles), axis=0)
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
@@ -111,7 +121,7 @@ def creased_tube(
                 entity = model.addDiscreteEntity(2)
                 # gmsh wants each node once: the first entity brings those of all.
                 nodes = everything if first else everything[:0]
-                add_triangles(model, entity, nodes, cells[which == i])
+                add_triangles(model, entity, nodes, cells[compartment == i])
                 first = False
                 for name in (sheet, f"compartment {i + 1}"):
                     names.setdefault(name, []).append(entity)
@@ -119,7 +129,7 @@ def creased_tube(
             model.addPhysicalGroup(2, entities, name=name)
         # Both sheets have the line of a wall.
         for i in range(len(walls)):
-            line = sides[walled[sides, i].all(axis=1)]
+            line = sides[is_on_wall[sides, i].all(axis=1)]
             _add_lines(model, f"ring {i + 1}", np.vstack([line, twin[line]]))
         _name_rim(model, points, edges, corners)
 
@@ -187,8 +197,8 @@ def _triangulated(
     nodes = flat_nodes.reshape(-1, 3)
     used = np.unique(nodes)
     order = np.argsort(numbers)
-    place = np.searchsorted(numbers[order], used)
-    points = coordinates.reshape(-1, 3)[order][place]
+    index = np.searchsorted(numbers[order], used)
+    points = coordinates.reshape(-1, 3)[order][index]
     triangles = np.searchsorted(used, nodes).astype(np.int64)
 
     # Parts of a fragmented face may have normals of either sign.
@@ -223,6 +233,7 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
+            # The edge p-q of the triangle, and the corner c opposite to it.
             c, p, q = np.roll(triangles[t], -k)
             has_p = (triangles == p).any(axis=1)
             has_q = (triangles == q).any(axis=1)
@@ -230,9 +241,10 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
             # An edge on the rim has no other triangle; one on a fold line has to stay.
             if not others or _on_a_line(points[[p, q]], lines):
                 continue
+            # The neighbour beyond this edge, and its corner r opposite to it.
             neighbour = others[0]
             r = int(np.setdiff1d(triangles[neighbour], [p, q])[0])
-            # Flip the edge p-q, which the triangle shares with its neighbour.
+            # Flip the edge: both triangles share c-r then.
             if not on_rim[r]:
                 triangles[t] = (c, p, r)
                 triangles[neighbour] = (c, r, q)
@@ -247,8 +259,8 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
 
 
 def _on_a_line(ends: Points, lines: Segments) -> bool:
-    """Whether all points (n, 3) [m], of which x and y count, are within `ON` of the straight line
-    through one of the segments with ends (x, y) [m]."""
+    """Whether all points (n, 3) [m], of which x and y count, are within `ON` of one straight line:
+    that through one of the segments with ends (x, y) [m], also beyond its ends."""
     for start, end in lines:
         along = np.asarray(end) - np.asarray(start)
         # Distance from the line by the cross product.
@@ -264,12 +276,7 @@ def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     """Add edges (n, 2) between existing nodes, numbered from 0, as a named group of curves in
     gmsh."""
     entity = model.addDiscreteEntity(1)
-    model.mesh.addElementsByType(
-        entity,
-        1,
-        [],
-        (edges + 1).ravel(),
-    )
+    model.mesh.addElementsByType(entity, GMSH_LINE, [], (edges + 1).ravel())
     model.addPhysicalGroup(1, [entity], name=name)
 
 
@@ -281,9 +288,8 @@ def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> N
         # Edges of the rim that lie on this side of the polygon.
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
         _add_lines(model, f"side {k + 1}", edges[on])
-        # The node of the corner may have been numbered again by gmsh: it is found by its
-        # coordinates.
+        # The number of the corner's node is not known: it is found by its coordinates.
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
-        model.mesh.addElementsByType(entity, 15, [], [nearest + 1])
+        model.mesh.addElementsByType(entity, GMSH_POINT, [], [nearest + 1])
         model.addPhysicalGroup(0, [entity], name=f"corner {k + 1}")

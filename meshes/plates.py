@@ -152,7 +152,7 @@ def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Leng
         centre = geo.addPoint(0, 0, 0)
 
         def on_circle(radius: float) -> list[int]:
-            """Points of gmsh at the angles."""
+            """Points of gmsh at the four angles, on a circle of a radius [m]."""
             return [
                 geo.addPoint(radius * np.cos(angle), radius * np.sin(angle), 0) for angle in angles
             ]
@@ -192,8 +192,8 @@ def _displaced(n: int, m: int, random: np.random.Generator | None) -> Floats:
 
 
 def _edges(ids: Integers) -> dict[str, Integers]:
-    """The nodes of the four edges of a grid by name; its first index runs from the left to the
-    right."""
+    """The nodes along the four edges of a grid by name; its first index runs from the left to the
+    right, its second one upwards."""
     return {
         "bottom": ids[:, 0],
         "right": ids[-1],
@@ -203,27 +203,27 @@ def _edges(ids: Integers) -> dict[str, Integers]:
 
 
 def _ids(n: int, m: int) -> Integers:
-    """Numbers (n + 1, m + 1) of the nodes of a grid, from 1."""
-    return np.arange(1, (n + 1) * (m + 1) + 1).reshape(n + 1, m + 1)
+    """Numbers (n + 1, m + 1), from 0, of the nodes of a grid of n by m cells."""
+    return np.arange((n + 1) * (m + 1)).reshape(n + 1, m + 1)
 
 
-def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
+def _triangles(ids: Integers, is_turned: npt.NDArray[np.bool_]) -> Integers:
     """Two triangles (2 n m, 3) of each cell of a grid, counterclockwise, by the numbers (n + 1, m +
-    1) of its nodes, the first index along x; cells of the mask `other` (n, m) have the other
+    1) of its nodes, the first index along x; cells of the mask `is_turned` (n, m) have the other
     diagonal."""
-    # The first index runs along x here: the other way round is counterclockwise.
-    turned = cell_corners(ids)
-    a = turned.a
-    b = turned.d
-    c = turned.c
-    d = turned.b
-    usual = ~other
+    # `cell_corners` is counterclockwise where the second index runs along x: b and d are exchanged.
+    corners = cell_corners(ids)
+    a = corners.a
+    b = corners.d
+    c = corners.c
+    d = corners.b
+    usual = ~is_turned
     return np.concatenate(
         [
             triangles_of(a[usual], b[usual], c[usual]),
             triangles_of(a[usual], c[usual], d[usual]),
-            triangles_of(a[other], b[other], d[other]),
-            triangles_of(b[other], c[other], d[other]),
+            triangles_of(a[is_turned], b[is_turned], d[is_turned]),
+            triangles_of(b[is_turned], c[is_turned], d[is_turned]),
         ]
     )
 
@@ -232,9 +232,7 @@ def _mesh(
     comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
 ) -> Mesh:
     """Make a mesh of points (..., 3) [m], triangles (m, 3), and the nodes (k,) along each named
-    group of edges, all numbered from 1, and distribute it; collective."""
+    group of edges, by their numbers from 0, and distribute it; collective."""
     flat = points.reshape(-1, 3)
-    edges = {}
-    for name, nodes in lines.items():
-        edges[name] = polyline(nodes) - 1
-    return mesh_of_arrays(comm, lambda: (flat, triangles - 1, edges))
+    edges = {name: polyline(nodes) for name, nodes in lines.items()}
+    return mesh_of_arrays(comm, lambda: (flat, triangles, edges))

@@ -116,7 +116,7 @@ def _strip(lower: Numbers, upper: Numbers) -> Numbers:
 
 
 def _disc(radius: float, height: float, cells: int) -> list[Ring]:
-    """Rings of a flat disc from its centre to its rim."""
+    """Rings of a flat disc of a radius [m] at a height [m], from its centre to its rim."""
     rings = [Ring(0.0, height, 1)]
     for k in range(1, cells + 1):
         rings.append(Ring(radius * k / cells, height, SECTORS * k))
@@ -256,7 +256,8 @@ def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
 
 
 def _disc_mesh(comm: MPI.Intracomm, rings: list[Ring], *, about_x: bool = False) -> Mesh:
-    """A mesh of rings from a centre to a rim, with normals along the axis.  Collective."""
+    """A mesh of rings from a centre to a rim, with normals along the axis, and with the groups
+    "rim" and "centre".  Collective."""
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         surface = _surface(rings, about_x=about_x)
@@ -297,7 +298,8 @@ def balloon(
     """
     half_height = radius if height is None else height / 2
     edge = 2 * math.pi * radius / (gores * cells)
-    # Ramanujan's mean radius of an ellipse, of which a quarter is from a pole to the equator.
+    # The circumference of the ellipse over 2π, by Ramanujan; a quarter of it is from a pole to the
+    # equator.
     mean_radius = (3 * (radius + half_height)) / 2 - math.sqrt(
         (3 * radius + half_height) * (radius + 3 * half_height)
     ) / 2
@@ -305,16 +307,18 @@ def balloon(
     check_cells("balloon", 4 * gores * cells * quarter)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        # Rings from pole to pole, and for each the number of its nodes to a gore; a pole has one
+        # node, at which all seams meet.
         rings = [Ring(0.0, -half_height, 1)]
-        across = [0]
+        nodes_of_gore = [0]
         for k in range(1, 2 * quarter):
             angle = math.pi / 2 * k / quarter
             of_gore = max(round(cells * math.sin(angle)), 1)
             out = radius * math.sin(angle)
             rings.append(Ring(out, -half_height * math.cos(angle), gores * of_gore))
-            across.append(of_gore)
+            nodes_of_gore.append(of_gore)
         rings.append(Ring(0.0, half_height, 1))
-        across.append(0)
+        nodes_of_gore.append(0)
         surface = _surface(rings)
         triangles = np.concatenate(surface.strips)
         middles = surface.points[triangles].mean(axis=1)
@@ -322,7 +326,8 @@ def balloon(
         gore = np.floor(azimuths * gores / (2 * math.pi))
         groups: dict[str, Numbers] = {}
         for k in range(gores):
-            seam = np.array([ring[k * m] for ring, m in zip(surface.rings, across, strict=True)])
+            counts = zip(surface.rings, nodes_of_gore, strict=True)
+            seam = np.array([ring[k * m] for ring, m in counts])
             groups[f"gore {k + 1}"] = triangles[gore == k]
             groups[f"seam {k + 1}"] = polyline(seam)
         groups["equator"] = surface.circle(quarter)

@@ -246,8 +246,8 @@ def _turned(xy: Points, angle: float) -> Points:
 
 
 def _apothem(points: Points, n: int) -> Points:
-    """Distance (m,) of points from the centre, across the sides of a polygon of n sides, one of
-    which is below."""
+    """Distance (m,) [m] of points (m, 3) from the centre at right angles to the sides of a regular
+    polygon of n sides, one of which is below: the largest over the sides."""
     angles = 2 * math.pi * np.arange(n) / n - math.pi / 2
     directions = np.array([np.cos(angles), np.sin(angles)])
     distance: Points = (points[:, :2] @ directions).max(axis=1)

@@ -49,7 +49,7 @@ def flat_tube(
         stations = range(compartments + 1)
 
         def points_along(y: float) -> list[int]:
-            """Points at the ends of the compartments."""
+            """Points of gmsh at the ends of the compartments, on the line at y [m]."""
             return [geo.addPoint(length * i / compartments, y, 0, size) for i in stations]
 
         right = points_along(-width / 2)

@@ -112,7 +112,8 @@ class Convergence:
 
     @property
     def orders(self) -> dict[str, Array]:
-        """Observed order between each mesh and the one before, (n,) by name; NaN of the first."""
+        """Observed order between each mesh and the one before that has an error, (n,) by name; NaN
+        of the first, and of meshes without an error."""
         found: dict[str, Array] = {}
         for name, errors in self.errors.items():
             orders = np.full(len(errors), np.nan)
@@ -284,13 +285,13 @@ def convergence(
         4.9
     """
     check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
-    steps = _sizes(meshes, sizes)
+    h = _sizes(meshes, sizes)
     check(
-        len(np.unique(steps)) == len(steps),
-        f"convergence: two meshes have the same size, of {steps.tolist()}; give different ones.",
+        len(np.unique(h)) == len(h),
+        f"convergence: two meshes have the same size, of {h.tolist()}; give different ones.",
     )
     # From the coarsest to the finest, whatever the order in which they were given.
-    order = np.argsort(-steps, kind="stable")
+    order = np.argsort(-h, kind="stable")
     # Once without the clock, so that no time of compilation is in the first row.
     quantity(meshes[order[0]])
     rows: list[dict[str, float]] = []
@@ -315,13 +316,13 @@ def convergence(
         if isinstance(exact, Mapping):
             given = exact.get(name)
         is_extrapolated[name] = False
-        words = _left_out(name, steps[order], values[name])
+        words = _left_out(name, h[order], values[name])
         if words:
             LOG.warning("convergence: %s.", words)
         if given is None:
             is_finite = np.isfinite(values[name])
             try:
-                exact_values[name] = extrapolated(steps[order][is_finite], values[name][is_finite])
+                exact_values[name] = extrapolated(h[order][is_finite], values[name][is_finite])
                 is_extrapolated[name] = True
             except _NoLimit as reason:
                 remarks[name] = str(reason)
@@ -331,7 +332,7 @@ def convergence(
             exact_values[name] = float(given)
     cells = np.array([_cell_count(meshes[k]) for k in order], dtype=float)
     return Convergence(
-        sizes=steps[order],
+        sizes=h[order],
         cells=cells,
         seconds=np.array(seconds),
         values=values,
@@ -458,6 +459,7 @@ def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
 
     Args:
         meshes: m meshes, or numbers of cells n, whose size is 1/n.
+        given: sizes (m,) that the user gave; if there are any they are returned.
 
     Raises:
         InputError: another number of sizes than of meshes, one that is not positive, or a mesh
@@ -505,7 +507,11 @@ def _cell_count(mesh: Any) -> int:
 
 
 def _numbers(found: Any) -> dict[str, float]:
-    """What a quantity returned, by name."""
+    """What a quantity returned, by name; a single number has the name `ONLY`.
+
+    Raises:
+        InputError: it is not a number, or there is none.
+    """
     if not isinstance(found, Mapping):
         found = {ONLY: found}
     numbers = {}

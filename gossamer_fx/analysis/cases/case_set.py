@@ -1,18 +1,18 @@
-"""Sets of cases: one problem in many forms, what their results are compared with, and reports.
+"""Sets of cases: one problem in many forms, computed by any number of processes together, what
+their results are compared with, and reports.
 
 `run_cases` computes what is missing, so that an interrupted set goes on where it stopped, and
-writes runs.csv, NAME.md and NAME.png.  What a set compares are `Judgement`s.  In addition
+writes runs.csv, NAME.md and NAME.png.  What a `CaseSet` compares are `Judgement`s.  In addition
 
 - a case that fails falls short, unless failures are results of the set,
 - a warning of the program that the set does not expect falls short,
 - a number that the set is to show and that is zero or missing in all cases falls short,
 - a set that compares nothing falls short.
 
-Runs that any number of processes share: each process makes the next run that nobody has claimed.
-
-The processes are equal, without a master.  A process claims a run by a file lock, which the
-operating system releases when the process ends, also after kill -9.  The result of a run is a file
-that is moved into place when it is complete.  Therefore
+Processes that are started on one folder share its runs (`SharedRuns`): each makes the next run that
+nobody has claimed.  They are equal, without a master.  A process claims a run by a file lock, which
+the operating system releases when the process ends, also after kill -9.  The result of a run is a
+file that is moved into place when it is complete.  Therefore
 
 - any process may be killed at any time,
 - no run that has a result is repeated,
@@ -155,7 +155,7 @@ class SharedRuns:
             lock.release()
 
     def _compute(self, values: Values, path: Path) -> Result:
-        """Make a run and write its result."""
+        """Make a run that this process has claimed, write its result and report it.  Collective."""
         files = path.with_suffix("")
         result = compute(self._comm, files, self._outcome, values, self._failures)
         on_rank_zero(self._comm, lambda: replace_file(path, json.dumps(asdict(result), indent=1)))
@@ -312,7 +312,8 @@ def run_cases(
 
 
 def verdict(judgements: Mapping[str, Sequence[Judgement]]) -> tuple[str, bool]:
-    """What to print of the judgements of several sets, by name, and whether all of them hold."""
+    """What to print of the judgements of several sets, by name, and whether all of them hold; False
+    if there are none."""
     missed = []
     count = 0
     for name, found in judgements.items():

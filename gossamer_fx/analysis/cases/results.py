@@ -1,6 +1,7 @@
-"""Results of cases: numbers by name, the reason of a failure, and the warnings of the program.
+"""Results of cases, their files and tables, and pictures of errors with observed orders.
 
-Errors against CPU time and against the size of cells or steps: observed orders and pictures.
+A result has numbers by name, the reason of a failure, and the warnings of the program.  Errors are
+drawn against CPU time and against the size of cells or steps.
 """
 
 from __future__ import annotations
@@ -89,8 +90,9 @@ def draw_error_curves(
     Args:
         path: of the PNG; its folder is made.
         rows: curves by the label of their axis.
-        title: of the picture.
-        are_errors: whether the vertical axis is logarithmic.
+        title: of the picture; may be empty.
+        are_errors: whether the curves are errors, on a logarithmic axis, or values, on a linear
+            one.
 
     Raises:
         OutputFailure: the file cannot be written.
@@ -197,7 +199,8 @@ class _Collector(logging.Handler):
 
 @contextmanager
 def recorded_warnings() -> Iterator[list[str]]:
-    """Collect the warnings that the program logs on this rank within the block."""
+    """Collect the warnings that the program logs on this rank within the block, in the list that it
+    yields."""
     collector = _Collector()
     logger = logging.getLogger("gossamer_fx")
     logger.addHandler(collector)
@@ -249,7 +252,8 @@ def compute(
 
 
 def _plain(words: str, name: str, number: Any) -> float | list[float]:
-    """A number, or a list of numbers, as files keep it.  Lists may have gaps, which are NaN.
+    """The number `name` of an outcome, or a list of numbers, as files store it.  Lists may have
+    gaps, which are NaN; `words` are the values of the case, for the message.
 
     Raises:
         InputError: it is something else.
@@ -377,7 +381,7 @@ def value_text(value: Any) -> str:
 
 
 def number_text(number: float, form: str) -> str:
-    """A number in a table, such as ".3g"; nothing for NaN."""
+    """A number in a table, by a format such as ".3g"; empty for NaN."""
     if np.isnan(number):
         return ""
     return f"{number:{form}}"

@@ -74,6 +74,7 @@ class EquilibriumSource:
         return self._variables[name].is_distributed
 
     def set(self, values: Mapping[str, Array]) -> None:
+        """Change the scene, and find its equilibrium from the present state.  Collective."""
         for name, variable in self._variables.items():
             variable.set(values[name])
         # Masses and constants that the system keeps depend on parameters.
@@ -113,9 +114,11 @@ class RunSource:
         return {name: value.copy() for name, value in self._values.items()}
 
     def is_distributed(self, name: str) -> bool:
+        """Whether the derivative by a parameter is a field; the first call makes a run."""
         return self.gradient(None)[name].function is not None
 
     def set(self, values: Mapping[str, Array]) -> None:
+        """Give the parameters other values; the next gradient makes a run with them."""
         self._values = {name: np.array(value) for name, value in values.items()}
         self._found = None
 
@@ -183,7 +186,9 @@ class DesignVariable:
         return self.start + self.basis @ numbers
 
     def slope(self, derivative: Array, comm: MPI.Intracomm, is_field: bool) -> Array:
-        """The derivative (n,) with respect to the scaled numbers, by (1).  Collective."""
+        """The derivative of a result with respect to the scaled numbers (n,), by (1), from that
+        with respect to the values (k,) of this rank; the ranks are added up if these are those of a
+        field.  Collective."""
         if self.basis is None:
             return derivative * self.scale
         slope = self.basis.T @ derivative
@@ -197,8 +202,8 @@ class DesignProblem:
     """A result and its limits as functions of one vector of scaled numbers.
 
     The vector varies the parameters of the source, or the amounts of columns (k, m), by name, in
-    place of the k values of a field.  After each iteration the result is added to `history`, that
-    of the start first.
+    place of the k values of a field.  After each iteration the result `of` is added to `history`,
+    that of the start first.  `who` is the public function that needs it, for messages.
     """
 
     def __init__(
@@ -218,11 +223,9 @@ class DesignProblem:
         self.variables = [
             self._variable(name, values, basis.get(name)) for name, values in present.items()
         ]
-        self._known: dict[int, tuple[float, Array]] = {}
-        # The source has evaluated its start.
+        # Numbers for which the source is set, and results there by the identity of the objective.
         self._at = self.start
-        # `value` divides by nothing, so that the scale may follow from it.
-        self._scale_of_value = 1.0
+        self._known: dict[int, tuple[float, Array]] = {}
         self._scale_of_value = max(abs(self.value(self.start)), TINY)
         self.history = [self.value(self.start)]
         # The log of an iteration also says how large the problem is.
@@ -255,7 +258,7 @@ class DesignProblem:
 
     @property
     def size(self) -> int:
-        """Numbers of all ranks."""
+        """Numbers of all ranks, those that all ranks share counted once.  Collective."""
         total = 0
         for variable in self.variables:
             if variable.is_distributed:
@@ -314,8 +317,8 @@ class DesignProblem:
         return np.concatenate(lows), np.concatenate(highs)
 
     def _bound(self, variable: DesignVariable, given: Any) -> Array:
-        """A bound of one parameter, scaled (k,), from one number or an array (k,) in its unit.
-        Collective."""
+        """A bound of one parameter, scaled (n,), from one number or an array (n,) in its unit, for
+        each of its n numbers on this rank.  Collective."""
         bound = np.asarray(given, dtype=float)
         check_on_all(
             self.comm,
@@ -357,12 +360,13 @@ class DesignProblem:
         return self.evaluate(self._of, x)[0]
 
     def scaled(self, x: Array) -> tuple[float, Array]:
-        """The result over its size at the start, and its derivative.  Collective."""
+        """The result over its size at the start, and its derivatives (n,), too.  Collective."""
         value, slope = self.evaluate(self._of, x)
         return value / self._scale_of_value, slope / self._scale_of_value
 
     def note(self, x: Array) -> None:
-        """Log an iteration, and add its result to the history."""
+        """Log an iteration that has ended at x (n,), and add its result to the history.
+        Collective."""
         self.history.append(self.value(x))
         iteration = len(self.history) - 1
         LOGGER.info("%s: iteration %d, value %.9g", self.who, iteration, self.history[-1])

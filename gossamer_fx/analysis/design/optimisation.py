@@ -1,21 +1,20 @@
-"""Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of
-SciPy and of PETSc.
+"""The gradient of a result of an equilibrium or of a run with respect to parameters, and
+minimisation of results by it, with methods of SciPy and of PETSc.
 
-The parameters are divided by their size, so that their changes are comparable.  In each evaluation
-of an equilibrium the parameters of the compiled scene are set, the equilibrium is found again from
-the last one, and one transposed system is solved for the result and one for each constraint.
+`gradient` chooses the adjoint of an equilibrium or of a run (`sensitivity`).
 
-Minimisation by PETSc's TAO: bounded quasi-Newton methods for fields that are distributed over
-ranks.
+`minimise` and `minimise_runs` divide the parameters by their size, so that their changes are
+comparable.  In each evaluation of an equilibrium the parameters of the compiled scene are set, the
+equilibrium is found again from the last one, and one transposed system is solved for the result and
+one for each constraint.
 
+The bounded quasi-Newton methods of PETSc's TAO are for fields that are distributed over ranks.
 Each rank has the numbers of its part of the fields; numbers that all ranks share belong to rank 0.
 Nothing is gathered: a method exchanges scalar products only.
 
 Sources: S. Benson, J. Moré, A limited-memory variable-metric algorithm for bound-constrained
 minimization, Argonne preprint ANL/MCS-P909-0901 (2001): `blmvm`.  `bqnls` is the bounded
 quasi-Newton line search of the TAO users manual.
-
-Gradients of results with respect to parameters: the public entry.
 """
 
 from __future__ import annotations
@@ -65,18 +64,19 @@ class _Layout:
         self._is_own = ~self._is_shared | (self._comm.rank == 0)
 
     def vector(self, numbers: Array) -> PETSc.Vec:
-        """A distributed vector of numbers."""
+        """A distributed vector of the numbers (n,) of each rank.  Collective."""
         own = numbers[self._is_own]
         vector = PETSc.Vec().createMPI((len(own), PETSc.DETERMINE), comm=self._comm)
         vector.setArray(own)
         return vector
 
     def fill(self, vector: PETSc.Vec, numbers: Array) -> None:
-        """Copy numbers of this rank to a distributed vector."""
+        """Copy the numbers (n,) of this rank to a distributed vector of `vector`."""
         vector.setArray(numbers[self._is_own])
 
     def numbers(self, vector: PETSc.Vec) -> Array:
-        """All numbers that this rank needs.  Collective."""
+        """The numbers (n,) of this rank in a distributed vector, with those that all ranks share.
+        Collective."""
         found = np.zeros(len(self._is_own))
         found[self._is_own] = vector.array_r
         shared = found[self._is_shared]
@@ -155,7 +155,7 @@ def tao_minimise(
 
 
 def _name_of(reason: int) -> str:
-    """Name of a reason of TAO."""
+    """Name of a reason for which TAO ended, in words; its number if it has no name."""
     for name, value in vars(PETSc.TAO.ConvergedReason).items():
         if name.isupper() and value == reason:
             return name.lower().replace("_", " ")
@@ -171,7 +171,7 @@ def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str])
     its `RunTape`, from the last to the first.  The lengths of the steps count as given.
 
     Parameters are named "item.parameter".  They are numbers and fields of the laws of films and
-    cables (E, nu, thickness, density, EA, ...), "shape", the stress-free places of the nodes of a
+    cables (E, nu, thickness, density, EA, ...), "shape", the stress-free positions of nodes of a
     mesh, constant loads (pressure, force, g), stiffness and length of springs and ropes, stiffness
     and rest angle of creases and torsion springs.  Fixed coordinates do not move when the
     stress-free shape changes. Of a run, "body.initial_position" and "body.initial_velocity" are
@@ -440,13 +440,13 @@ def _search(
     if method == "L-BFGS-B":
         # The scaled gradient may fall far below one before the value stands still.
         options["gtol"] = 0.0
-    # Without bounds L-BFGS-B takes its first step without a projection.
     low, high = problem.bounds(bounds)
     found = optimize.minimize(
         problem.scaled,
         problem.start,
         jac=True,
         method=method,
+        # Infinite bounds would change its first step, which is projected onto bounds.
         bounds=optimize.Bounds(low, high) if bounds else None,
         constraints=_constraints(problem, limits),
         options=options,
@@ -492,7 +492,8 @@ def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[s
 def _constraint(
     problem: DesignProblem, kind: str, objective: Objective, factor: float, value: float
 ) -> dict[str, Any]:
-    """factor (J - value) is zero, or not negative."""
+    """A constraint of SciPy: factor (J - value) is zero for the kind "eq", and not negative for
+    "ineq"."""
     return {
         "type": kind,
         "fun": lambda x: factor * (problem.evaluate(objective, x)[0] - value),

@@ -206,8 +206,9 @@ def fit_runs(
 
 
 class _Series(RunSource):
-    """Several results of the same runs, each of which gives all of them.  `numbers` has one object
-    for each result, by whose identity the problem keeps it."""
+    """Several results of the same runs: one call of `evaluate` gives the gradients of all.
+    `numbers` are their indices 0, 1, ..., which stand for objectives; they are kept here because
+    the problem knows results by the identity of these objects."""
 
     who = "fit_runs"
 
@@ -218,14 +219,14 @@ class _Series(RunSource):
         count: int,
         comm: MPI.Intracomm,
     ) -> None:
-        super().__init__(self._first, start, comm)
+        super().__init__(self._make_runs, start, comm)
         self._all = evaluate
         self._count = count
         self._series: list[Gradient] = []
         self.numbers = list(range(count))
 
-    def _first(self, values: dict[str, Array]) -> Gradient:
-        """Make the runs; the first of their results."""
+    def _make_runs(self, values: dict[str, Array]) -> Gradient:
+        """Make the runs, keep the gradients of all results, and return the first."""
         self._series = list(self._all(values))
         check(
             len(self._series) == self._count,
@@ -235,6 +236,7 @@ class _Series(RunSource):
         return self._series[0]
 
     def gradient(self, objective: int | None) -> Gradient:
+        """The gradient of the result of an index, of the runs with the present values."""
         first = super().gradient(None)
         # Without a number the problem asks for shapes of derivatives only.
         if objective is None:

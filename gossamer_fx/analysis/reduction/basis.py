@@ -1,4 +1,5 @@
-"""The rotation-closed basis of a reduced film: scalar modes times vectors.
+"""The rotation-closed basis of a reduced film, scalar modes times vectors, and the `Snapshots` of
+the film from which it is made.
 
 Problem.  A sail has 1e4 to 1e6 unknowns, and a design study needs hundreds of its flights.
 Recorded motions lie near a subspace of low dimension, in which the equations of motion can be
@@ -42,8 +43,6 @@ the number of columns.
 
 Limits: motions that are not among the snapshots may be far from the basis.  `OutsideBasis`
 estimates by how much.  A mode costs three unknowns, whichever direction it moves in.
-
-Shapes of a film in memory, for `reduce`.
 """
 
 from __future__ import annotations
@@ -220,7 +219,7 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     # Step 1 of the module
     X = film.space.tabulate_dof_coordinates()[:n]
     candidates = np.column_stack([np.ones(n), X])
-    fixed_modes = mass**0.5 * _orthonormal(film, candidates, MIN_INDEPENDENT_SHARE)
+    fixed_modes = mass**0.5 * _gram_schmidt(film, candidates)
     # Without round-off: linear momentum is that of c_0.
     fixed_modes[:, 0] = 1.0
     # Step 2
@@ -239,7 +238,7 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     strongest = vectors[:, ::-1][:, :count]
     modes = A @ (strongest / singular_values[:count])
     # Step 4
-    modes = _orthonormalised(film, modes, fixed_modes, mass)
+    modes = _orthogonal_to_fixed(film, modes, fixed_modes, mass)
     values = np.column_stack([fixed_modes, mass**0.5 * modes])
     return Basis(
         film=film,
@@ -268,7 +267,8 @@ def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> 
 
 
 def _count_modes(singular_values: Array) -> int:
-    """How many singular values, in falling order, are more than round-off."""
+    """How many singular values, in falling order, are more than round-off: more than
+    `MIN_SINGULAR_VALUE_RATIO` of the largest."""
     largest = singular_values[0]
     if largest <= 0:
         return 0
@@ -323,9 +323,10 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.maximum(lengths, TINY)
 
 
-def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
+def _gram_schmidt(film: Membrane, columns: Array) -> Array:
     """Columns φ (n, j ≤ k) with φ_iᵀMφ_j = δ_ij, by Gram-Schmidt from columns (n, k) at the owned
-    nodes; those that depend on earlier ones are left out.  Collective."""
+    nodes; those that depend on earlier ones, up to `MIN_INDEPENDENT_SHARE`, are left out.
+    Collective."""
     kept: list[Array] = []
     for column in columns.T:
         square = _inner(film, column, column)
@@ -333,14 +334,14 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
             for other in kept:
                 column = column - _inner(film, other, column) * other
         independent = _inner(film, column, column)
-        if independent > smallest * square:
+        if independent > MIN_INDEPENDENT_SHARE * square:
             kept.append(column / independent**0.5)
     return np.column_stack(kept)
 
 
-def _orthonormalised(film: Membrane, modes: Array, fixed_modes: Array, mass: float) -> Array:
-    """Modes (n, k) made orthonormal to each other and orthogonal to the fixed ones (n, j), for
-    which φ_iᵀMφ_j = m δ_ij.  Collective."""
+def _orthogonal_to_fixed(film: Membrane, modes: Array, fixed_modes: Array, mass: float) -> Array:
+    """Modes (n, k) made orthonormal to each other, φ_iᵀMφ_j = δ_ij, and orthogonal to the fixed
+    ones (n, j), for which φ_iᵀMφ_j = m δ_ij.  Collective."""
     for _ in range(ORTHOGONALISATION_PASSES):
         of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed_modes).T @ modes) / mass
         modes = modes - fixed_modes @ of_fixed
@@ -352,8 +353,8 @@ def _orthonormalised(film: Membrane, modes: Array, fixed_modes: Array, mass: flo
 
 
 def _examples(film: Membrane, snapshots: Sequence[Array], values: Array, mass: float) -> Array:
-    """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all, in the modes φ (n,
-    r). Collective."""
+    """Coefficients (k, r, 3) [m] of at most `MAX_EXAMPLES` snapshots, evenly spread over all, in
+    the modes φ (n, r), `values`.  Collective."""
     positions = np.linspace(0, len(snapshots) - 1, MAX_EXAMPLES)
     chosen = np.unique(positions.astype(int))
     shapes = np.stack([snapshots[i] for i in chosen])
@@ -368,7 +369,7 @@ def _inner(film: Membrane, a: Array, b: Array) -> float:
 
 
 def _with_ghosts(film: Membrane, fields: Array) -> Array:
-    """Scalar fields (n, k) at the owned nodes, extended to the ghost nodes."""
+    """Scalar fields (n, k) at the owned nodes, extended to the ghost nodes.  Collective."""
     count = fields.shape[1]
     vector = la.vector(film.space.dofmap.index_map, count)
     vector.array[: fields.size] = fields.ravel()

@@ -81,6 +81,7 @@ class OutsideBasis:
         self._estimate: _Estimate | None = None
 
     def __call__(self, run: StateView) -> float:
+        """Energy outside of the basis over the stored energy, in the present state.  Collective."""
         film = self.body
         # Compiled at the first call: ports are known by then.
         if self._estimate is None:
@@ -154,8 +155,8 @@ class _Estimate:
         return released / max(stored, TINY)
 
     def _forces(self, c: Array) -> Array:
-        """Nodal forces (n, 3) [N] of the whole film in the shape of the coefficients.
-        Collective."""
+        """Forces (n, 3) [N] of the whole film at owned nodes in the shape of coefficients c (r, 3)
+        [m].  Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         self._b.array[:] = 0
         fem.assemble_vector(self._b.array, self._force)
@@ -168,13 +169,14 @@ class _Estimate:
         at nodes with ports, which other terms of the scene move or load.  Collective.
 
         k_n is the largest stiffness of the node in all examples, as a film that starts without
-        tension has none across; it is at least 0.001 of the mean over the nodes.
+        tension has none across; it is at least `MIN_STIFFNESS_RATIO` of the mean over the nodes,
+        and across also `MIN_ACROSS_RATIO` of the mean in the film.
         """
         across = np.zeros(self._n)
         in_plane = np.zeros(self._n)
         for c in examples:
             normal = _normal(c)
-            blocks = self._blocks(stiffness, c)
+            blocks = self._stiffness_of_nodes(stiffness, c)
             k_across = np.einsum("i,nij,j->n", normal, blocks, normal)
             # Mean of the two directions in the plane
             k_in_plane = (np.trace(blocks, axis1=1, axis2=2) - k_across) / 2
@@ -193,11 +195,11 @@ class _Estimate:
         )
 
     def _mean(self, values: Array) -> float:
-        """Mean over the nodes of all ranks."""
+        """Mean of values (n,) at owned nodes over the nodes of all ranks.  Collective."""
         nodes = self._comm.allreduce(self._n)
         return float(self._sum(np.array(values.sum()))) / nodes
 
-    def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
+    def _stiffness_of_nodes(self, stiffness: fem.Form, c: Array) -> Array:
         """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of coefficients c
         (r, 3) [m]: diagonal blocks of the matrix.  Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
@@ -216,6 +218,7 @@ class _Estimate:
 
 
 def _normal(c: Array) -> Array:
-    """Unit normal (3,) of the film's mean plane, from the coefficients of X and Y."""
+    """Unit normal (3,) of the film's mean plane, from the coefficients c (r, 3) of its modes, of
+    which 1 and 2 are those of X and Y."""
     normal = np.cross(c[1], c[2])
     return normal / max(float(np.linalg.norm(normal)), TINY)

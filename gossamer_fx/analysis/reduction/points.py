@@ -1,13 +1,4 @@
-"""The quadrature points of a reduced film: strains, forces and stiffness, by a compiled kernel.
-
-Problem.  A reduced film has some hundred to some thousand quadrature points.  Evaluating products
-of small matrices there by NumPy costs more in calls than in arithmetic.
-
-Idea.  The kernel of `points.c` computes strains, forces N and products T G (see `reduced_energies`)
-at the points; the law is evaluated by `terms.law_kernel`, as that of a full film.  Python
-multiplies with the gradients of the modes, before and after, as full matrices.
-
-Gradients of modes at the quadrature points of a film's strains, and the stiffness of the modes.
+"""The quadrature points of a reduced film: gradients of the modes, strains, forces and stiffness.
 
 With the gradients G_a = ∂φ/∂X_a (q, r) of r modes at q quadrature points, a = 1, 2 along the film's
 frame, the images of the frame vectors are
@@ -19,8 +10,17 @@ A stress S (3,) with the derivatives D = ∂S/∂E gives the coefficients the st
     K = Σ_ac G_aᵀ T_ac G_c,     T_ac = (Σ_bd D_abcd F_b ⊗ F_d + S_ac 1) dA                  (2)
 
 T does not depend on the number of modes: it is computed once at each point, and (2) is a product of
-full matrices.  Arrays of many points have the points as their last index where a loop over
-components is outside, so that NumPy works on long rows.
+full matrices.
+
+Problem.  A reduced film has some hundred to some thousand quadrature points.  Evaluating products
+of small matrices there by NumPy costs more in calls than in arithmetic.
+
+Idea.  In a run (`Points`) the kernel of `points.c` computes strains, forces N and products T G (see
+`reduced_energies`) at the points; the law is evaluated by `terms.law_kernel`, as that of a full
+film.  Python multiplies with the gradients of the modes, before and after, as full matrices.  The
+sampling of cells (`sampling`) takes all points at once by NumPy: arrays of many points have the
+points as their last index where a loop over components is outside, so that NumPy works on long
+rows.
 """
 
 from __future__ import annotations
@@ -157,8 +157,9 @@ class Points:
 
     They have reference areas dA (cells, p) [m²], times the weights of sampled cells; gradients G
     (q, 2, r) [1/m] of the modes; strains (q, 3) at the start of the last step, `past`, of this
-    step, `start`, and of the iterate; and as `response` the mean stress S_mean [N/m] with its
-    derivatives at start and strain (q, 12).
+    step, `start`, and of the iterate, `strain`; and as `response` (q, 12) the mean stress S_mean
+    [N/m] (3) from start to strain, and its derivatives by the strain (9).  `may_choose` is that of
+    `terms.law_kernel.PointLaw`.
     """
 
     def __init__(
@@ -226,7 +227,8 @@ class Points:
         self.law.linearise(linear_strain, first_guess=lambda: 2 * self.start - self.past)
 
     def _set_strains(self, strains: Array, change: Array | None) -> None:
-        """Compute strains (q, 3): the true ones, or the linear ones of a change of coefficients."""
+        """Set `strains` (q, 3): at the gradients of `move` the true ones if `change` is None, else
+        those linearised by a change (r, 3) [m] of the coefficients, which has led there."""
         dF = None
         if change is not None:
             dF = self._G @ change
@@ -269,5 +271,6 @@ class Points:
         return self._c.struct("point_gradients", members)
 
     def _images(self, F: Array | None) -> Any:
-        """Images of the frame (2q, 3) as an argument of a C function; None is a null pointer."""
+        """Images of the frame vectors (2q, 3), or their changes, as an argument of a C function;
+        None is a null pointer."""
         return self._c.array("F", F, "float64", self._N.shape)

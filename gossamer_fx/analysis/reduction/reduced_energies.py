@@ -141,6 +141,7 @@ class ModeForces:
         self._alpha = rule.alpha
 
     def begin(self) -> None:
+        """Begin a step from the strains of the last accepted one."""
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:

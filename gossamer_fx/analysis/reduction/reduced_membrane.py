@@ -256,8 +256,8 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
 
 @runtime_checkable
 class Motion(Protocol):
-    """Recorded shapes of a film, e.g. `Snapshots`: positions (n, 3) [m] of this
-    rank's nodes, one array for each shape."""
+    """Recorded shapes of a film, e.g. `Snapshots`: positions (n, 3) [m] of this rank's nodes, one
+    array for each shape."""
 
     positions: Sequence[Array]
 

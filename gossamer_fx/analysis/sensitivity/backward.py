@@ -1,4 +1,5 @@
-"""The adjoint of the midpoint rule: derivatives of the end of a step carried to its start.
+"""The adjoint of the midpoint rule: derivatives of the end of a step carried to its start, by
+linear systems with the transposed tangent (`TransposedSolver`).
 
 Problem.  A result J of the last state of a run depends on parameters θ through all steps.  Finite
 differences take one run for each parameter, and lose digits.  Differentiating forwards takes one
@@ -62,8 +63,6 @@ to a before (3) is solved (`Differentiable.add_end_derivatives`).
 Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
 that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
 (`sensitivity.transient`).
-
-Linear systems with the transposed tangent.
 """
 
 from __future__ import annotations
@@ -128,13 +127,13 @@ class TransposedSolver:
             self._update = factorisation.LowRankUpdate(self._A, stiffnesses, self._solve)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set x = A⁻ᵀ b, or that of `add_to_inverse`, refined where that changes it."""
+        """Set x = A⁻ᵀ b, or (A + Σ κ g⊗g)⁻ᵀ b after `add_to_inverse`.  Collective."""
         self._solve(b, x)
         if self._update is not None:
             self._update.correct(x)
 
     def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Set x = A⁻ᵀ b."""
+        """Set x = A⁻ᵀ b, refined once if its residual is more than round-off."""
         if self._is_empty:
             return
         self._pc.applyTranspose(b, x)
@@ -206,15 +205,16 @@ class BackwardSteps:
         y = system.begin_recorded_step(h, end.active_sets)
         system.set_inertia(2 / h**2)
         self._end_at(start, end)
-        # On several ranks contact searches its pairs, and may miss some in its prediction of the
-        # step.
+        # On several ranks pairs of contact are not recorded but searched for, about the predicted
+        # step: those that only its end has are added here.
         while system.extend_active_set():
             self._end_at(start, end)
         system.residual(y, self._scratch)
         self._check_residual(start, end)
 
     def _end_at(self, start: RecordedState, end: RecordedState) -> None:
-        """Set q1 to the end of a step; the increment is that of the step, without its round-off."""
+        """Set q1 to the end of a step, by the increment from its prediction, and `inertia`.  What
+        earlier steps have left of round-off in the increment is dropped."""
         system = self._system
         system.increment.remainder.set(0.0)
         self._right_side.array[:] = end.h * start.v
@@ -224,12 +224,12 @@ class BackwardSteps:
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
     def _check_residual(self, start: RecordedState, end: RecordedState) -> None:
-        """Raise `StepFailure` if the residual of the repeated step [N] is more than `MAX_RESIDUAL`
-        of the change of momentum in it over its length, as after an event that changed the scene.
-        """
+        """Raise `StepFailure` if the residual of the repeated step [N], in `_scratch`, is more than
+        `MAX_RESIDUAL` of its momenta over its length, as after an event that changed the scene.
+        Keeps the largest ratio in `residual`.  Collective."""
         system = self._system
         forces, _ = system.imbalance(self._scratch)
-        # Without change of momentum nothing can be compared; both velocities are then a fair scale.
+        # The change of momentum alone would be no scale for a step without any: both are added.
         self._right_side.array[:] = abs(end.v - start.v) + abs(end.v) + abs(start.v)
         system.M.mult(self._right_side, self._Mμ)
         scale = float(self._Mμ.norm()) / end.h
@@ -291,7 +291,7 @@ class BackwardSteps:
         system.M.mult(self.μ, self._Mμ)
         # Before the step is reversed: these derivatives are those of the solved step.
         by_position, by_velocity = self._irreversible_products()
-        self._multiply_by_exchanged(start, end)
+        self._multiply_by_reversed(start, end)
         a.set(0.0)
         a.axpy(c, self._Mμ)
         a.axpy(-1.0, self._Bμ)
@@ -325,7 +325,7 @@ class BackwardSteps:
         if self._system.constraints:
             vector.array[self._system.constraints.owned] = 0
 
-    def _multiply_by_exchanged(self, start: RecordedState, end: RecordedState) -> None:
+    def _multiply_by_reversed(self, start: RecordedState, end: RecordedState) -> None:
         """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
         self.reverse(start, end)
         μ = self._scratch
@@ -353,7 +353,7 @@ class BackwardSteps:
 
 class ScalarParts:
     """The adjoints of all scalar unknowns of a scene, one after the other; `c` (size,) are
-    derivatives of the result by them at the end of the present step."""
+    derivatives dJ/dy1 of the result by them at the end of the present step, see (7)."""
 
     def __init__(self, system: System) -> None:
         self.parts: list[GasAdjoint] = []
@@ -377,8 +377,8 @@ class ScalarParts:
             part.start()
 
     def take(self, ν: Array, μ: Array, h: float) -> None:
-        """Sum up parameters at the solved step of length h, and carry c to its start.
-        Collective."""
+        """Add the derivatives by parameters of the scalar unknowns in the solved step of length h
+        [s], with ν (size,) and this rank's μ (n,) of (7), and carry c to its start.  Collective."""
         at_start = []
         for part, own in zip(self.parts, self._split(ν), strict=True):
             part.linearise(h)

@@ -233,7 +233,8 @@ class Energy:
             start = end
 
     def forms(self, system: System) -> list[ufl.Form]:
-        """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
+        """The stored energy as forms; `TransientGradients` adds what the kinetic energy depends on
+        by the masses."""
         found = []
         for compiled in system.differentiable:
             for body in system.coordinates:
@@ -290,7 +291,8 @@ class CrossingTime:
         self(SceneView(system))
 
     def has_passed(self, values: Sequence[float]) -> bool:
-        """Whether the value lies between the last two of these, or is one of them."""
+        """Whether the value lies between the last two of these results, or is one of them; not if
+        there is one only, or both are equal."""
         if len(values) < 2:
             return False
         before, after = values[-2:]
@@ -299,8 +301,8 @@ class CrossingTime:
     def found(
         self, times: Sequence[float], values: Sequence[float]
     ) -> tuple[float, dict[int, float]]:
-        """The time, and its derivative with respect to the observed result at each of the states up
-        to the crossing, which is to be in the last step."""
+        """The time of the crossing, which is in the last step, and the derivatives of this time by
+        the observed result at both ends of that step: by the number of the state."""
         check(
             self.has_passed(values),
             f"CrossingTime: the result does not pass {self.value!r}; "
@@ -396,12 +398,11 @@ class ChamberPressure:
         self.chamber = chamber
 
     def _index(self, system: System) -> int:
-        chambers = [gas.chamber for gas in chambers_of(system)]
-        check(
-            any(one is self.chamber for one in chambers),
-            f"ChamberPressure: '{self.chamber.name}' is not in the scene; add it.",
-        )
-        return next(k for k, one in enumerate(chambers) if one is self.chamber)
+        """Index of this pressure among the scalar unknowns, of which pressures are the first."""
+        for k, gas in enumerate(chambers_of(system)):
+            if gas.chamber is self.chamber:
+                return k
+        raise InputError(f"ChamberPressure: '{self.chamber.name}' is not in the scene; add it.")
 
     def __call__(self, run: HasSystem) -> float:
         return float(chambers_of(run.system)[self._index(run.system)].pressure)
@@ -412,5 +413,5 @@ class ChamberPressure:
         """Add nothing: it is one of the unknowns, which `add_scalar_derivative` derives by."""
 
     def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
-        """Add the derivative by itself."""
+        """Add one, the derivative of the pressure by itself, at its scalar unknown."""
         by_scalars[self._index(system)] += 1.0

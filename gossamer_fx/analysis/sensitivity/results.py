@@ -42,16 +42,16 @@ class Derivative:
 
     @check_arguments
     def along(self, change: Array | float) -> float:
-        """The change of the result over all ranks, to first order, for a change of the parameter:
-        of the entries of `values`, or of all of them alike."""
+        """The change of the result, to first order, for a change of the parameter: one for each
+        entry of `values` on this rank, or one number for all.  Collective if the values are
+        distributed."""
         share = float(np.sum(self.values * change))
         comm = self.comm
         if comm is None and self.function is not None:
             comm = self.function.function_space.mesh.comm
-        # One rank has the velocities of a rigid body, which are not a field; the others add
-        # nothing.
         if comm is None:
             return share
+        # A rank without entries, as of the initial state of a rigid body, adds nothing.
         return float(comm.allreduce(share))
 
 
@@ -121,7 +121,7 @@ def collected(
 
 
 def _quotient(unit: str, by: str) -> str:
-    """Unit of a derivative."""
+    """Unit of the derivative of a result in `unit` by a parameter in the unit `by`."""
     if not by:
         return unit
     divisor = f"({by})" if "/" in by or " " in by else by

@@ -111,7 +111,7 @@ class StaticAdjoint:
     """Solves (1) at one equilibrium, which may be found again in between."""
 
     def __init__(self, equilibrium: SolvedEquilibrium, what: str) -> None:
-        """`what` asks for it, for messages."""
+        """`what` is the public function that needs it, for messages."""
         for scalars in equilibrium.system.scalar_unknowns:
             check(
                 scalars.is_closed,
@@ -144,8 +144,8 @@ class StaticAdjoint:
         self._solver.add_to_inverse(self._gas)
 
     def solve(self, by_position: PETSc.Vec) -> PETSc.Vec:
-        """λ for a derivative of a result, which loses its entries at fixed coordinates; the next
-        call overwrites λ.  Collective."""
+        """λ for the derivative ∂J/∂q of a result, whose entries at fixed coordinates are set to
+        zero; the next call overwrites λ.  Collective."""
         assert self._solver is not None
         # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
         by_position.array[self._system.supports.held] = 0
@@ -166,6 +166,7 @@ class StaticGradients(StaticAdjoint):
         )
         self._adjoint = AdjointFields(system)
         self.variables = find_variables(system, by, self._adjoint, in_time=False)
+        # By the identity of the result; one list for each variable.
         self._explicit: dict[int, list[list[FormDerivative]]] = {}
         self._by_position = system.numbering.vector()
         self._by_velocity = system.numbering.vector()
@@ -190,7 +191,8 @@ class StaticGradients(StaticAdjoint):
         return collected(value, objective.unit, self.variables, system.comm)
 
     def _add_pressures(self, objective: Objective) -> None:
-        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates."""
+        """Add Σ -κ ∂J/∂p g to the derivative of a result by the coordinates, over the chambers that
+        films enclose: pressures in tanks do not depend on coordinates."""
         if not (self._gas and isinstance(objective, ScalarObjective)):
             return
         system = self._system

@@ -138,6 +138,7 @@ class RunTape:
         self.system.recorders.append(self._record)
 
     def close(self) -> None:
+        """End the recording; the recorded steps stay."""
         if self._record in self.system.recorders:
             self.system.recorders.remove(self._record)
 
@@ -251,7 +252,7 @@ class RunTape:
         self, first: RecordedState, end: RecordedState, last: int, free: int
     ) -> Iterator[tuple[RecordedState, RecordedState]]:
         """Steps from `first` to `end`, last step first, as far as they are among the first `last`
-        ones."""
+        ones; there is room for `free` states in between.  Collective."""
         count = end.index - first.index
         if count == 1:
             if end.index <= last:
@@ -281,7 +282,8 @@ class RunTape:
         system.recorders = []
         try:
             self.restore(state)
-            # Less than the round-off of the coordinates, so that no state keeps it.
+            # The remainder of the increment is below the round-off of the coordinates, and is not
+            # in recorded states.
             system.increment.remainder.set(0.0)
             for k in range(state.index + 1, index + 1):
                 try:

@@ -62,6 +62,7 @@ class TransientGradients:
         # Adjoint of the state after the present step: derivatives of the result by it.
         self._by_position = system.numbering.vector()
         self._by_velocity = system.numbering.vector()
+        # Norms of dJ/dv at the ends of the steps and at the start, the last step first.
         self.norms: list[float] = []
 
     def of(self, objective: Objective) -> Gradient:
@@ -216,7 +217,7 @@ class TransientGradients:
 def growth_of(norms: Sequence[float]) -> float:
     """Growth of the adjoint over a run from its norms, last step first, as a factor: the square of
     that over the earlier half of the run, so that a linear growth, which predicts finite changes
-    well, counts as 4."""
+    well, counts as 4.  It is 1 for fewer than three norms, or if that in the middle is zero."""
     middle = norms[len(norms) // 2]
     if len(norms) < 3 or middle == 0:
         return 1.0

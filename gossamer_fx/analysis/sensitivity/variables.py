@@ -1,14 +1,13 @@
-"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and
-derived by.
+"""The variables of a gradient: parameters of a compiled scene, found by name, read and changed, and
+the derivatives of the residual with respect to them.
 
 With the adjoint vector μ the derivative of a result J by a parameter θ is
 
     dJ/dθ = ∂J/∂θ - Σ μ·∂r/∂θ,
 
-summed over the steps of a run, or of the one equilibrium.  A variable adds up this sum.
-
-Derivatives of integrals with respect to what they depend on: constants, fields, positions of
-mesh nodes.
+summed over the steps of a run, or of the one equilibrium.  A `Variable` adds up this sum.  Where
+the residual r consists of integrals, `FormDerivative` has their derivatives with respect to what
+they depend on: constants, fields, positions of mesh nodes.
 """
 
 from __future__ import annotations
@@ -50,17 +49,18 @@ class MeshNodes:
 
     @property
     def _count(self) -> int:
+        """Number of nodes on this rank, ghosts included."""
         nodes = self.space.dofmap.index_map
         return int(nodes.size_local + nodes.num_ghosts)
 
     def get(self) -> Array:
-        """Positions (k,) of the owned nodes, flattened."""
+        """Positions (3n,) [m] of the n owned nodes, node by node."""
         owned = self.space.dofmap.index_map.size_local
         positions: Array = self.mesh.geometry.x[self._row[:owned]]
         return positions.ravel()
 
     def set(self, values: Array) -> None:
-        """Move the owned nodes to positions (k,), and their ghosts with them.  Collective."""
+        """Move the owned nodes to positions (3n,) [m], and their ghosts with them.  Collective."""
         moved = fem.Function(self.space)
         moved.x.array[: len(values)] = values
         moved.x.scatter_forward()
@@ -114,8 +114,9 @@ class FormDerivative:
         self._owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
 
     def assemble(self) -> Array:
-        """The derivative: for a field (k,) of this rank's unknowns; for a constant this rank's
-        share (k,)."""
+        """The derivative with the present values, zero if no form has the coefficient: for a field
+        or nodes (k,) of this rank's unknowns; for a constant this rank's share (k,), which is to be
+        added up over the ranks.  Collective."""
         if not self._forms:
             return np.zeros(size_of(self._coefficient))
         components = 1
@@ -183,11 +184,14 @@ class AdjointFields:
         self._spread(z, self.inertia)
 
     def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
+        """Copy the part of a vector that belongs to each body to the function of the body."""
         for body, function in functions.items():
             owned = self._system.block(body).owned
             self._system.coordinates[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
+        """μ·r of all forces that are forms.  Functions that are filled with values at quadrature
+        points are replaced by their expressions, which depend on parameters, too."""
         expressions: dict[fem.Function, Any] = {}
         found = []
         for compiled in self._system.differentiable:
@@ -209,7 +213,11 @@ class AdjointFields:
 
 class Variable(ABC):
     """One variable "item.parameter" of a gradient, with its SI unit.  If it is distributed each
-    rank has its own part of the values; otherwise all have all."""
+    rank has its own part of the values; otherwise all have all.
+
+    `sum` (k,) is the derivative of the result by the values as far as it is added up; if the
+    variable is not distributed, this rank's share of it.
+    """
 
     name: str
     unit: str
@@ -236,11 +244,13 @@ class Variable(ABC):
         self.sum[:] = 0
 
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
-        """Subtract μ·∂r/∂θ of the present step from the sum; the adjoint fields have μ."""
+        """Subtract μ·∂r/∂θ of the present step from the sum, `with_inertia` also that of the
+        inertia M z; the `AdjointFields` have μ and z.  Nothing for variables of the start."""
         return
 
     def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
-        """Add what the derivatives with respect to the initial state give."""
+        """Add what the derivatives of the result by the initial coordinates and velocities give;
+        nothing for variables that the initial state does not depend on."""
         return
 
     def function(self, values: Array) -> fem.Function | None:
@@ -254,8 +264,8 @@ class FormVariable(Variable):
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
     ) -> None:
-        """Differentiate the forces by constants or fields that are the variable; all have the same
-        values."""
+        """Compile the derivatives of the forces by each of the coefficients, which all have the
+        same values."""
         first = coefficients[0]
         is_constant = isinstance(first, fem.Constant)
         super().__init__(name, unit, not is_constant, size_of(first))
@@ -314,7 +324,9 @@ class PointVariable(Variable):
     def __init__(
         self, name: str, unit: str, uses: Sequence[tuple[Differentiable, Any, Parameter]]
     ) -> None:
-        """Count the values of a parameter of terms without forms, each with its compiled kind."""
+        """`uses` are the terms that have the parameter, each with its compiled kind.  A parameter
+        is one number or vector of all terms, or has an entry for each term, e.g. each spring of an
+        item; the variable has the values of all entries, one after the other."""
         self._uses = uses
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         compiled, term, first = uses[0]
@@ -423,6 +435,7 @@ class ScalarVariable(Variable):
 
 
 def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
+    """A function of the values (k,) of this rank's unknowns, ghosts included.  Collective."""
     function = fem.Function(space)
     function.x.array[: len(values)] = values
     function.x.scatter_forward()
@@ -455,13 +468,13 @@ def refuse_unknown_kinds(system: System) -> None:
     the first.  Collective."""
     for compiled in system.compiled:
         if isinstance(compiled, Differentiable):
-            words = compiled.without_gradient()
+            reason = compiled.without_gradient()
         else:
-            words = (
+            reason = (
                 f"'{brought_by(system, compiled)}' has no gradient, "
                 "as the derivatives of its forces are not known; leave it out of the scene"
             )
-        check_on_all(system.comm, not words, f"gradient: {words}.")
+        check_on_all(system.comm, not reason, f"gradient: {reason}.")
 
 
 def brought_by(system: System, compiled: object) -> str:

@@ -1,4 +1,5 @@
-"""Static equilibrium, also of films that wrinkle, from a first guess that need not be near.
+"""The search for a static equilibrium, also of films that wrinkle, from a first guess that need not
+be near, and its progress on the standard error.
 
 Problem.  Without inertia the tangent of slack or wrinkled film is singular or indefinite, and
 Newton's iteration for De(q)ᵀψ'(e(q)) = F(q) converges only from a state close to the solution.
@@ -35,8 +36,6 @@ is then that of the system.
 
 Limits.  The path passes through states that are not in equilibrium, so that of several equilibria
 the one that is found depends on the first guess and on the pseudo-steps.
-
-Progress of a search for an equilibrium, on the standard error.
 """
 
 from __future__ import annotations
@@ -114,6 +113,7 @@ class SearchProgress:
         )
 
     def close(self) -> None:
+        """End the line on a terminal; a second call has no effect."""
         self._line.close()
 
 
@@ -231,7 +231,8 @@ class Search:
             isinstance(term, StoredEnergy) and term.pulling for term in system.terms
         )
         self.reached = system.time
-        self._way = 0.0  # longest time [s] by which a pseudo-step moves obstacles at once
+        # Longest time [s] by which loads and obstacles advance in one pseudo-step.
+        self._longest_advance = 0.0
         self.iterations = 0
         self.steps = 0
         self.cuts = 0
@@ -242,7 +243,7 @@ class Search:
         self.iterations = 0
         self.steps = 0
         self.cuts = 0
-        self._way = abs(at - self.reached)
+        self._longest_advance = abs(at - self.reached)
         self.system.q0.copy(self._start)
         for kind in self.system.compiled:
             kind.begin_search()
@@ -257,7 +258,8 @@ class Search:
             self._progress.close()
 
     def _continue(self, at: float, signals: Listener) -> None:
-        """Make pseudo-steps until the residual without inertia is small."""
+        """Make pseudo-steps until the residual without inertia is small, under the loads of time
+        `at` [s] and with contact that is stiff enough."""
         options = self.options
         tolerances = Tolerances(
             options.inner_tolerance,
@@ -295,6 +297,7 @@ class Search:
                 self._check_displacement()
                 residual, load = self.unbalanced()
                 round_off = self.newton.round_off / load
+                # Contact whose stiffness was raised is not in equilibrium yet.
                 stiffened = [active_set.stiffen() for active_set in self.system.active_sets]
                 is_stiffened = any(stiffened)
                 # A pseudo-step need not be solved better than the equilibrium; half, for safety.
@@ -381,28 +384,30 @@ class Search:
         system.commit(self._zero)
         system.time = time
         self.reached = time
-        self._way *= 2
+        self._longest_advance *= 2
         return used
 
     def _begin_step(self, duration: float, at: float) -> tuple[float, Array]:
         """Begin a pseudo-step at the latest time [s] on the way to `at` to which obstacles can move
-        while bodies stay where they are.  Returns this time and the first guess of the scalar
-        unknowns."""
+        while bodies stay where they are: the advance is halved until they do.  Returns this time
+        and the first guess of the scalar unknowns; raises `Inadmissible` if even a very short
+        advance makes them penetrate."""
         remaining = at - self.reached
         while True:
             time = at
-            if self._way < abs(remaining):
-                time = self.reached + math.copysign(self._way, remaining)
+            if self._longest_advance < abs(remaining):
+                time = self.reached + math.copysign(self._longest_advance, remaining)
             self.system.time = time - duration
             try:
                 return time, self.system.begin_step(duration)
             except Inadmissible:
-                self._way = abs(time - self.reached) / 2
-                if self._way < MIN_WAY_RATIO * abs(remaining):
+                self._longest_advance = abs(time - self.reached) / 2
+                if self._longest_advance < MIN_WAY_RATIO * abs(remaining):
                     raise
 
     def unbalanced(self) -> tuple[float, float]:
-        """Residual without inertia over the external force, and the external force [N].  A thousand
+        """Residual without inertia over the external force, and the external force [N], in the
+        state and with the scalar unknowns of the last pseudo-step that converged.  A thousand
         times the round-off of the inner forces replaces a smaller force: a scene without loads is
         in equilibrium when only round-off is left."""
         system = self.system
@@ -414,8 +419,9 @@ class Search:
         return unbalanced / load, load
 
     def solve_without_inertia(self, at: float) -> bool:
-        """Whether Newton's iteration without inertia converges to a residual a hundred times
-        smaller."""
+        """Whether Newton's iteration without inertia converges within ten iterations to a hundredth
+        of the present residual, or of the tolerance if that is smaller.  If so, its solution is the
+        new state of the system."""
         self.newton.geometric_stiffness_delay = 0
         residual, load = self.unbalanced()
         target = FINAL_REDUCTION * min(residual, self.options.tolerance) * load
@@ -442,7 +448,8 @@ class Search:
                 LOG.warning("%s", pressure.words)
 
     def _announce_load(self, at: float) -> None:
-        """Tell contact what it may have to carry: loads of time `at` [s], and prestress."""
+        """Give contact the forces that it may have to carry, from which its stiffness follows:
+        loads of time `at` [s], and tensions."""
         system = self.system
         duration = self.options.first_step
         system.time = at - duration

@@ -150,8 +150,8 @@ class Equilibrium:
         return self.result
 
     def take_over(self, time: float) -> None:
-        """Go on from a state of the system that was found otherwise, under the loads of a time
-        [s]."""
+        """Let the next search start from the present state of the system, which `path` has found
+        under the loads of a time [s]; `result` does not change."""
         self.system.time = time
         self._search.reached = time
         self.step += 1

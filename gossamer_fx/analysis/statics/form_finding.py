@@ -87,6 +87,7 @@ class ConstantTension:
         return e[:, 0]
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean of ψ' between measures e0 and e1 (n, 1), one, and its derivative by e1, zero."""
         return np.ones_like(e1), np.zeros((*e1.shape, 1))
 
 

@@ -78,8 +78,18 @@ DIFFERENCE_STEP = 1e-3
 WANTED_ITERATIONS = 4
 MAX_ITERATIONS = 12
 
-# Largest factor of the length from step to step.
+# Largest and smallest factor of the length from step to step.
 MAX_GROWTH = 2.0
+MIN_GROWTH = 0.5
+
+# A step that ends early, at a limit or branch point, counts as at least this share of the length
+# that it was to have, when the next length is chosen.
+SHARE_OF_SHORT_STEP = 1 / 8
+
+# Smallest load [N], against division by zero and so that `Tolerances` accepts a share of it, and
+# smallest length of a step.
+TINY_LOAD = 1e-80
+TINY_LENGTH = 1e-300
 
 # Cosine of the largest angle between the tangents at both ends of a step.  In a step that is
 # shorter than the second number times the first one, a kink of the path (a film that wrinkles)
@@ -250,6 +260,9 @@ class _Load:
     """What the load factor changes: the time of the loads, or a number of an item."""
 
     def __init__(self, system: System, name: str) -> None:
+        """`name` is "item.quantity", of which the factor multiplies the present value, or "" for
+        the time.  Raises `InputError` if the scene has no such number, or it is zero, a shape or a
+        stiffness that is assembled once."""
         self._system = system
         self._variable: Variable | None = None
         if not name:
@@ -288,7 +301,8 @@ class _Load:
             )
 
     def set(self, factor: float) -> None:
-        """Change the number to a load factor times what was given."""
+        """Change the number to a load factor times its value in the scene; nothing if the load
+        factor is the time."""
         if self._variable is None:
             return
         self._variable.set(factor * self._given)
@@ -296,7 +310,7 @@ class _Load:
             compiled.parameters_changed()
 
     def time(self, factor: float) -> float:
-        """Time of the loads [s] at a load factor."""
+        """Time of the loads [s] at a load factor; zero if this multiplies a number."""
         return factor if self._variable is None else 0.0
 
 
@@ -309,21 +323,26 @@ class _PathNewton(Newton):
         predicted: load factor at which (1) holds for the predicted coordinates.
         scale: s of (1), by which the equation is divided.
         factor: load factor of the last iterate.
-        load_norm: norm of ∂r/∂λ [N] at the last `direction`.
+        load_norm: norm of ∂r/∂λ [N]; set by `direction`.
     """
 
     own_scalars = 1
 
     def __init__(self, system: System, load: _Load, difference: float) -> None:
+        """`difference` is the step of the load factor in differences ∂/∂λ."""
         super().__init__(system, Tolerances(), direct=True)
         self._load = load
         self._difference = difference
-        self._increment = system.numbering.vector()
+        self._increment = system.numbering.vector()  # predicted, of the present step
+        # w of the last iterate; w with the fixed coordinates of another load; the residual there.
         self._w = system.numbering.vector()
         self._moved = system.numbering.vector()
         self._shifted = system.numbering.vector()
+        # Load factor for which the system is set; None: unknown.
         self._applied: float | None = None
+        # Whether strains are the true ones of the coordinates, as in `direction`, not linearised.
         self._is_at_point = False
+        # Scalar unknowns of the scene in the last iterate.
         self._y: Array = np.zeros(0)
         self.row: Array = np.zeros(self._w.getLocalSize())
         self.weight = 0.0
@@ -355,14 +374,16 @@ class _PathNewton(Newton):
         self._evaluate_at(factor, None)
 
     def begin_step(self, factor: float) -> Array:
-        """Begin a step to a load factor; returns a first guess of the scene's scalar unknowns."""
+        """Begin a step of the length `DURATION` to a load factor; returns a first guess of the
+        scene's scalar unknowns.  Collective."""
         self._load.set(factor)
         self.system.time = self._load.time(factor) - DURATION
         self._applied = None
         return self.system.begin_step(DURATION)
 
     def _apply(self, factor: float) -> None:
-        """Set the loads and the fixed coordinates of a load factor."""
+        """Set the loads of a load factor, and `_fixed_values` of the coordinates that it
+        prescribes."""
         if factor == self._applied:
             return
         self._load.set(factor)
@@ -372,6 +393,8 @@ class _PathNewton(Newton):
         self._applied = factor
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """w and y of x, as `Newton` has them; sets the loads of the load factor in y first, which
+        prescribe fixed coordinates."""
         _, y = self._composite.split(x)
         self.factor = float(y[-1])
         self._apply(self.factor)
@@ -381,12 +404,15 @@ class _PathNewton(Newton):
         return w, y
 
     def _residuals(self, y: Array) -> Array:
+        """Evaluate r, and return s of the scene's scalar unknowns and then that of (1)."""
         s = self.system.residual(y[:-1], self._r)
         along = self.system.comm.allreduce(float(self.row @ self._w.array_r))
         along += self.weight * (y[-1] - self.predicted)
         return np.append(s, along / self.scale)
 
     def _coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Coupling of all scalar unknowns with the coordinates, that of the load factor last.
+        Leaves the system at a shifted load factor.  Collective."""
         columns, rows, corner = self.system.coupling()
         base = None if self._is_at_point else self._linearisation_point
         forces, equations = self._rates(base)
@@ -401,7 +427,8 @@ class _PathNewton(Newton):
 
     def _rates(self, base: PETSc.Vec | None) -> tuple[Array, Array]:
         """Derivatives of r [N] and s by the load factor, in which fixed coordinates move along, at
-        the last iterate.  The system is then at another load.  Collective."""
+        the last iterate; strains are linearised about w = `base`.  Leaves the system at a shifted
+        load factor.  Collective."""
         forces = []
         equations = []
         for side in (1, -1):
@@ -412,7 +439,8 @@ class _PathNewton(Newton):
         return (forces[0] - forces[1]) / width, (equations[0] - equations[1]) / width
 
     def _evaluate_at(self, factor: float, base: PETSc.Vec | None) -> Array:
-        """Evaluate r at the last iterate under another load, and return s."""
+        """Evaluate r at the last iterate under the load of a factor, to `_shifted`, and return s;
+        strains are linearised about w = `base`, or the true ones.  Collective."""
         self._apply(factor)
         self._w.copy(self._moved)
         with self._moved as values:
@@ -422,7 +450,8 @@ class _PathNewton(Newton):
 
     def direction(self) -> tuple[PETSc.Vec, float]:
         """The tangent (dq, dλ) of the path at the last solution, with the left side of (1) equal
-        to one: its coordinates as a new vector, and its load factor.  Collective."""
+        to one: its coordinates as a new vector, and its load factor.  Also sets `load_norm`.
+        Collective."""
         assert self._bordered is not None
         self._is_at_point = True
         self._tangent()
@@ -430,7 +459,7 @@ class _PathNewton(Newton):
         column = coupling[0][-1]
         assert column is not None
         self.load_norm = math.sqrt(self.system.comm.allreduce(float(column @ column)))
-        # The differences have left another load.
+        # `_coupling` has left the system at a shifted load factor.
         self._evaluate_at(self.factor, None)
         self._bordered.set(*coupling)
         J = self.ksp.getOperators()[0]
@@ -471,8 +500,8 @@ class _PathNewton(Newton):
 @dataclass
 class _Point:
     """A solution: length s of its step, load factor, tangent (direction t, slope τ) with <t, t> +
-    (τ/Λ)² = 1, and number of negative eigenvalues.  At a branch point at which the path turns, the
-    tangent is that of the branch."""
+    (τ/Λ)² = 1, number of negative eigenvalues, and Newton iterations.  At a branch point at which
+    the path `turns` the tangent is that of the branch."""
 
     length: float
     factor: float
@@ -484,7 +513,8 @@ class _Point:
 
 
 class _PathView:
-    """The last point of a path as a view, for outputs: its `time` is the number of the point."""
+    """The last point of a path as a `solve.view.StateView`, for outputs: its `time` and its `step`
+    are the number of the point, from 0."""
 
     axis = Axis("point of the path")
 
@@ -554,6 +584,8 @@ class _Follower:
         toward: float,
         first_step: float,
     ) -> None:
+        """Compute the tangent of the path in the equilibrium found last, at the load factor
+        `start`, in the direction of the load factor `toward`.  Collective."""
         started = time.process_time()
         system = equilibrium.system
         self._equilibrium = equilibrium
@@ -578,7 +610,8 @@ class _Follower:
         self._show(self._last, started)
 
     def _first_point(self, start: float) -> _Point:
-        """The state of the equilibrium, with the tangent towards the wanted load."""
+        """The state of the equilibrium, with the tangent towards the wanted load.  Sets 1/W of (1),
+        zero if the load moves nothing, and the length of the first step."""
         newton = self._newton
         newton.factor = start
         newton.begin_at_point(start)
@@ -608,7 +641,7 @@ class _Follower:
         return float(direction.dot(self._product))
 
     def _unit(self, point: _Point) -> _Point:
-        """The point with its tangent scaled to the length one."""
+        """Scale the tangent of a point to the length one, and return the point."""
         square = self._displacement_weight * self._mass_square(point.direction)
         length = math.sqrt(square + (point.slope / self._first_step) ** 2)
         point.direction.scale(1 / length)
@@ -616,7 +649,8 @@ class _Follower:
         return point
 
     def _count_unstable(self) -> int:
-        """Number of negative eigenvalues of the stiffness of the last `direction`."""
+        """Number of negative eigenvalues of the stiffness of the last `direction`; `UNKNOWN` if it
+        is not symmetric or gas flows.  Collective."""
         system = self._system
         stiffnesses = []
         for scalars in system.scalar_unknowns:
@@ -644,20 +678,22 @@ class _Follower:
     # ---- steps -----------------------------------------------------------------------------------
 
     def _solve(self, length: float, *, at: float | None = None) -> _Point:
-        """Solve for the point at a length s from the last one, or at a given load factor.
+        """Solve for the point at a length s from the last one, or at the load factor `at`, of which
+        the length is then an estimate.
 
-        It is not accepted yet.  Raises `NotConverged`.  Collective.
+        The system stands at the point, which is not accepted yet.  Raises `NotConverged`.
+        Collective.
         """
         last = self._last
         newton = self._newton
         system = self._system
-        # Row of (1), which also orients the new tangent.
+        # Row of (1), which also orients the new tangent; `_mass_square` sets `_product` = M t.
         self._mass_square(last.direction)
         row = self._displacement_weight * self._product.array_r
         weight = last.slope / self._first_step**2
         newton.row[:] = row
         newton.weight = weight
-        newton.scale = max(length, 1e-300)
+        newton.scale = max(length, TINY_LENGTH)
         newton.predicted = last.factor + length * last.slope
         if at is not None:
             newton.row[:] = 0.0
@@ -697,7 +733,7 @@ class _Follower:
         external = float(self._system.external_forces().norm())
         first = self._newton.load_norm * self._first_step
         self._largest_load = max(self._largest_load, external, first)
-        return max(self._largest_load, 1e-80)
+        return max(self._largest_load, TINY_LOAD)
 
     def _has_event(self, point: _Point) -> bool:
         """Whether a limit or branch point lies between the last point and another one."""
@@ -706,10 +742,12 @@ class _Follower:
         return has_branch or self._is_past_limit(point)
 
     def _is_past_limit(self, point: _Point) -> bool:
+        """Whether a limit point lies between the last point and another one."""
         return not self._last.turns and point.slope * self._last.slope < 0
 
     def _locate(self, end: _Point, tolerance: float) -> _Point:
-        """The point just behind the first limit or branch point before a point `end`."""
+        """The point just behind the first limit or branch point before a point `end`, within a
+        tolerance times the length of its step.  Frees the tangent of `end`.  Collective."""
         end.direction.destroy()
         low = 0.0
         high = end.length
@@ -729,14 +767,14 @@ class _Follower:
         """Make the solution of the last `_solve` the state of the scene."""
         system = self._system
         system.commit(self._zero)
-        # Not by adding the pseudo-time, which would round.
+        # Sets the time of the load itself: adding the pseudo-time to the time would round it.
         self._equilibrium.take_over(self._load.time(point.factor))
         self._last.direction.destroy()
         self._last = point
 
     def _turn(self, measure: Measure, name: str) -> None:
         """Let the path go on from its last point, a branch point, along the branch on which a probe
-        grows.  Collective."""
+        grows: `_last` gets the tangent of the branch.  Collective."""
         last = self._last
         system = self._system
         direction, slope = self._newton.null_direction()
@@ -762,8 +800,8 @@ class _Follower:
         self._last = branch
 
     def _branch_length(self, tolerance: float) -> float:
-        """Length of the first step on a branch, in which the load changes noticeably.
-        Collective."""
+        """Length of the first step on a branch, in which the load changes noticeably or Newton's
+        iteration fails.  Collective."""
         length = self._first_length
         change = BRANCH_LOAD_CHANGE * tolerance * self._first_step
         while True:
@@ -777,8 +815,11 @@ class _Follower:
             length *= BRANCH_GROWTH
 
     def _next(self, length: float, shortest: float, tolerance: float) -> _Point:
-        """The next point of the path, by a step of at most a length.  Collective."""
+        """The next point of the path, not accepted yet, by a step of at most a length.  It may be a
+        limit or branch point, or that of the wanted load.  Raises `NoEquilibrium` if steps longer
+        than `shortest` fail.  Collective."""
         reason = "none"
+        # Length below which the tangent may turn by any angle.
         kink = KINK_STEP_RATIO / MIN_STEP_RATIO * shortest
         while length > shortest:
             try:
@@ -789,6 +830,7 @@ class _Follower:
                     continue
                 if self._has_event(point):
                     point = self._locate(point, tolerance)
+                # A point at or beyond the wanted load: solve at this load instead.
                 if (point.factor - self._until) * self._sign >= 0:
                     share = (self._until - self._last.factor) / (point.factor - self._last.factor)
                     point.direction.destroy()
@@ -808,7 +850,7 @@ class _Follower:
 
     def _cosine(self, point: _Point) -> float:
         """Cosine of the angle between the tangents at the last point and at another one."""
-        self._mass_square(point.direction)
+        self._mass_square(point.direction)  # sets `_product` = M t
         along = self._displacement_weight * float(self._last.direction.dot(self._product))
         return along + point.slope * self._last.slope / self._first_step**2
 
@@ -852,8 +894,8 @@ class _Follower:
                 measured[name].append(float(probe(self._equilibrium)))
             write()
             growth = math.sqrt(WANTED_ITERATIONS / max(point.iterations, 1))
-            length = max(point.length, self._length / 8)
-            self._length = length * min(max(growth, 0.5), MAX_GROWTH)
+            length = max(point.length, SHARE_OF_SHORT_STEP * self._length)
+            self._length = length * min(max(growth, MIN_GROWTH), MAX_GROWTH)
             if self.branch and branch_points == [len(points) - 1]:
                 self._turn(probes[self.branch], self.branch)
                 self._length = self._branch_length(tolerance)

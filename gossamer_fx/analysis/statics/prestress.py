@@ -98,8 +98,7 @@ class ReachedPrestress:
         return f"{self._words(self.mean)} of {self._words(self.asked)}"
 
     def _words(self, value: float) -> str:
-        """A value with its unit, e.g. "43.2 kPa"."""
-        # Round-off of zero is zero in the unit without a prefix.
+        """A value with its unit, e.g. "43.2 kPa"; the prefix is that of the value asked for."""
         for factor, prefix in _PREFIXES:
             if abs(self.asked) >= factor:
                 return f"{value / factor:.3g} {prefix}{self.unit}"
@@ -114,7 +113,7 @@ class PrestressOfScene:
         Collective."""
         self._parts: dict[str, _PrestressOfPart] = {}
         for body in system.bodies:
-            if is_on_mesh(body) and _asked(body.full) is not None:
+            if is_on_mesh(body) and _asked_stress(body.full) is not None:
                 self._parts[body.name] = _PrestressOfPart(system, body)
 
     def tensions(self) -> dict[str, float]:
@@ -149,23 +148,26 @@ class _PrestressOfPart:
         self._cells = mesh.topology.index_map(mesh.topology.dim).size_local
         cellwise = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
         v = ufl.TestFunction(cellwise)
-        asked = _asked(part)
+        asked = _asked_stress(part)
         assert asked is not None
-        reached = _reached(self._shape)
-        # Of each cell: size, S0, S0·S0 and S·S0
+        reached = _reached_stress(self._shape)
+        # Integrals over each cell: size, S0 and S0·S0, which are constant, and S·S0.
         densities = (v, _principal(asked) * v, _product(asked, asked) * v)
-        self._constant = [self._assembled(compile_form(one * part.dx)) for one in densities]
-        self._form = compile_form(_product(reached, asked) * v * part.dx)
+        self._initial_integrals = []
+        for density in densities:
+            self._initial_integrals.append(self._assembled(compile_form(density * part.dx)))
+        self._product_form = compile_form(_product(reached, asked) * v * part.dx)
         tension = self._assembled(compile_form(thickness * _principal(asked) * v * part.dx))
-        own_sums = np.array([tension.sum(), self._constant[0].sum()])
+        own_sums = np.array([tension.sum(), self._initial_integrals[0].sum()])
         total, size = self._comm.allreduce(own_sums)
         self.tension = float(total / size)
 
     def reached(self) -> ReachedPrestress | None:
-        """The comparison in the accepted state; None without a mean that says anything."""
+        """The comparison in the accepted state; None if tension and compression cancel in the
+        initial stress.  Collective."""
         self._shape.update()
-        size, asked_integral, asked_square = self._constant
-        product = self._assembled(self._form)
+        size, asked_integral, asked_square = self._initial_integrals
+        product = self._assembled(self._product_form)
         asked = asked_integral / size
         largest_asked = float(np.abs(asked).max(initial=0.0))
         largest_asked = self._comm.allreduce(largest_asked, op=MPI.MAX)
@@ -191,7 +193,7 @@ class _PrestressOfPart:
         )
 
     def _assembled(self, form: fem.Form) -> Array:
-        """Integrals (n,) of a form over each of the n cells that this rank owns."""
+        """Integrals (n,) of a form over each of the n cells that this rank owns.  Collective."""
         vector = fem.assemble_vector(form)
         vector.scatter_reverse(la.InsertMode.add)
         return np.asarray(vector.array[: self._cells]).copy()
@@ -217,7 +219,8 @@ def likely_tensions(system: System) -> dict[str, float]:
 
 
 def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
-    """A warning of the items that have lost more than a tenth of their prestress; else empty."""
+    """A warning of the parts that have lost more than a tenth of their prestress, of which it names
+    `MAX_NAMED_PARTS`; empty if there are none."""
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""
@@ -237,7 +240,7 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
     )
 
 
-def _asked(body: Any) -> Any:
+def _asked_stress(body: Any) -> Any:
     """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without
     prestress."""
     if isinstance(body, Membrane):
@@ -251,7 +254,7 @@ def _asked(body: Any) -> Any:
     return None
 
 
-def _reached(shape: BodyShape) -> Expr:
+def _reached_stress(shape: BodyShape) -> Expr:
     """The stress [Pa] of a film (3,) or tension [N] of a line (1,) in the accepted state."""
     body = shape.body
     if isinstance(body, Membrane):

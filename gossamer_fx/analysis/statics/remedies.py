@@ -60,7 +60,8 @@ def remedies(
 
 
 def _unsupported(system: System) -> Iterator[str]:
-    """Loads that do not balance each other, on a scene in which no coordinate is held."""
+    """Yield a sentence if no coordinate of the scene is held, it has no constraints or obstacles,
+    and its loads do not balance each other.  Collective."""
     held = system.comm.allreduce(len(system.supports.held))
     if held or system.constraints is not None:
         return
@@ -92,12 +93,12 @@ def measure_pressed_films(system: System) -> list[PressedFilm]:
 def collapsing_pressures(
     pressed_films: Iterable[PressedFilm], at: float
 ) -> Iterator[CollapsingPressure]:
-    """Pressures at a time [s] that press films with an inside together.  Collective."""
+    """Yield the pressures at a time [s] that press films with an inside together.  Collective."""
     for pressed in pressed_films:
         item = pressed.pressure
         enclosed = pressed.enclosed
         film = item.body
-        pressure = _value(item, at)
+        pressure = _pressure_at(item, at)
         if not enclosed.has_inside or enclosed.volume * pressure >= 0:
             continue
         kind = "closed film"
@@ -121,7 +122,7 @@ def collapsing_pressures(
         yield CollapsingPressure(words, is_inwards)
 
 
-def _value(item: Pressure, at: float) -> float:
+def _pressure_at(item: Pressure, at: float) -> float:
     """A pressure at a time [s], [Pa], the same on all ranks."""
     value = item.pressure
     if not callable(value):
@@ -131,7 +132,7 @@ def _value(item: Pressure, at: float) -> float:
 
 
 def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
-    """Chambers whose gas has expanded so far that it does not fill them."""
+    """Yield a sentence for each chamber whose gas has expanded so far that it does not fill it."""
     for name, state in chambers.items():
         before = state.chamber.initial_temperature
         if state.temperature < COOLED * before:
@@ -143,7 +144,7 @@ def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _soft_films(system: System) -> Iterator[str]:
-    """Films of order 2 whose wrinkles have almost no stiffness."""
+    """Yield a sentence for each film of order 2 whose wrinkles have almost no stiffness."""
     for body in system.bodies:
         if not isinstance(body, Membrane) or body.order == 1 or body.law.quadratic:
             continue

@@ -135,7 +135,8 @@ def warn_of_lost_loads(search: Search) -> None:
 
 
 def warn_of_quality(result: EquilibriumResult, search: Search) -> None:
-    """Warn of an equilibrium that is above the tolerance, not unique or not regular."""
+    """Warn of an equilibrium that has lost prestress, is above the tolerance, not unique or not
+    regular."""
     if search.comm.rank > 0:
         return
     lost = lost_prestress_words(dict(result.prestress))

@@ -63,11 +63,12 @@ class Frequency:
         self._equilibrium = equilibrium
         self._forms: list[ufl.Form] | None = None
         self._shapes: dict[MeshBody, fem.Function] = {}
-        # Factor of (1) for f, and ω², as constants of the forms.
-        self._numbers: dict[MeshBody, tuple[fem.Constant, fem.Constant]] = {}
+        # 1/(8π² f), by which derivatives of ω² become those of f, and ω²: constants of the forms.
+        self._factors: dict[MeshBody, tuple[fem.Constant, fem.Constant]] = {}
         self._by_position: dict[MeshBody, list[fem.Form]] = {}
 
     def __call__(self, run: Any) -> float:
+        """The frequency in the equilibrium of this object, whatever `run` is."""
         return self._mode().frequency
 
     def _mode(self) -> Mode:
@@ -111,7 +112,7 @@ class Frequency:
             factor = constant(mesh, 0.0)
             ω2 = constant(mesh, 0.0)
             self._shapes[body] = φ
-            self._numbers[body] = (factor, ω2)
+            self._factors[body] = (factor, ω2)
             own = []
             for compiled in system.differentiable:
                 for form in compiled.residual_forms(body, φ):
@@ -145,7 +146,7 @@ class Frequency:
             at = system.coordinates[body]
             owned = system.block(body).owned
             at.take(φ, shape.array_r[owned])
-            factor, ω2 = self._numbers[body]
+            factor, ω2 = self._factors[body]
             # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
             factor.value = 1 / (8 * math.pi**2 * mode.frequency)
             ω2.value = ω**2
@@ -170,8 +171,8 @@ def _check_made_of_forms(system: System) -> None:
 
 
 def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
-    """Raise `InputError` if |K φ - Kᵀ φ| is more than 1e-8 of |K φ| for a mode φ.  Sets the inertia
-    of the system to zero.  Collective."""
+    """Raise `InputError` if |K φ - Kᵀ φ| is more than round-off of |K φ| for a mode φ.  Sets the
+    inertia of the system to zero.  Collective."""
     system.set_inertia(0.0)
     K = system.tangent()
     force = shape.duplicate()

@@ -82,6 +82,6 @@ class ModeShapes:
 
     @staticmethod
     def _largest(body: Membrane, values: np.ndarray) -> float:
-        """Largest magnitude of an entry on all ranks."""
+        """Largest magnitude of an entry of `values` on all ranks of the body.  Collective."""
         largest_here = float(np.abs(values).max(initial=0.0))
         return float(body.comm.allreduce(largest_here, MPI.MAX))

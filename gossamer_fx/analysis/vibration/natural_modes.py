@@ -1,4 +1,5 @@
-"""Small vibrations about an equilibrium, at rest or in a frame that turns with it.
+"""Small vibrations about an equilibrium, at rest or in a frame that turns with it, and the number
+of modes between two frequencies.
 
 With the tangent K, the constant mass M and, in a frame that turns with ω, the Coriolis matrix G = 2
 M ω×,
@@ -14,40 +15,35 @@ exchanged: a change ΔV of the volume changes the pressure by -κ ΔV, κ = γ p
 stiffness κ g⊗g with the gradient g of the volume.  It couples all nodes of the film and is
 therefore not in K; the formula of Sherman, Morrison and Woodbury adds it to the inverse:
 
-    (A + U κ Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹,    U = (g of each chamber)         (3)
+    (A + U κ Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹,    U = (g of each chamber)         (2)
 
 Contact keeps the pairs of the equilibrium, with the stiffness of their potential.
 
 Modes near a frequency are found by inversion there (shift and invert) with SLEPc's Krylov-Schur
 method:
 
-    G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (2)
-    G ≠ 0:   see `analysis.turning_modes`
+    G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (3)
+    G ≠ 0:   see `vibration.turning_modes`
 
-At rest the modes found are counted, see `analysis.vibration.natural_modes`.  Copies of a multiple
-eigenvalue that are missing are looked for with the others projected out, by I - Φ ΦᵀM.
-
-Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and
-one solution with it for each Krylov vector.  At rest two factorisations more for the count.
-
-Numbers of eigenvalues below a shift, from the inertia of a factorisation.
-
-Problem.  A Krylov method finds one vector of a multiple eigenvalue; further copies come by
-round-off only, and may be left out.
-
-Idea.  By Sylvester's law of inertia the pivots of K - σ M = L D Lᵀ have the signs of its
-eigenvalues: the number of negative pivots is that of the eigenvalues ω² below σ.  The difference of
-two such numbers is the number of modes between two shifts.  Lagrange multipliers add the same
-negative pivots at every shift.  The stiffness of gas, Σ κ g⊗g, is the Schur complement of a
-larger matrix:
+Count.  A Krylov method finds one vector of a multiple eigenvalue; further copies come by round-off
+only, and may be left out.  At rest the modes that were found are therefore counted (`Spectrum`),
+and copies that are missing are looked for with the others projected out, by I - Φ ΦᵀM.  By
+Sylvester's law of inertia the pivots of K - σ M = L D Lᵀ have the signs of its eigenvalues: the
+number of negative pivots is that of the eigenvalues ω² below σ.  The difference of two such numbers
+is the number of modes between two shifts.  Lagrange multipliers add the same negative pivots at
+every shift.  The stiffness of gas, Σ κ g⊗g, is the Schur complement of a larger matrix:
 
     [ A   U   ]
-    [ Uᵀ -κ⁻¹ ]       n₋(A + U κ Uᵀ) = n₋(A) + n₋(-κ⁻¹ - Uᵀ A⁻¹ U) - n₋(-κ⁻¹)
+    [ Uᵀ -κ⁻¹ ]       n₋(A + U κ Uᵀ) = n₋(A) + n₋(-κ⁻¹ - Uᵀ A⁻¹ U) - n₋(-κ⁻¹)                 (4)
 
-Cost.  One factorisation for each shift.  Limit: the stiffness has to be symmetric; loads that
-follow an open film make it unsymmetric.
+Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and
+one solution with it for each Krylov vector.  The count takes one factorisation more for each of its
+shifts, two as a rule.
 
-Source: as the spectrum slicing of SLEPc (SLEPc Users Manual, section 3.4.5).
+Limits.  Modes are counted only if the stiffness is symmetric; loads that follow an open film make
+it unsymmetric.
+
+Source: of the count, the spectrum slicing of SLEPc (SLEPc Users Manual, section 3.4.5).
 """
 
 from __future__ import annotations
@@ -134,7 +130,7 @@ class Spectrum:
             raise RuntimeError(f"no inertia at the shift {shift:.6g}: {problem}")
         negative, _, _ = pc.getFactorMatrix().getInertia()
         if self._stiffnesses:
-            # n₋(-κ⁻¹ - Uᵀ A⁻¹ U) of the module
+            # n₋(-κ⁻¹ - Uᵀ A⁻¹ U) of (4); n₋(-κ⁻¹) is the same at every shift.
             inner = factorisation.LowRankUpdate(A, self._stiffnesses, pc.apply).inner
             negative += (np.linalg.eigvalsh(-(inner + inner.T) / 2) < 0).sum()
         pc.destroy()
@@ -155,7 +151,7 @@ SHIFT_RATIO = 1e-12
 EIGENVALUE_TOLERANCE = 1e-9
 MAX_RESTARTS = 500
 
-# Shift over the square of a frequency of gas and film: (3) loses about as many digits as this has.
+# Shift over the square of a frequency of gas and film: (2) loses about as many digits as this has.
 GAS_SHIFT_RATIO = 1e-4
 
 # Squares of frequencies up to this multiple of the shift count as zero.
@@ -284,17 +280,15 @@ def modes(
     ω = 2 * math.pi * above
     stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
     if stiffnesses:
-        # Without the gas K may be singular, so that (3) needs a shift that the gas does not hide.
+        # Without the gas K may be singular, so that (2) needs a shift that the gas does not hide.
         away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
     if not any(spin):
         found = _modes_at_rest(K, M, count, ω, ω**2 or -away_from_zero, stiffnesses, least)
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
-        shift = {"real": math.sqrt(away_from_zero)}
-        if ω:
-            shift = {"imaginary": ω}
-        found = _modes_in_turning_frame(K, G, M, count, shift)
+        real_shift = 0.0 if ω else math.sqrt(away_from_zero)
+        found = _modes_in_turning_frame(K, G, M, count, real_shift=real_shift, ω=ω)
     if len(found) < count:
         raise NoEquilibrium(
             f"Only {len(found)} of {count} modes converged; "
@@ -317,13 +311,14 @@ def _distance(mode: Mode, ω: float) -> float:
 
 
 def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
-    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass;
-    `least` is the square of a frequency [rad²/s²] that is round-off.  Of several modes of one
-    frequency the solver finds any independent combinations, whose effective masses do not add up.
-    Collective."""
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
+    `least` is the square of a frequency [rad²/s²] that is round-off; frequencies count as equal if
+    their squares differ by up to `EQUAL_SQUARES` of them, or are near `least`.  Of several modes of
+    one frequency the solver finds any independent combinations, whose effective masses do not add
+    up.  Collective."""
 
     def square(mode: Mode) -> float:
-        """Of λ [1/s²]: -ω² of a vibration."""
+        """λ² [1/s²]: -ω² of a vibration, positive of a mode that grows."""
         return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
 
     ordered = sorted(found, key=square)
@@ -350,7 +345,8 @@ def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]
 
 
 def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
-    """Modes of one frequency whose shapes are orthogonal; as they are if they are dependent."""
+    """As many modes of one frequency with real shapes that are orthogonal with respect to the mass;
+    the given ones if these are dependent.  Collective."""
     # Round-off may make a pair of complex conjugates of two real vectors of one eigenvalue.
     columns = [part for mode in group for part in (mode.shape.real, mode.shape.imag)]
     V = np.array(columns).T
@@ -412,8 +408,8 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies whose squares are below `least` [rad²/s²], that is round-off: slack film
-    and free motions have them.  Collective."""
+    """Warn of frequencies whose squares are up to `ZERO_FREQUENCY_FACTOR` times `least` [rad²/s²],
+    which is round-off, unless the equilibrium is regular: slack film and free motions have them."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
@@ -436,8 +432,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than √`least` [1/s], which is round-off: the equilibrium is
-    not stable.  Collective."""
+    """Warn of modes that grow, so that the equilibrium is not stable: whose squared growth is more
+    than `ZERO_FREQUENCY_FACTOR` times `least` [1/s²], which is round-off.  Collective."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
@@ -486,7 +482,7 @@ class ModalMasses:
         return np.concatenate([masses, np.array(rotations)]).reshape(6, -1)
 
     def _times_mass(self, values: Array) -> Array:
-        """M times a vector of coordinates, flattened."""
+        """M times a vector of this rank's coordinates, of any shape; flattened."""
         vector = self._system.numbering.vector()
         vector.array[: self._size] = values.ravel()
         product = self._M.createVecLeft()
@@ -494,10 +490,12 @@ class ModalMasses:
         return np.array(product.array_r[: self._size])
 
     def _sum(self, values: Array) -> float:
+        """Sum of the values of all ranks.  Collective."""
         return float(self._system.comm.allreduce(values.sum()))
 
     def complete(self, mode: Mode, is_turning: bool) -> Mode:
-        """The mode with its shape scaled, and with what follows from it.  Collective."""
+        """The mode with its shape scaled to unit modal mass, and with displacements, participation
+        factors and effective masses; at rest the shape is turned to be real.  Collective."""
         comm = self._system.comm
         shape = mode.shape.copy()
         if not is_turning:
@@ -537,13 +535,13 @@ class ModalMasses:
 
 
 class _ShiftedInverse:
-    """The operator (K + Σ κ g⊗g - σ M)⁻¹ M of (2) and (3), as PETSc's Python matrix."""
+    """The operator (K + Σ κ g⊗g - σ M)⁻¹ M of (3), by (2), as PETSc's Python matrix."""
 
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
         """Factorise K - σ M at a shift σ [rad²/s²], and solve with it for g of each chamber, see
-        (3).  Collective."""
+        (2).  Collective."""
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M
@@ -559,7 +557,8 @@ class _ShiftedInverse:
             self._update = factorisation.LowRankUpdate(shifted, stiffnesses, self._pc.apply)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Set y = (K - σ M)⁻¹ M x; called by SLEPc."""
+        """Set y = (K + Σ κ g⊗g - σ M)⁻¹ M x, without its part along modes that are projected out;
+        called by SLEPc."""
         self._M.mult(x, self._Mx)
         self._pc.apply(self._Mx, y)
         if self._update is not None:
@@ -570,7 +569,8 @@ class _ShiftedInverse:
             y.array[:] -= shapes @ amounts
 
     def project_out(self, found: Sequence[Mode]) -> None:
-        """Leave modes, orthogonal ones, out of what later searches find.  Collective."""
+        """Leave modes at rest that are orthogonal to each other, and no others, out of what later
+        searches find.  Collective."""
         comm = self._M.comm.tompi4py()
         vector = self._M.createVecRight()
         shapes = []
@@ -602,7 +602,7 @@ def _modes_at_rest(
     stiffnesses: Sequence[tuple[Array, float]],
     least: float,
 ) -> list[Mode]:
-    """The modes of equation (2) of the module that are nearest to the angular frequency ω [rad/s],
+    """The modes of equation (3) of the module that are nearest to the angular frequency ω [rad/s],
     and perhaps others.  The shift [rad²/s²] is near ω², with K - σ M regular; `least` [rad²/s²] is
     round-off.  Collective."""
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
@@ -628,7 +628,8 @@ def _modes_at_rest(
 
 
 def _search(operator: PETSc.Mat, count: int, shift: float) -> Iterator[Mode]:
-    """Yield modes of (2) near a shift [rad²/s²], from the largest eigenvalues of the operator."""
+    """Yield modes of (3) near a shift [rad²/s²], from the largest eigenvalues of the operator:
+    `count` of them, or more or fewer as the solver has found; their shapes are not scaled."""
     for θ, shape in _largest_eigenpairs(operator, count):
         # ω² = shift + 1/θ, and the mode moves as exp(λ t) with λ² = -ω².  θ = 0 is that of an
         # infinite frequency, or of a mode that is projected out.
@@ -645,11 +646,11 @@ def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, l
     # Within round-off of zero there may be any number of modes, as of slack film.
     if ω == 0 and last**2 <= ZERO_FREQUENCY_FACTOR * least:
         return 0
-    within = spectrum.count(*_squares(ω, last * (1 + EQUAL_DISTANCES)))
+    within = spectrum.count(*_squares_within(ω, last * (1 + EQUAL_DISTANCES)))
     if within <= count:
         return 0
     nearer = last * (1 - EQUAL_DISTANCES)
-    missing = spectrum.count(*_squares(ω, nearer)) - sum(d < nearer for d in distances)
+    missing = spectrum.count(*_squares_within(ω, nearer)) - sum(d < nearer for d in distances)
     if missing > 0:
         return missing
     if spectrum.comm.rank == 0:
@@ -662,7 +663,7 @@ def _missing(spectrum: Spectrum, found: Sequence[Mode], count: int, ω: float, l
     return 0
 
 
-def _squares(ω: float, distance: float) -> tuple[float, float]:
+def _squares_within(ω: float, distance: float) -> tuple[float, float]:
     """Squares ω² [rad²/s²] between which the eigenvalues λ lie that are nearer to i ω than a
     distance [1/s]."""
     high = (ω + distance) ** 2
@@ -673,8 +674,8 @@ def _squares(ω: float, distance: float) -> tuple[float, float]:
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
-    """Yield about `count` eigenvalues of largest magnitude, and this rank's parts of their vectors,
-    by SLEPc.  Collective."""
+    """Yield eigenvalues of largest magnitude, and this rank's parts of their vectors, by SLEPc: all
+    that have converged, of which there may be more or fewer than `count`.  Collective."""
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 
@@ -694,14 +695,15 @@ def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[compl
 
 
 def _modes_in_turning_frame(
-    K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
+    K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, *, real_shift: float, ω: float
 ) -> list[Mode]:
-    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a real or
-    imaginary shift [1/s]; of each conjugate pair the one with positive frequency.  Collective."""
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to iω, or to a real
+    shift [1/s] for ω = 0; of each conjugate pair the one with positive frequency.  They may be more
+    than `count`, of which the caller takes the nearest, or fewer.  Collective."""
     # Imported here, as scenes at rest must not pay for it.
     from gossamer_fx.analysis.vibration.turning_modes import Inverse
 
-    inverse = Inverse(K, G, M, **shift)
+    inverse = Inverse(K, G, M, real=real_shift, imaginary=ω)
     _check_inverse(inverse.problem)
     found = []
     # Both of each conjugate pair are found, and one more in case that a pair is divided.

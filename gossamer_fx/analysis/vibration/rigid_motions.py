@@ -99,10 +99,10 @@ class _Nodes:
 def free_motions(
     system: System, K: PETSc.Mat, unbalanced: float, stiffnesses: Sequence[tuple[Array, float]] = ()
 ) -> tuple[str, ...]:
-    """Rigid motions that nothing resists, in words such as "translation z of 'film'", the same on
-    every rank.  K is the tangent at equilibrium without inertia and fixed coordinates, to which
-    `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero within the residual `unbalanced` [N].
-    """
+    """Rigid motions of the first `MAX_PARTS` parts that nothing resists, in words such as
+    "translation z of 'film'", the same on every rank.  K is the tangent at equilibrium without
+    inertia and fixed coordinates, to which `stiffnesses` (g, κ) add κ g⊗g, as of gas; K R c is zero
+    within the residual `unbalanced` [N].  Collective."""
     part, count = parts(system, K)
     found: list[str] = []
     for bodies, centre, motions in _motions(system, K, part, count, unbalanced, stiffnesses):
@@ -177,7 +177,8 @@ def _edges_within_nodes(system: System, is_fixed: npt.NDArray[np.bool_]) -> tupl
 
 def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
     """Labels of the parts of this rank's unknowns (n,) that agree on all ranks: the smallest index
-    of an unknown in the part.  `component` has those of other ranks in its rows, too."""
+    of an unknown in the part.  `component` has the parts, of `count`, on this rank alone: of its n
+    unknowns, and then of those of other ranks with the global indices `others`.  Collective."""
     n = system.numbering.size_local
     own_indices = system.numbering.start + np.arange(n)
     smallest = np.full(count, np.iinfo(np.int64).max)
@@ -357,8 +358,9 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
-    """The factor R (6, 6) of the QR decomposition of a matrix (n, 6) whose rows are distributed.
-    In contrast to a Cholesky factor of the product with its transpose, it loses no digits."""
+    """The factor R (6, 6), the same on all ranks, of the QR decomposition of a matrix (n, 6) whose
+    rows are distributed.  In contrast to a Cholesky factor of the product with its transpose, it
+    loses no digits.  Collective."""
     # Six rows of zeros, as a rank may have fewer than six rows.
     padded = np.vstack([columns, np.zeros((6, 6))])
     own = np.asarray(np.linalg.qr(padded, mode="r"))
@@ -398,7 +400,7 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     translations = motions @ svd.Vh[rank:].T
     rotations = _aligned(motions @ svd.Vh[:rank].T)
 
-    directions = _reduced(translations[:3])
+    directions = _along_axes(translations[:3])
     words = [f"translation {_direction(direction)}" for direction in directions]
     span: Array = np.zeros((3, 0))
     if directions:
@@ -461,7 +463,7 @@ def _aligned(motions: Array) -> Array:
     return rows[order].T
 
 
-def _reduced(vectors: Array) -> list[Array]:
+def _along_axes(vectors: Array) -> list[Array]:
     """A basis of the span of vectors (3, k), along coordinate axes if possible."""
     if not vectors.size:
         return []

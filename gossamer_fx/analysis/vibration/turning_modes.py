@@ -114,8 +114,8 @@ class Inverse:
         out[n:] = self._x.array_r + σu
 
     def pair(self, z: Shape) -> tuple[complex, Shape]:
-        """λ [1/s], and this rank's part of φ, of this rank's part of an eigenvector z = (φ, λ
-        φ)."""
+        """The λ [1/s] that fits an eigenvector z = (φ, λφ) best, and φ; of z and φ this rank's
+        parts.  Collective."""
         φ = z[: self.n]
         λφ = z[self.n :]
         comm = self._M.comm.tompi4py()

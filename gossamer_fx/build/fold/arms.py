@@ -88,8 +88,9 @@ class Ikaros(FoldMap):
             f"bends is {self.bends!r}; give at least 1 and less than inner, {self.inner!r}.",
         )
         self._check(
-            0 <= self.out < self._arm,
-            f"out is {self.out!r}; give at least 0 columns, less than an arm's {self._arm}.",
+            0 <= self.out < self._arm_columns,
+            f"out is {self.out!r}; give at least 0 columns, "
+            f"less than an arm's {self._arm_columns}.",
         )
         self._check(
             self.wound or not self.out, "out is of arms that are wound; give wound=True, too."
@@ -114,7 +115,7 @@ class Ikaros(FoldMap):
 
     @property
     def _layers(self) -> float:
-        """Number of layers on the hub."""
+        """Thickness of all that lies on the hub, in layers."""
         if self.wound:
             return self._height_of_roll
         return self.outer
@@ -130,7 +131,9 @@ class Ikaros(FoldMap):
         return replace(pressed, gap=gap, hub_gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
-        """In the code u is the coordinate along the trapezoid in columns, i the column before the
+        """Folded positions, see `FoldMap.place`; a sail has one sheet, `side` does not count.
+
+        In the code u is the coordinate along the trapezoid in columns, i the column before the
         point, and p (n, 2) [m] the position in the frame of the trapezoid."""
         # The trapezoid of each point, and its turn from the one whose middle is at negative y.
         angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
@@ -163,7 +166,8 @@ class Ikaros(FoldMap):
         return np.column_stack([x, y, z])
 
     def _height(self, row: Array) -> Array:
-        """z (n,) of rows counted from the inner edge."""
+        """z (n,) [m] of rows (n,), counted from the inner edge: a zigzag, -pitch/2 at even rows and
+        pitch/2 at odd ones."""
         return self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
 
     def _corner(self, i: Array, layer: Array) -> Array:
@@ -176,8 +180,7 @@ class Ikaros(FoldMap):
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
         # The gap changes smoothly from that on the hub to that of the arm, over the length `ramp`.
-        w = np.clip(far / self.ramp, 0, 1)
-        # w is the share of this length, 0 to 1.
+        w = np.clip(far / self.ramp, 0, 1)  # share of this length
         gap = self.hub_gap + (self.gap - self.hub_gap) * w * w * (3 - 2 * w)
         η = gap * layer  # distance from the innermost layer [m]
 
@@ -199,8 +202,8 @@ class Ikaros(FoldMap):
     # ---- wound arms: heights count in layers -----------------------------------------------------
 
     @property
-    def _arm(self) -> int:
-        """Columns of an arm."""
+    def _arm_columns(self) -> int:
+        """Number of columns of an arm, from the hub to its tip."""
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
@@ -217,16 +220,16 @@ class Ikaros(FoldMap):
         passed = np.ceil(p / columns_of_trapezoid) - 1
         # Columns on the present trapezoid, from one: at the first the strip has not yet risen.
         columns = np.maximum(p - columns_of_trapezoid * passed, 1.0)
-        below = passed * (2 * self._arm + 1)
-        return below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
+        below = passed * (2 * self._arm_columns + 1)
+        return below + (self._arm_columns + 1) * (columns - 1) / (columns_of_trapezoid - 1)
 
     @property
     def _height_of_roll(self) -> float:
         """Height of the highest strip of the roll of wound arms, in layers."""
-        j = np.arange(1, self._arm - self.out + 1)
+        j = np.arange(1, self._arm_columns - self.out + 1)
         # Of the strip as it goes out, and of its half that has turned back.
-        front = self._rise(j + 2.0 * self.bends) + self._arm - j
-        back = self._rise(1.0 * j) + 2 * self._arm + 1
+        front = self._rise(j + 2.0 * self.bends) + self._arm_columns - j
+        back = self._rise(1.0 * j) + 2 * self._arm_columns + 1
         highest = max(front.max(), back.max())
         return float(highest)
 
@@ -243,7 +246,7 @@ class Ikaros(FoldMap):
         sail.  N is the number of columns on an arm, p the column on the hub, counted from where the
         trapezoid begins, and r [m] the distance from the axis of the hub.
         """
-        N = self._arm
+        N = self._arm_columns
         corner = self.outer - self.out  # column from which on the tip stands out
         side = np.where(back, -1, 1)
         # Columns from where the trapezoid begins; those of a standing tip are at its corner.
@@ -253,6 +256,7 @@ class Ikaros(FoldMap):
 
         # Heights, in layers.
         seam = self._rise(p) + np.where(back, 2 * N + 1, 0)
+        # A half turns back at its column 0, in the middle of the layers of both halves.
         is_turn = p < 0.5
         beyond = np.maximum(np.abs(i) - corner, 0.0)
         on_tip = seam - self.out - 1

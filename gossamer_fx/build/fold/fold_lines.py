@@ -163,8 +163,8 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     X = domain.geometry.x
     height = np.abs(X[:, 2]).max(initial=0.0)
     size = np.abs(X).max(initial=0.0)
-    # A rank may have no nodes: its size is zero.
-    flat = height <= FLATNESS * max(size, 1e-30)
+    # A rank without nodes has the height and the size zero, and is flat.
+    flat = height <= FLATNESS * size
     check(
         mesh.comm.allreduce(int(not flat)) == 0,
         f"{folds.called}: the mesh is not flat; mesh the film in the plane z = 0.",
@@ -234,7 +234,7 @@ def _edge_lengths(corners: Array) -> Array:
 
 
 def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
-    """Signed fold angles (n,) [rad] of edges, between -π and π, zero if flat.
+    """Fold angles (n,) [rad] of edges, between -π and π, zero if flat, positive for a valley.
 
     x (v, 3) [m] are the vertices and `corners` (triangles, 3) their numbers in all triangles;
     `cells` (n, 2) are the triangles on the left and right of each edge, `sides` (n, 2) the number
@@ -269,8 +269,8 @@ def _sheets(mesh: Mesh) -> Indices:
 
 
 def _names(keys: list[Key]) -> dict[Key, str]:
-    """Return names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are
-    several."""
+    """Return names of fold lines, e.g. "fold 1", "valley", "fold 1 top"; where several would have
+    one name they are numbered, "valley 1" the sharpest."""
     by_name: dict[str, list[Key]] = {}
     for key in keys:
         by_name.setdefault(_plain_name(key), []).append(key)

@@ -31,6 +31,9 @@ from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
 Length = Annotated[float, positive("m")]
 Gap = Annotated[float, not_negative("m")]
 
+# Misfit of a film and its fold map, over the size of the film, that counts as round-off.
+FIT = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Folded:
@@ -51,6 +54,8 @@ class Folded:
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
+        """Set the folded positions; `InputError` if the film is not flat at the start otherwise.
+        Collective."""
         film = self.film
         flat = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
         check_on_all(
@@ -113,10 +118,6 @@ def _rotation(turn: Array) -> Array:
     return rotations(turn / angle, angle)
 
 
-# Misfit of a film and its fold map, over the size of the film, that counts as round-off.
-FIT = 1e-6
-
-
 @dataclass(frozen=True)
 class FoldMap(ABC):
     """An isometric map of a flat film in the plane z = 0 to a folded one.
@@ -145,7 +146,8 @@ class FoldMap(ABC):
 
     @abstractmethod
     def pressed(self) -> FoldMap:
-        """The same folds without any distance of layers: this map is isometric to round-off."""
+        """The same folds without any distance of layers or sheets: this map is isometric to
+        round-off."""
 
     def ajar(self) -> FoldMap:
         """The same folds with no fold shut, so that mountains and valleys can be distinguished."""

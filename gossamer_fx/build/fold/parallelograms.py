@@ -127,8 +127,8 @@ class Miura(FoldMap):
         return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
-        """In the code u and v are the coordinates of the points in parallelograms, p their folded
-        positions."""
+        """Folded positions, see `FoldMap.place`.  In the code u and v are the coordinates of the
+        points in parallelograms, p their folded positions."""
         H, S, L, V = self.sizes
         u, v = self.lattice(X)
         p = np.stack([S * u, L * v + V * _wave(u), H * _wave(v)], axis=1)
@@ -247,7 +247,8 @@ class Star(FoldMap):
         return replace(self, gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
-        """NaN for points within the polygon."""
+        """Folded positions, see `FoldMap.place`; NaN for points within the polygon.  A ring has one
+        sheet, so that `side` does not count."""
         # Of each point (m,): the corner k of the polygon at which its sector begins; its distance s
         # [m] from that corner along the nearer bound of the sector; its depth [m] below the bounds
         # of the sector in the roll; and 1 behind the bisector of the sector, else 0.

@@ -88,7 +88,8 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
-        # p are positions (n, 2) [m] on the bent line.
+        """Folded positions, see `FoldMap.place`: on the bent line, two sheets apart by `thickness`
+        along its normal and by `shift` along z."""
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
         z = p[:, 1] + side * self.shift(X)
@@ -107,14 +108,14 @@ class Strip(FoldMap):
         return np.zeros(len(X))
 
     def label(self, X: Array) -> Indices:
-        """Number (n,), from 1, of the corner that is nearest to each point X (n, 3) of the flat
-        strip.
-        """
+        """Number (n,), from 1, of the corner of `bent` that is nearest to each point X (n, 3) [m]
+        of the flat strip."""
         distances = np.abs(X[:, :1] - self.bent.corners)
         return distances.argmin(axis=1).astype(np.int32) + 1
 
     def _check_width(self) -> None:
-        """Check that sheets that are opened have a width."""
+        """Raise `InputError` if a map opens two sheets, by `opening` or `lift`, without a `width`;
+        maps have some of these fields."""
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
         self._check(
             not opened or getattr(self, "width", 0.0) > 0,
@@ -123,8 +124,7 @@ class Strip(FoldMap):
 
     def _across(self, X: Array) -> Array:
         """Share (n,) of an opening at X (n, 3): one on the centre line, zero at the seams |y| =
-        width/2.
-        """
+        width/2.  Only for maps that open sheets: the others may have the width zero."""
         width = getattr(self, "width", 1.0)
         return np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
 
@@ -232,9 +232,8 @@ class Zigzag(Strip):
         return self.lift * ramp * self._across(X)
 
     def label(self, X: Array) -> Indices:
-        """Number (n,), from 1, of the fold that is nearest to each point X (n, 3): its rows count
-        as one.
-        """
+        """Number (n,), from 1, of the fold that is nearest to each point X (n, 3): its `bends` rows
+        count as one."""
         return np.asarray((super().label(X) - 1) // self.bends + 1, dtype=np.int32)
 
 

@@ -1,4 +1,4 @@
-"""Meshes of flat panels from the outlines in a DXF drawing.
+"""Meshes of flat panels from the outlines in a DXF drawing (`read_dxf`).
 
 gmsh hangs on outlines that touch or cross, or leaves holes out, so these are found before.  All
 distances are compared with the size of the drawing.
@@ -119,7 +119,8 @@ def read_dxf(
 
 
 def _read_panels(path: Path, scale: float | None, size: float) -> list[Panel]:
-    """The panels of a file, which triangles with edges of a size [m] can fill; on one rank."""
+    """Read the panels of a file, on one rank; warn of entities that are left out, and refuse a size
+    [m] of edges with which there would be too many triangles."""
     drawing = _read(path, scale)
     if drawing.left_out:
         kinds = ", ".join(f"{count} {kind}" for kind, count in drawing.left_out.items())
@@ -149,20 +150,19 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
     loops = _loops(_flat(drawing.curves, tolerance, path), tolerance, path)
     polygons = [_polygon(loop) for loop in loops]
     _check_apart(polygons, tolerance, path)
-    # How many other outlines each one is in: odd for holes.
-    within = [
-        [j for j, other in enumerate(polygons) if j != i and _is_inside(polygon[0], other)]
-        for i, polygon in enumerate(polygons)
-    ]
+    # The other outlines that each one is in: an odd number for holes.
+    within = []
+    for i, polygon in enumerate(polygons):
+        others = [j for j in range(len(polygons)) if j != i and _is_inside(polygon[0], polygons[j])]
+        within.append(others)
     outer = [i for i, others in enumerate(within) if len(others) % 2 == 0]
+    # From left to right, then upwards; panels in line are not sorted by round-off.
     outer.sort(key=lambda i: tuple(np.rint(polygons[i].min(axis=0) / tolerance)))
     panels = []
     for number, i in enumerate(outer, start=1):
-        holes = [
-            j
-            for j, others in enumerate(within)
-            if i in others and len(others) == len(within[i]) + 1
-        ]
+        # One level deeper: an outline within a hole is another panel.
+        depth = len(within[i]) + 1
+        holes = [j for j, others in enumerate(within) if i in others and len(others) == depth]
         name = f"panel {number}"
         for text, position in drawing.labels:
             in_hole = any(_is_inside(position, polygons[j]) for j in holes)
@@ -316,7 +316,8 @@ def _flat(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[Dra
 
 
 def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
-    """A closed smooth curve in two, so that each has two ends; others as they are."""
+    """Both halves of a smooth curve that is closed, which has no ends that meet others; the curve
+    alone if it is open."""
     points = curve.points
     extent = float(np.ptp(points, axis=0).max())
     if np.linalg.norm(points[0] - points[-1]) > MEETING * extent:
@@ -344,19 +345,20 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
             f"{y:.6g}) m on the layer '{curves[end // 2].layer}'; let two curves meet there.",
         )
     loops = []
-    left = set(range(len(curves)))
-    # The first curve that is left begins a loop.
-    for i in range(len(curves)):
-        if i not in left:
+    passed: set[int] = set()
+    # The first curve that is in no loop yet begins one.
+    for begin in range(len(curves)):
+        if begin in passed:
             continue
+        i = begin
         start, joint = ends[i]
         loop = [curves[i]]
-        left.remove(i)
+        passed.add(i)
         # Two curves meet at each joint: walk along the one that has not yet been passed.
         while joint != start:
             first, second = meeting[joint]
             i = second if i == first else first
-            left.remove(i)
+            passed.add(i)
             curve = curves[i]
             if ends[i][0] == joint:
                 joint = ends[i][1]
@@ -383,12 +385,14 @@ def _area(polygon: Array) -> float:
 
 
 def _polygon(loop: Sequence[DrawnCurve]) -> Array:
-    """The points (m, 2) of a loop."""
+    """The points (m, 2) [m] of a loop, the last point of each curve left out: it is the first of
+    the next one."""
     return np.concatenate([curve.points[:-1] for curve in loop])
 
 
 def _is_inside(point: Array, polygon: Array) -> bool:
-    """Whether a ray from the point passes the polygon an odd number of times."""
+    """Whether a point (2,) [m] is within a closed polygon (m, 2) [m]: a ray from it along x crosses
+    the polygon an odd number of times."""
     ahead = np.roll(polygon, -1, axis=0)
     passes = (polygon[:, 1] > point[1]) != (ahead[:, 1] > point[1])
     rise = np.where(passes, ahead[:, 1] - polygon[:, 1], 1.0)
@@ -398,7 +402,8 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 
 
 def _clusters(points: Array, tolerance: float) -> Indices:
-    """Number (n,) of the cluster of each point (n, 2) [m], of those that are within a tolerance."""
+    """Number (n,) of the cluster of each point (n, 2) [m]; points nearer to each other than a
+    tolerance [m], also by way of others, are in one cluster."""
     pairs = KDTree(points).query_pairs(tolerance, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     return np.asarray(connected_components(links, directed=False)[1])
@@ -442,6 +447,7 @@ def _segments_touch(a: Array, b: Array, p: Array, q: Array, tolerance: float) ->
     p to q (n, 2)."""
 
     def side(start: Array, end: Array, point: Array) -> Array:
+        """Positive for points to the left of a line, negative to the right."""
         along = end - start
         away = point - start
         return np.asarray(along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0])
@@ -465,9 +471,9 @@ def _near_segment(points: Array, a: Array, b: Array, tolerance: float) -> Mask:
 def _check_names(panels: Sequence[Panel], path: str) -> None:
     """Raise `InputError` if two groups have the same name, or one has characters that are not
     printed."""
-    names = [ALL_PANELS, *{curve.layer for panel in panels for curve in _curves(panel)}]
+    names = [ALL_PANELS, *{curve.layer for panel in panels for curve in _curves_of(panel)}]
     for panel in panels:
-        layers = {curve.layer for curve in _curves(panel)}
+        layers = {curve.layer for curve in _curves_of(panel)}
         names += [panel.name, *(f"{panel.name}/{layer}" for layer in layers)]
     for name, count in Counter(names).items():
         check(
@@ -482,7 +488,7 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
         )
 
 
-def _curves(panel: Panel) -> list[DrawnCurve]:
+def _curves_of(panel: Panel) -> list[DrawnCurve]:
     """The curves of all loops of a panel."""
     return [curve for loop in panel.loops for curve in loop]
 
@@ -500,7 +506,7 @@ def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
             corners = [geo.addPoint(*curve.points[0], 0.0, size) for curve in loop]
             lines = []
             for k, curve in enumerate(loop):
-                # A neighbour's first point is this one's last.
+                # The last point of a curve is the first one of the next, one point for gmsh.
                 inner = [geo.addPoint(*point, 0.0, size) for point in curve.points[1:-1]]
                 through = [corners[k], *inner, corners[(k + 1) % len(loop)]]
                 line = geo.addSpline(through) if inner else geo.addLine(*through)

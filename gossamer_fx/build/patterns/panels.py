@@ -77,14 +77,16 @@ class Gores:
 
     @check_arguments
     def meridian(self, s: npt.ArrayLike) -> tuple[Array, Array]:
-        """Radius and height [m] at arc lengths s, of any shape."""
-        places = np.asarray(s, dtype=np.float64)
-        radius, height = (np.interp(places, self.arc_lengths, x) for x in self.profile.T)
+        """Radius and height [m] of the body at arc lengths s [m], arrays of the shape of s."""
+        at = np.asarray(s, dtype=np.float64)
+        radius = np.interp(at, self.arc_lengths, self.profile[:, 0])
+        height = np.interp(at, self.arc_lengths, self.profile[:, 1])
         return radius, height
 
     @check_arguments
     def width(self, s: npt.ArrayLike) -> Array:
-        """Width [m] of a gore at arc lengths s, equation (1) of the module."""
+        """Width [m] of a gore at arc lengths s [m], by equation (1) of the module; of the shape of
+        s."""
         return 2 * np.pi * self.meridian(s)[0] / self.count
 
     @property
@@ -169,11 +171,11 @@ class Gores:
         return found
 
     def _arrays(self, along: int, across: int) -> tuple[Points, Numbers, dict[str, Numbers]]:
-        """Points [m], triangles and groups of all panels, see `mesh_of_arrays`."""
+        """Points (n, 3) [m], triangles (m, 3) and groups of all panels, see `mesh_of_arrays`."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
-        # Normals point outwards in place: those of the panels are turned if the profile rises.
+        # Normals shall point outwards on the body: triangles are turned if the profile rises.
         rises = self.profile[-1, 1] > self.profile[0, 1]
         points: list[Points] = []
         triangles: list[Numbers] = []
@@ -182,8 +184,8 @@ class Gores:
         for k in range(self.count):
             rows = []
             for i in range(along + 1):
-                # All nodes of a row would coincide at a tip, where a gore may begin or end: it has
-                # one.
+                # At a tip, where a gore may begin or end, the nodes of a row would coincide: it has
+                # one node.
                 y = np.zeros(1)
                 if 0 < i < along or half_width[i] > POINT * largest:
                     y = np.linspace(-half_width[i], half_width[i], across + 1)

@@ -15,7 +15,7 @@ from typing import Annotated
 from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.mechanics.bodies.cable import CableLaw
 
-# Of a makers' unit of the modulus: cN/dtex times g/cm³ is this many Pa.
+# Pa in a modulus of one cN/dtex, the makers' unit, of a fibre of one g/cm³.
 _PA_PER_CN_DTEX = 1e8
 
 

@@ -25,8 +25,8 @@ class FilmMaterial:
         nu: Poisson's ratio.
         density: of mass [kg/m³].
         source: where each figure is from.
-        yield_stress: stress at 3 % strain [Pa]; none: not known.
-        strength: stress at break in a test at constant speed [Pa]; none: not known.  Both are
+        yield_stress: stress at 3 % strain [Pa]; None: not known.
+        strength: stress at break in a test at constant speed [Pa]; None: not known.  Both are
             limits for `gx.analysis.largest_stress`; neither is what a film bears for years.
     """
 

@@ -12,12 +12,10 @@ from gossamer_fx.mechanics.gas.ideal_gas import IdealGas, PolynomialGas
 
 MOLAR = 8.314462618  # J/(mol K)
 
-AIR = IdealGas(
-    gamma=1.4, R=MOLAR / 28.9644e-3, name="air"
-)  # dry; molar mass: U.S. Standard Atmosphere (1976), table 3
-NITROGEN = IdealGas(
-    gamma=1.4, R=MOLAR / 28.014e-3, name="nitrogen"
-)  # molar masses below: IUPAC standard atomic weights 2021, abridged
+# Dry; molar mass: U.S. Standard Atmosphere (1976), table 3
+AIR = IdealGas(gamma=1.4, R=MOLAR / 28.9644e-3, name="air")
+# Molar masses of the next four: IUPAC standard atomic weights 2021, abridged
+NITROGEN = IdealGas(gamma=1.4, R=MOLAR / 28.014e-3, name="nitrogen")
 HELIUM = IdealGas(gamma=5 / 3, R=MOLAR / 4.0026e-3, name="helium")
 ARGON = IdealGas(gamma=5 / 3, R=MOLAR / 39.95e-3, name="argon")
 XENON = IdealGas(gamma=5 / 3, R=MOLAR / 131.29e-3, name="xenon")
