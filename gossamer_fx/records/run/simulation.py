@@ -243,7 +243,7 @@ class Simulation:
         restart: str | Path,
         changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Restore the state of a checkpoint.  Collective."""
+        """Restore the state of a checkpoint, and return the cursors of its outputs.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
         cursors = read(self, restart, self._description, changes)
