@@ -28,7 +28,7 @@ Which = Literal["mean", "least", "largest"]
 
 
 class _ForSystem[T]:
-    """What a probe compiles for the system of its last call."""
+    """What a probe compiles for a system, again only if it is called with another system."""
 
     def __init__(self, compiled: Callable[[System], T]) -> None:
         self._compile = compiled
@@ -44,7 +44,8 @@ class _AlongLine:
     """A quantity along a line: its mean, its least or its largest value.
 
     Args:
-        of_connector: the quantity (n,) of the lines of a connector.
+        of_body: the quantity as an expression, where the line is a cable or beam.
+        of_connector: the quantity (n,) of the n lines of a connector.
     """
 
     def __init__(

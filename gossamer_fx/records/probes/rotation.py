@@ -110,7 +110,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
     system = run.system
     momenta = system.v0.duplicate()
     system.M.mult(system.v0, momenta)
-    is_position = system.position_marks
+    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)  # without multipliers
     # p: momenta [kg m/s], q: coordinates [m] of this rank's vectors (n, 3): positions and
     # directors.
@@ -128,7 +128,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
 
 def centre_of_mass(system: System) -> Array:
     """Centre of mass (3,) [m] of all bodies of a scene; NaN for a scene without mass."""
-    is_position = system.position_marks
+    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)
     translation = system.q0.duplicate()
     weight = system.q0.duplicate()
