@@ -588,7 +588,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.colours import Limits, default_field
     from gossamer_fx.records.plot.run_reader import RunReader
 
-    run, folder = RunReader(wanted.run), wanted.run
+    folder: Path = wanted.run
+    run = RunReader(folder)
     pictures_of = ("time", "strip", "animate", "curves")
     chosen = [option for option in pictures_of if getattr(wanted, option)]
     check(

@@ -22,6 +22,7 @@ NEEDED = (
 OPTIONAL = ("slepc4py", "matplotlib", "erfa", "pytest", "hypothesis", "mypy")
 # the solution of the check is linear, so that the elements have it exactly
 SOLVER_TOLERANCE = 1e-12
+# A program that prints 1 on each of two ranks that can add numbers.
 SUM_OVER_RANKS = """
 from mpi4py import MPI
 print(MPI.COMM_WORLD.allreduce(1) // 2, end="")
