@@ -164,8 +164,7 @@ def script() -> int:
 def _with_values(words: Sequence[str]) -> list[str]:
     """The words with an explicit value of `--restart`, `newest` where none is given.
 
-    The value is left out where what follows `--restart` is the scene, an argument of it, or an
-    option."""
+    None is given where what follows `--restart` is the scene, an argument of it, or an option."""
     rest = list(words)
     given: list[str] = []
     # argparse would take the scene for the optional value of --restart.

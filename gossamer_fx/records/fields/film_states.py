@@ -133,7 +133,7 @@ class _FilmAreas:
         self._changed: fem.Form | None = None
         e0, e1 = self._shape.strain_path()
         if e0 is not e1 and not self._shape.body.law.quadratic:
-            # Not between slack and wrinkled: there the sign of a strain without stress decides.
+            # Changes between slack and wrinkled do not count: there a strain without stress decides.
             taut = [_is_state(self._shape.body, e)[TAUT] for e in (e0, e1)]
             self._changed = compile_form(abs(taut[1] - taut[0]) * dx)
 

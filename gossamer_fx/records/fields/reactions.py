@@ -111,7 +111,8 @@ def joint_force(
 
 
 def _bodies(side: Attached | Frame) -> Iterable[Any]:
-    """Bodies of a port or frame, the frame of a beam's section included."""
+    """Bodies of a port or frame; a joint may hold the section of a beam by the separate body of its
+    complete frame, which is included."""
     vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
     for vector in vectors:
         if isinstance(vector, Port):

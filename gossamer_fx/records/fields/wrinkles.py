@@ -157,6 +157,7 @@ def _wrinkle_quantities(shape: BodyShape) -> Expr:
         bending stiffness across the crests.
     """
     film = shape.body
+    # Strains and stresses are vectors (3,) in the frame of the film, strains with twice the shear.
     elastic = shape.elastic_strain()
     stress = gradient(film.density, elastic)
     strain = film.law.taut_strain(stress, film.constants) - elastic

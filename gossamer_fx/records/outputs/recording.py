@@ -105,7 +105,7 @@ def pose_of(solid: Solid, system: System) -> Array:
 
 
 def placed(X: Array, pose: Array) -> Array:
-    """Positions in space (n, 3) [m] of points X of a solid with a pose (4, 3)."""
+    """Positions in space (n, 3) [m] of points X (n, 3) [m] of a solid with a pose, see `pose_of`."""
     return pose[0] + X @ pose[1:]
 
 
@@ -256,7 +256,8 @@ class Recording:
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: StateView, last: bool) -> None:
-        """Record the state of a run in all files where it is due.  Collective."""
+        """Record the state of a run in all files where it is due, at the start also in run.json.
+        Collective."""
         self.has_begun = True
         caption = run.account.caption
         if caption:

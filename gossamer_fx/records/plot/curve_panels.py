@@ -295,7 +295,7 @@ def _band(curves: Tables, name: str) -> Tables:
 
 
 def _band_of(name: str) -> str:
-    """Words that the three curves of a band share; another curve has its own name."""
+    """The name of a curve without "largest of " and the like: three curves of a band share it."""
     for which in _BAND:
         if name.startswith(which):
             return name.removeprefix(which)

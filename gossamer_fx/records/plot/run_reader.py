@@ -320,7 +320,7 @@ class RunReader:
     @check_arguments
     def values(self, field: str, record: int, part: str = "") -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
-        vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
+        vectors.  Of a field of lines they are the values (n, 2) at the ends of the pieces of each.
 
         Args:
             record: number of the recorded state, see `record_at`.
@@ -489,7 +489,7 @@ class RunReader:
 
 
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
-    """The vectors (k, size) of a table in the row whose time is nearest."""
+    """The vectors (k, size) of a table in the row whose time is nearest; zeros without rows."""
     times, vectors = table
     if not len(times):
         return np.zeros(vectors.shape[1:])

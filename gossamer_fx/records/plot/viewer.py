@@ -107,7 +107,7 @@ class RunView:
             self.fields = [first, *others]
 
     def header(self, records: Sequence[int]) -> dict[str, Any]:
-        """Captions of some recorded states, names of the fields, and all meshes."""
+        """Captions of some recorded states, names of the fields, and all meshes, see `_mesh`."""
         return {
             "labels": [self.run.caption(record) for record in records],
             "fields": [NAMES.get(name, name) for name in self.fields],
@@ -136,8 +136,8 @@ class RunView:
         """Displacements, and values of fields, in a recorded state.
 
         Returns:
-            the number of the mesh, displacements of each part, and values by the number of the
-            field, for each part that has it.
+            "mesh", its number; "moved", displacements of each part from the start; "values", by the
+            number of the field those of each part, None of one that does not have it.
         """
         mesh = self._meshes.index(self._files(record))
         parts = self._parts[mesh]
@@ -387,7 +387,8 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
 
 
 def _packed(values: Array) -> dict[str, Any]:
-    """Rows of numbers (n, k) as fractions of 16 bits of the range of each column."""
+    """Rows of numbers (n, k): the least of each column, its range, and fractions of this range as
+    integers of 16 bits, `_NO_NUMBER` for those that are not finite."""
     low = np.zeros(values.shape[1])
     span = np.zeros(values.shape[1])
     is_known = np.isfinite(values)

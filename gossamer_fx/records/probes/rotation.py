@@ -174,12 +174,10 @@ class MeanSpin:
 
     def __call__(self, run: StateView) -> float:
         """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia.
-
-        Args:
-            run: of a scene with the body.
+        Collective.
 
         Raises:
-            InputError: the body is not in the scene.  Collective: all ranks call it.
+            InputError: the body is not in the scene.
         """
         system = run.system
         state = system.state[self.body]
@@ -269,13 +267,10 @@ class PolarPosition:
         self.quantity = quantity
 
     def __call__(self, run: StateView) -> float:
-        """The radius [m], or the angle [rad] in -π to π, in the state of a run.
-
-        Args:
-            run: of a scene with the bodies of point and frame.
+        """The radius [m], or the angle [rad] in -π to π, in the state of a run.  Collective.
 
         Raises:
-            InputError: a body is not in the scene.  Collective: all ranks call it.
+            InputError: the body of the point or of the frame is not in the scene.
         """
         ports = [self.port, self.frame.origin, *self.frame.directors]
         point, origin, first_axis, second_axis, _ = run.system.state.vectors(ports)

@@ -744,7 +744,8 @@ def read(
 
 
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective."""
+    """The arrays that this rank reads of a checkpoint, see `_load`; if one rank cannot read its
+    files, `InputError` on all.  Collective."""
     arrays: dict[str, Any] = {}
     reason = ""
     try:

@@ -361,7 +361,7 @@ def _excess(event: When, value: float) -> float:
 
 
 def _key(event: Event) -> str:
-    """Kind, name and value of an event, in words."""
+    """Kind, name and value of an event in words, by which a restart finds it again."""
     if isinstance(event, At):
         return f"At {event.time:.12g} s '{event.name}'"
     passage = "exceeds"

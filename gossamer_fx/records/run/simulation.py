@@ -283,8 +283,8 @@ class Simulation:
 
     @property
     def energy_defect(self) -> float:
-        """Closing error of the energy balance [J]: what was gained since the start, less what was
-        supplied."""
+        """Closing error of the energy balance [J]: the energy that was gained since the start, less
+        what was supplied and not dissipated."""
         now = self.totals
         return (now.energy - self.first.energy) - (now.supplied - now.dissipated)
 
