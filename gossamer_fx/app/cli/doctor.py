@@ -115,7 +115,7 @@ def module_version(name: str) -> str:
 
 
 def program_version(program: str) -> str:
-    """The first line that a program prints about its version."""
+    """The first line that a program prints about its version; "MISSING" if it cannot be run."""
     try:
         done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):

@@ -133,7 +133,8 @@ class _FilmAreas:
         self._changed: fem.Form | None = None
         e0, e1 = self._shape.strain_path()
         if e0 is not e1 and not self._shape.body.law.quadratic:
-            # Changes between slack and wrinkled do not count: there a strain without stress decides.
+            # A change between slack and wrinkled does not count: the sign of a strain that has no
+            # stress decides which of the two it is.
             taut = [_is_state(self._shape.body, e)[TAUT] for e in (e0, e1)]
             self._changed = compile_form(abs(taut[1] - taut[0]) * dx)
 

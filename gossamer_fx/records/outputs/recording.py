@@ -105,7 +105,7 @@ def pose_of(solid: Solid, system: System) -> Array:
 
 
 def placed(X: Array, pose: Array) -> Array:
-    """Positions in space (n, 3) [m] of points X (n, 3) [m] of a solid with a pose, see `pose_of`."""
+    """Positions in space (n, 3) [m] of points X (n, 3) [m] of a solid; its pose as in `pose_of`."""
     return pose[0] + X @ pose[1:]
 
 

@@ -46,7 +46,7 @@ class FileLocks:
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
-        """Acquire the locks of all paths.  Collective."""
+        """Acquire the locks of all paths, of which no two may be equal.  Collective."""
         self.running = False
         self._comm = comm
         self._paths = [Path(os.path.realpath(path)) for path in paths]
@@ -247,7 +247,7 @@ _WORDS = {bool: "true or false", str: "a text", int: "an integer", float: "a num
 
 
 def read_run_file(folder: Path) -> dict[str, Any]:
-    """The contents of a run's `run.json`, checked."""
+    """The contents of a run's `run.json`; `InputError` if it is missing or not as `_RUN` says."""
     path = folder / "run.json"
     check(
         path.is_file(),

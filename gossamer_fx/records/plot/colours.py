@@ -125,7 +125,7 @@ class Scale:
 
     @property
     def table(self) -> Array:
-        """Red, green and blue in [0, 1] (bins, 3)."""
+        """Red, green and blue in [0, 1] (bins, 3) of equal parts of the bar, from low to high."""
         from matplotlib import colormaps
 
         name = "viridis"

@@ -246,7 +246,7 @@ class FoldAngle:
         return _mean(system, energy.stiffness, angles)
 
     def _compiled(self, system: System) -> CreaseEnergies:
-        """The compiled creases of a scene, among them this one."""
+        """The compiled creases of a scene with this one; `InputError` if it is not among them."""
         energy = self.crease.energy
         for creases in system.compiled_as(CreaseEnergies):
             if any(term is energy for term in creases.terms):
