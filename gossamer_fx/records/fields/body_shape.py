@@ -43,7 +43,7 @@ LOG = logging.getLogger("gossamer_fx")
 ALTERNATING_SHARE = 0.5
 ALTERNATING_RECORDS = 3
 
-# Films and connectors of which was warned.
+# Films and connectors for which the warning was logged.
 _warned: WeakSet[Any] = WeakSet()
 
 # Stresses and what follows from them: the mean over the last step, or the value at its end.

@@ -94,7 +94,7 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
 
     Args:
         items: of the scene.
-        depth: number of objects and collections that contain the value in each other.
+        depth: number of objects and collections around the value.
     """
     known_items = tuple(items)
     inner = functools.partial(describe, items=known_items, depth=depth + 1)

@@ -382,7 +382,8 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
     """Check that this scene has the energies [J] of the checkpoint in the same state.
 
     This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
-    An energy that the checkpoint does not have is refused.
+    Energies may differ by `SAME_ENERGY` of their size and `NEGLIGIBLE_ENERGY` of the largest one;
+    an energy that the checkpoint does not have is refused.
 
     Args:
         there: the "totals" in run.json.

@@ -204,7 +204,8 @@ class EventMonitor:
         return evaluate_probe(self._run, f"When '{event.name}'", event.probe)
 
     def _passed(self, waiting: list[When]) -> list[When]:
-        """Events whose probes have passed their values since the last look; this is a look, too."""
+        """Events whose probes have passed their values since the last call; notes in `_last` what
+        the probes return now."""
         passed = []
         for event in waiting:
             before = self._last[event]
