@@ -1,5 +1,4 @@
-"""A case: a scene, how it is moved, for how long, and what is looked at.  A scene file builds
-one."""
+"""A case: a scene, a time stepper, an end time, and what is recorded.  A scene file builds one."""
 
 from __future__ import annotations
 

@@ -164,8 +164,7 @@ def script() -> int:
 def _with_values(words: Sequence[str]) -> list[str]:
     """The words with an explicit value of `--restart`, `newest` where none is given.
 
-    The value is left out where what follows `--restart` is the scene, an argument of it, or an
-    option."""
+    None is given where what follows `--restart` is the scene, an argument of it, or an option."""
     rest = list(words)
     given: list[str] = []
     # argparse would take the scene for the optional value of --restart.
@@ -588,7 +587,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.records.plot.colours import Limits, default_field
     from gossamer_fx.records.plot.run_reader import RunReader
 
-    run, folder = RunReader(wanted.run), wanted.run
+    folder: Path = wanted.run
+    run = RunReader(folder)
     pictures_of = ("time", "strip", "animate", "curves")
     chosen = [option for option in pictures_of if getattr(wanted, option)]
     check(

@@ -22,6 +22,7 @@ NEEDED = (
 OPTIONAL = ("slepc4py", "matplotlib", "erfa", "pytest", "hypothesis", "mypy")
 # the solution of the check is linear, so that the elements have it exactly
 SOLVER_TOLERANCE = 1e-12
+# A program that prints 1 on each of two ranks that can add numbers.
 SUM_OVER_RANKS = """
 from mpi4py import MPI
 print(MPI.COMM_WORLD.allreduce(1) // 2, end="")
@@ -114,7 +115,7 @@ def module_version(name: str) -> str:
 
 
 def program_version(program: str) -> str:
-    """The first line that a program prints about its version."""
+    """The first line that a program prints about its version; "MISSING" if it cannot be run."""
     try:
         done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):

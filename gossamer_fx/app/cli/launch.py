@@ -1,11 +1,12 @@
-"""Start a program on several MPI ranks: python3 -m gossamer_fx.app.cli.launch RANKS PROGRAM ...
+"""Start a program on several MPI ranks, hand on signals to it, and shorten the output of mpirun:
+python3 -m gossamer_fx.app.cli.launch RANKS PROGRAM ...
 
-Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for a step.
-So it does not get them: the first one is handed on as SIGUSR1, or SIGUSR2 for Ctrl-C, which mpirun
-passes to all ranks and at which a run ends with its step and a checkpoint; a second one has its
-usual effect.
+Signals.  Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for
+a step.  So it does not get them: the first one is handed on as SIGUSR1, or SIGUSR2 for Ctrl-C,
+which mpirun passes to all ranks and at which a run ends with its step and a checkpoint; a second
+one has its usual effect.
 
-Removes from the output of mpirun what only repeats that a rank has failed.
+Output.  Messages of mpirun that only repeat that a rank has failed are removed.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ LINES = re.compile(
     rb"Abort\(\d+\) on node \d+ [^\n]*application called MPI_Abort[^\n]*\n"
     rb"|\[\S+:\d+\] PMIX ERROR: PMIX_ERR_UNREACH in file [^\n]*\n"
 )
-# By its first letters a message is one of the above or is certainly not; by this much of it, it is
-# or is not.
+# Bytes of a message: FIRST are compared to pass on at once what is certainly not a repetition, and
+# with DECIDED it is known whether a message is one.
 FIRST = 12
 DECIDED = 400
 
@@ -75,6 +76,7 @@ class MessageFilter:
             pass
 
     def close(self) -> None:
+        """Pass on what still waits; if nothing was passed on, what was removed, too."""
         self._pass_on(self._waiting)
         self._waiting = b""
         if not self._anything_passed:
@@ -103,10 +105,10 @@ class MessageFilter:
         body = self._waiting[len(RULE) :]
         end = body.find(RULE)
         if end < 0:
-            other = not _may_repeat(body) or (len(body) >= DECIDED and not _repeats(body))
-            if other:
+            is_other = not _may_repeat(body) or (len(body) >= DECIDED and not _repeats(body))
+            if is_other:
                 self._take(len(RULE))
-            return other
+            return is_other
         if _repeats(body[:end]):
             self._remove(end + 2 * len(RULE))
             self._after_message = True
@@ -120,6 +122,7 @@ class MessageFilter:
         self._waiting = self._waiting[length:]
 
     def _take(self, length: int) -> None:
+        """Pass on the first bytes that wait, without the messages of one line."""
         taken = self._waiting[:length]
         self._removed += b"".join(LINES.findall(taken))
         self._pass_on(LINES.sub(b"", taken))
@@ -132,11 +135,13 @@ class MessageFilter:
 
 
 def _may_repeat(body: bytes) -> bool:
+    """Whether the beginning of a message, of any length, may be that of a repetition."""
     first = b" ".join(body.split())[:FIRST]
     return any(begin.startswith(first) for begin in REPETITIONS)
 
 
 def _repeats(body: bytes) -> bool:
+    """Whether a message is one of `REPETITIONS`."""
     words = b" ".join(body.split())
     # numbers and names of a process, which differ from run to run
     words = re.sub(rb"rank \d+ with PID \d+ on node \S+", b"rank N with PID N on node N", words)
@@ -165,12 +170,12 @@ def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
 # numpy and the like.
 OWN_COMMAND = ("-P", "-m", "gossamer_fx")
 
-# What is handed on as what.
+# The signals that mpirun gets instead of those that this process gets first.
 _HANDED_ON: dict[int, int] = {signal.SIGTERM: signal.SIGUSR1, signal.SIGINT: signal.SIGUSR2}
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _SYSTEM_PREFIXES = ("/usr", "/usr/local")
-# s that the last words of the ranks may take after mpirun has ended: one that it could not end may
-# hold the pipe open for ever
+# Time [s] to wait for the last output of the ranks after mpirun has ended: a rank that it could not
+# end may hold the pipe open for ever.
 _LAST_WORDS = 10.0
 
 
@@ -282,6 +287,7 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
 
 
 def end_with_parent() -> None:
+    """In a child before its program starts: let Linux send it SIGTERM when the parent dies."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 

@@ -49,6 +49,10 @@ class GaussValues:
     a change of length would show tension at the nodes.  Therefore the quantity is a discontinuous
     polynomial through its values at these points.
 
+    Args:
+        quantity: function that returns the expression of the quantity on a shape, e.g. `tension`.
+        at: when stresses are taken, see `body_shape`.
+
     Attributes:
         function: the quantity, set by `update`.
     """
@@ -70,7 +74,7 @@ class GaussValues:
         self.function = fem.Function(fem.functionspace(mesh, element))
         points = interpolation_points(self.function.function_space)
         self._expression = compile_expression(quantity(self._shape), points)
-        # Without a space of reals UFL has no number on a mesh: this constant is one.
+        # UFL cannot integrate a plain number over a mesh: this constant of the mesh is one.
         unit = constant(mesh, 1.0)
         self._forms = [
             compile_form(self.function * body.dx),

@@ -189,7 +189,11 @@ def cells_of(film: Membrane, group: str) -> Array:
 
 
 def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> BestSurface:
-    """The best surface of points; see `best_surface`.  Collective."""
+    """The best surface of points; see `best_surface`.  Collective.
+
+    Args:
+        axis: the designed axis, in either sense and of any length.
+    """
     designed = np.asarray(axis, dtype=float)
     length = float(np.linalg.norm(designed))
     check(length > 0, "best_surface: the axis is zero; give the designed axis.")
@@ -213,13 +217,13 @@ def fit_surface(samples: Samples, surface: Surface, axis: Vector = Z_AXIS) -> Be
     distances = scaled.points @ normal
     if surface != "plane" and squares[0] > DEGENERATE * squares[1]:
         distances_of = {"sphere": _from_sphere, "paraboloid": _from_paraboloid}[surface]
-        ends = [
-            _least_squares(scaled, _start(scaled, axis, surface), distances_of)
+        minima = [
+            _least_squares(scaled, _start(scaled, start_axis, surface), distances_of)
             # From a wrong axis the search may end in another minimum.  The designed one is that of
             # a part next to the vertex, the normal that of a shallow dish.
-            for axis in (designed, normal)
+            for start_axis in (designed, normal)
         ]
-        found = min(ends, key=lambda shape: shape.mean_square(scaled, distances_of))
+        found = min(minima, key=lambda shape: shape.mean_square(scaled, distances_of))
         distances, _, _ = distances_of(scaled.points, found)
 
     point, direction, radius = found.description(surface)
@@ -287,7 +291,7 @@ class _Shape:
 
 
 def _from_paraboloid(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
-    """Distances from a paraboloid, and their derivatives, see (1)."""
+    """Distances (1) of n points from a paraboloid, and their derivatives, see `_Distances`."""
     k, a, b, c = shape.numbers
     x, y, h = shape.axes @ points.T
     height = h - k - a * x - b * y - c * (x**2 + y**2)
@@ -315,7 +319,7 @@ def _from_paraboloid(points: Array, shape: _Shape) -> tuple[Array, Array, Array]
 
 
 def _from_sphere(points: Array, shape: _Shape) -> tuple[Array, Array, Array]:
-    """Distances from a sphere, and their derivatives, see (1)."""
+    """Distances (1) of n points from a sphere, and their derivatives, see `_Distances`."""
     k, curvature = shape.numbers
     own = points @ shape.axes.T - np.array([0.0, 0.0, k])
     squared_distance = (own**2).sum(axis=1)
@@ -341,9 +345,10 @@ def _start(samples: Samples, axis: Array, surface: Surface) -> _Shape:
     axes = _axes_along(axis)
     x, y, h = axes @ samples.points.T
     columns = np.column_stack([np.ones(len(x)), x, y, x**2 + y**2])
-    normal = samples.sum(columns[:, :, None] * columns[:, None, :])
+    # The normal equations of the polynomial k + a x + b y + c (x² + y²).
+    matrix = samples.sum(columns[:, :, None] * columns[:, None, :])
     right = samples.sum(columns * h[:, None])
-    k, a, b, c = np.linalg.lstsq(normal, right, rcond=NEGLIGIBLE)[0]
+    k, a, b, c = np.linalg.lstsq(matrix, right, rcond=NEGLIGIBLE)[0]
     if surface == "paraboloid":
         return _Shape(axes, np.array([k, a, b, c]))
     # A sphere has no slopes at the centroid: its axis is normal there.
@@ -362,9 +367,9 @@ def _least_squares(samples: Samples, start: _Shape, distances_of: _Distances) ->
         # A turn δθ of the surface moves points by -δθ × x in its axes.
         by_turn = -np.cross(samples.points @ shape.axes.T, by_point)[:, :2]
         slopes = np.column_stack([by_turn, by_numbers])
-        normal = samples.sum(slopes[:, :, None] * slopes[:, None, :])
+        matrix = samples.sum(slopes[:, :, None] * slopes[:, None, :])
         right = samples.sum(slopes * distances[:, None])
-        damped = normal + damping * np.diag(np.diag(normal))
+        damped = matrix + damping * np.diag(np.diag(matrix))
         step = -np.linalg.lstsq(damped, right, rcond=NEGLIGIBLE)[0]
         trial = shape.moved(step)
         lowered = trial.mean_square(samples, distances_of)
@@ -379,7 +384,7 @@ def _least_squares(samples: Samples, start: _Shape, distances_of: _Distances) ->
         mean_square = lowered
         damping /= 10
         # How far the step moved the surface, as root of the mean square.
-        moved = math.sqrt(max(float(step @ normal @ step), 0.0))
+        moved = math.sqrt(max(float(step @ matrix @ step), 0.0))
         if moved <= SMALLEST_STEP or decrease <= SMALLEST_DECREASE * mean_square:
             break
     return shape

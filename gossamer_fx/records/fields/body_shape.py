@@ -43,7 +43,7 @@ LOG = logging.getLogger("gossamer_fx")
 ALTERNATING_SHARE = 0.5
 ALTERNATING_RECORDS = 3
 
-# Films and connectors of which it was said.
+# Films and connectors for which the warning was logged.
 _warned: WeakSet[Any] = WeakSet()
 
 # Stresses and what follows from them: the mean over the last step, or the value at its end.
@@ -55,7 +55,7 @@ PATH_POINTS = tuple((k + 0.5) / 20 for k in range(20))
 
 
 def rule_at(at: At, system: System) -> StressRule:
-    """The rule by which stresses follow from the last step."""
+    """The rule by which stresses follow from the last step: that of the run, or its end."""
     return system.rule if at == "mean" else EndPoint()
 
 
@@ -83,7 +83,8 @@ class BodyShape:
     def __init__(self, system: System, body: MeshBody, at: At = "end") -> None:
         self._system = system
         self.rule = rule_at(at, system)
-        self._of = system.state[body]
+        self._state = system.state[body]
+        # Converts unknowns of the body to those of the mesh; of a reduced film they differ.
         self._reconstruct = body.reconstruct
         self.body: Any = body.full
         # Positions q [m] and velocities v [m/s] of the body
@@ -149,7 +150,7 @@ class BodyShape:
         e0, e1 = self.strain_path()
         if e0 is e1:
             return gradient(self.body.density, e1)
-        body = self._of.body
+        body = self._state.body
         energy = next(
             term
             for term in self._system.terms
@@ -169,7 +170,7 @@ class BodyShape:
         return self._on_path is not None and self._on_path in extract_constants(expression)
 
     def path_points(self) -> Iterator[float]:
-        """Weights of the points of the path; each is set where the stress is taken."""
+        """Move the stress to each point of the path in turn, and yield the weight of the point."""
         assert self._on_path is not None
         for point in PATH_POINTS:
             self._on_path.value = point
@@ -178,8 +179,8 @@ class BodyShape:
     def update(self) -> None:
         """Set the functions to the current values of the state, ghosts included.  Collective."""
         # A state is the accepted one: forms of the bodies read the iterate, and are not used here.
-        self._reconstruct(self.q, self._of.coordinates().ravel())
-        self._reconstruct(self.v, self._of.rates().ravel())
+        self._reconstruct(self.q, self._state.coordinates().ravel())
+        self._reconstruct(self.v, self._state.rates().ravel())
         if self.q_start is not None:
             self._reconstruct(self.q_start, self._before.coordinates().ravel())
         if self._curvature is not None:
@@ -197,11 +198,12 @@ class AlternationWatch:
     def __init__(self, part: Any, share_of_it: str) -> None:
         self._part = part
         self._share_of_it = share_of_it
-        self._records = 0  # in a row, of which more than half of the part alternates
+        self._records = 0  # in a row with more than `ALTERNATING_SHARE`
         self._last_time = -math.inf
 
     def see(self, system: System, share: float) -> None:
-        """Take the share that is taut at one end of the last step only, the same on every rank."""
+        """Record the share that is taut at one end of the last step only, the same on every rank;
+        once for each time."""
         if system.time == self._last_time:
             return
         self._last_time = system.time

@@ -77,7 +77,7 @@ WRINKLE_MAPS = ("wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction")
 # An expression of the shape of a body
 Expression = Callable[[BodyShape], Expr]
 
-# What sets a function on a body in a system to a field that is collected from the scene
+# Sets a function on a body to a field whose values come from the items of the scene
 Collector = Callable[[fem.Function, MeshBody, System], None]
 
 
@@ -228,7 +228,7 @@ FIELDS = {
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
-    """Check the names of output fields of a body."""
+    """Raise `InputError` for no names, or for a name that is not a field of a body."""
     is_film = isinstance(body, Membrane)
     is_line = isinstance(body, Curve)
     bends = isinstance(body, Membrane) and body.bends
@@ -271,6 +271,10 @@ class FieldFunctions:
     Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
     nothing is lost or smoothed.
 
+    Args:
+        element: family and order of another element; None: as above.
+        at: when stresses are taken, see `body_shape`.
+
     Attributes:
         functions: one for each name, in their order; set by `update`.
     """
@@ -283,9 +287,7 @@ class FieldFunctions:
         element: tuple[str, int] | None = None,
         at: At = "mean",
     ) -> None:
-        """Make one function for each name, and what computes its values; `update` computes them.
-
-        Collective: expressions are compiled."""
+        """Make the functions, and compile the expressions of their values.  Collective."""
         check_fields(body, names)
         self._shape = BodyShape(system, body, at)
         self._at: At = at
@@ -312,7 +314,7 @@ class FieldFunctions:
     def _update_of(
         self, function: fem.Function, body: MeshBody, system: System
     ) -> Callable[[], None]:
-        """Return what sets the function of a field to the accepted state; collective."""
+        """Return a callable that sets the function of a field to the accepted state; collective."""
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
             # Imported here, as few outputs need it.
@@ -333,7 +335,7 @@ class FieldFunctions:
             return partial(function.interpolate, compiled)
 
         def interpolate_mean() -> None:
-            """Sum the expression over the points of the path of the last step."""
+            """Set the function to the mean of the expression along the path of the last step."""
             total: Array = np.zeros_like(function.x.array)
             for weight in shape.path_points():
                 function.interpolate(compiled)

@@ -33,9 +33,10 @@ def state_shares(shape: BodyShape) -> tuple[Expr, ...]:
     expressions whose sum is one."""
     e0, e1 = shape.strain_path()
     film = shape.body
-    # Along a path of one strain, or of a law that never wrinkles, the state is one.
+    # A path of one strain has one state; so has a quadratic law, which never wrinkles.
     if e0 is e1 or film.law.quadratic:
         return _is_state(film, e1)
+    # Pieces of the path from 0 to 1 with one state each; none where the law does not know them.
     pieces = film.pieces(e0, e1)
     if pieces:
         length = [ufl.as_ufl(0.0)] * len(STATES)
@@ -105,6 +106,7 @@ class AreaFractions:
             ]
         areas = np.array([of_film.measure() for of_film in self._compiled])
         areas = system.comm.allreduce(areas)
+        # The last column is the area that is taut at one end of the last step only.
         for of_film, row in zip(self._compiled, areas, strict=True):
             of_film.alternation.see(system, row[-1] / row[:-1].sum())
         of_states: Array = areas[:, : len(STATES)].sum(axis=0)
@@ -131,7 +133,8 @@ class _FilmAreas:
         self._changed: fem.Form | None = None
         e0, e1 = self._shape.strain_path()
         if e0 is not e1 and not self._shape.body.law.quadratic:
-            # Not between slack and wrinkled: there the sign of a strain without stress decides.
+            # A change between slack and wrinkled does not count: the sign of a strain that has no
+            # stress decides which of the two it is.
             taut = [_is_state(self._shape.body, e)[TAUT] for e in (e0, e1)]
             self._changed = compile_form(abs(taut[1] - taut[0]) * dx)
 

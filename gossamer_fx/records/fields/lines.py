@@ -26,7 +26,7 @@ from gossamer_fx.records.fields.body_shape import At, BodyShape, rule_at
 from gossamer_fx.records.fields.fields import position
 from gossamer_fx.solve.system.system import System
 
-# Difference of coordinates, over their size or 1 m, below which they are equal
+# Difference of coordinates, over their size or 1 m if that is larger, below which they are equal
 SAME_POSITION = 1e-9
 
 Pairs = list[tuple[object, object]]
@@ -93,7 +93,7 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines, *, at: At = "mean"
     forces = line_forces(system, line, at)
     # Bars share their ends; each is fetched from its rank once.
     ends = list(line.lines_to_draw)
-    names = [(_name(a), _name(b)) for a, b in ends]
+    names = [(_vector_key(a), _vector_key(b)) for a, b in ends]
     ports: dict[object, Attached] = {}
     for pair, pair_of_names in zip(ends, names, strict=True):
         ports.update(zip(pair_of_names, pair, strict=True))
@@ -122,15 +122,15 @@ def _is_before(a: Array, b: Array) -> bool:
     return bool(difference[is_different.argmax()] < 0)
 
 
-def _name(port: object) -> object:
-    """What ports of one vector have in common."""
+def _vector_key(port: object) -> object:
+    """A key that is equal for ports of the same vector of a body."""
     if isinstance(port, Port):
         return (id(port.body), port.nodes, port.weights, port.vectors)
     return id(port)
 
 
 def _of_body(system: System, body: Curve, at: At) -> LineValues:
-    """The values of the cells of a cable or beam, gathered from all ranks."""
+    """The values of the cells of a cable or beam in their order along it, from all ranks."""
     shape = BodyShape(system, body)
     shape.update()
     quantities = [GaussValues(system, body, quantity, at) for quantity in (tension, axial_strain)]
@@ -273,6 +273,7 @@ def _of_stored_energy(
         natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
     here = evaluated_here(term.measure.ports)
+    # Rows: tension [N], length at the end [m], and whether the line is taut at one end only.
     own_values = np.zeros((3, count))
     offset = np.broadcast_to(term.measure.c, (count, 1))[here, 0]
 
@@ -328,7 +329,7 @@ def _of_reel(system: System, connector: DrawnAsLines, at: At) -> LineForces:
 
 
 def _joined(parts: list[LineForces]) -> LineForces:
-    """The lines of several parts, which count alike in the mean."""
+    """The lines of several parts, each of which has the same weight in the mean."""
     weights = np.concatenate([part.weights for part in parts])
     return LineForces(
         tensions=np.concatenate([part.tensions for part in parts]),

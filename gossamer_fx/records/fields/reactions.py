@@ -51,33 +51,25 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
     """
     centre = np.asarray(about, dtype=float)
-    total = np.zeros((2, 3))
-    found = False
     # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
-    for term in system.terms_of(support):
-        name = getattr(term, "name", "")
-        if isinstance(term, Support):
-            found = any(
-                isinstance(t, Support) and t.name == name and t.body is term.body
-                for t in system.terms
-            )
-            if found:
-                total += _held(system, term, centre)
-        elif isinstance(term, PointConstraint):
-            found = any(isinstance(t, PointConstraint) and t.name == name for t in system.terms)
-            if found:
-                total += _tied(
-                    system,
-                    term.measure,
-                    λ=multipliers_of(term, system),
-                    counts=lambda port: True,
-                    centre=centre,
-                )
+    terms = [t for t in system.terms_of(support) if isinstance(t, Support | PointConstraint)]
     check(
-        found,
+        bool(terms),
         f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one "
         "that is in it.",
     )
+    total = np.zeros((2, 3))
+    for term in terms:
+        if isinstance(term, Support):
+            total += _support_share(system, term, centre)
+        else:
+            total += _constraint_share(
+                system,
+                term.measure,
+                λ=multipliers_of(term, system),
+                counts=lambda port: True,
+                centre=centre,
+            )
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
@@ -112,20 +104,22 @@ def joint_force(
 
     total = np.zeros((2, 3))
     for term in terms:
-        total += sign * _tied(system, term.measure, multipliers_of(term, system), on_side, centre)
+        λ = multipliers_of(term, system)
+        total += sign * _constraint_share(system, term.measure, λ, on_side, centre)
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
 
 def _bodies(side: Attached | Frame) -> Iterable[Any]:
-    """Bodies of a port or frame, the frame of a beam's section included."""
+    """Bodies of a port or frame; a joint may hold the section of a beam by the separate body of its
+    complete frame, which is included."""
     vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
     for vector in vectors:
         if isinstance(vector, Port):
             yield vector.body
 
 
-def _held(system: System, term: Support, centre: Array) -> Array:
+def _support_share(system: System, term: Support, centre: Array) -> Array:
     """This rank's share of force [N] and moment [N m], (2, 3), of coordinates that a support holds.
 
     Supports that hold one coordinate together bear equal parts of its force, so that all reactions
@@ -159,7 +153,7 @@ def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
     return np.unique(on_this_rank).astype(np.int64) + owned.start
 
 
-def _tied(
+def _constraint_share(
     system: System,
     measure: PointMeasure,
     λ: Array,
@@ -171,7 +165,9 @@ def _tied(
     A port is a point or direction of a body.  Collective.
 
     Args:
-        λ: its multipliers (n, m), [N] for distances of points.
+        measure: m measures e(X) of each of the n tuples of ports that this rank evaluates.
+        λ: their multipliers (n, m), [N] for distances of points.
+        counts: whether the force on a port is added.
         centre: point of the moment (3,) [m].
 
     Returns:
@@ -182,14 +178,15 @@ def _tied(
     total = np.zeros((2, 3))
     # The vectors X of a tuple of ports are P q + o, linear in its unknowns q.
     own = [measure.ports[i] for i in evaluated_here(measure.ports)]
-    attached = [attach(system.numbering, system.bodies, place) for place in own]
+    attached = [attach(system.numbering, system.bodies, ports) for ports in own]
     gather = Gather(system.numbering, [indices for indices, _, _ in attached])
-    ends = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
-    for place, (_, P, o), now, before, each in ends:
+    of_tuples = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
+    for ports, (_, P, o), q_end, q_start, multipliers in of_tuples:
         # Where the forces of the last step acted.
-        X = P @ ((1 - α) * before + α * now) + o
-        forces = -(each @ (measure.H @ X + measure.L)).reshape(-1, 3)
-        for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
+        X = P @ ((1 - α) * q_start + α * q_end) + o
+        # The measures have the derivatives H X + L by X.
+        forces = -(multipliers @ (measure.H @ X + measure.L)).reshape(-1, 3)
+        for port, x, f in zip(ports, X.reshape(-1, 3), forces, strict=True):
             # Forces on the ground balance those on the other side.
             if isinstance(port, Port) and counts(port):
                 # Each node of a port has a weight w and the number v of one of its vectors: 0 for

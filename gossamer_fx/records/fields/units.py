@@ -53,7 +53,8 @@ def with_unit(field: str) -> str:
 
 
 def scaled(largest: float) -> tuple[float, str]:
-    """Return factor and prefix of the unit in which a number lies between 1 and 1000.
+    """Return factor and prefix of the unit in which a number lies between 1 and 1000; (1.0, "") for
+    a number below 1e-9.
 
     Example:
         `scaled(0.02)` is `(1e-3, "m")`: 0.02 s are 20 ms.
@@ -64,7 +65,7 @@ def scaled(largest: float) -> tuple[float, str]:
 
 
 def scaled_axis(axis: Axis, values: Array) -> tuple[float, str]:
-    """Factor and unit of the axis of a figure that has these values; a pure number stays."""
+    """Factor and unit of the axis of a figure that has these values; 1 and "" of pure numbers."""
     if not axis.unit:
         return 1.0, ""
     factor, prefix = scaled(float(np.abs(values).max(initial=0.0)))

@@ -44,7 +44,7 @@ from gossamer_fx.mechanics.terms.discrete_gradient import gradient
 from gossamer_fx.records.fields.body_shape import BodyShape
 from gossamer_fx.solve.system.system import System
 
-# Mean values over neighbouring cells are taken so often.
+# Number of times that means over the cells around each vertex are taken.
 SMOOTHINGS = 2
 
 # Components of a symmetric tensor (3, 3), then further columns: the tension T, the excess a, and B
@@ -64,7 +64,7 @@ LEAST_EXCESS = 1e-15
 
 
 class WrinkleMap:
-    """Sets a function on a film to one of the maps, which its name tells; compiled once."""
+    """Sets a function on a film to the map of wrinkles that has its name; compiled once."""
 
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
         """Check the film's law, and compile the expressions of the map; collective."""
@@ -77,13 +77,13 @@ class WrinkleMap:
             fem.functionspace(domain, ("Discontinuous Lagrange", 0, (COLUMNS,)))
         )
         points = interpolation_points(self._cellwise.function_space)
-        self._expression = compile_expression(_columns(self._shape), points)
+        self._expression = compile_expression(_wrinkle_quantities(self._shape), points)
         self._linear = fem.Function(
             fem.functionspace(domain, ("Lagrange", 1, tuple(function.ufl_shape)))
         )
 
     def update(self) -> None:
-        """Set the function to its map in the accepted state, as its name tells.  Collective.
+        """Set the function to its map in the accepted state.  Collective.
 
         - "wrinkle_slope": largest slope [-] of the wrinkles; 0 where the film is taut.
         - "wrinkle_amplitude": amplitude [m]; 0 where the film is taut, and where it is slack, with
@@ -115,8 +115,8 @@ class WrinkleMap:
         self._function.interpolate(self._linear)
 
     def _smoothed(self) -> tuple[Array, Array, Array]:
-        """Return the wrinkling strain and two weights at the local vertices, as local means;
-        collective.
+        """Return wrinkling strain, tension and bending stiffness at the n local vertices, as means
+        over the cells around them; collective.
 
         Returns:
             wrinkling strain A in space (n, 3, 3) [-], tension T (n,) [N/m], and bending stiffness B
@@ -148,7 +148,7 @@ def _check_law(film: Membrane) -> None:
     )
 
 
-def _columns(shape: BodyShape) -> Expr:
+def _wrinkle_quantities(shape: BodyShape) -> Expr:
     """Return what a map of wrinkles needs in each cell, as a UFL expression (9,).
 
     Returns:
@@ -157,6 +157,7 @@ def _columns(shape: BodyShape) -> Expr:
         bending stiffness across the crests.
     """
     film = shape.body
+    # Strains and stresses are vectors (3,) in the frame of the film, strains with twice the shear.
     elastic = shape.elastic_strain()
     stress = gradient(film.density, elastic)
     strain = film.law.taut_strain(stress, film.constants) - elastic

@@ -30,7 +30,7 @@ def describe(run: StateView) -> Description:
     """
     system = run.system
     totals = run.totals
-    massive: set[Body] = set()
+    massive: set[Body] = set()  # bodies with a mass
     for term in system.terms:
         if isinstance(term, KineticEnergy):
             massive.add(term.body)
@@ -108,7 +108,7 @@ def _body(run: StateView, body: Body) -> Description:
 
 
 def _mass(run: StateView, body: Body) -> float:
-    """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective."""
+    """Mass of a body [kg]: e·M e, where e moves it along x by one and nothing else.  Collective."""
     system = run.system
     owned = system.block(body).owned
     along_x = np.zeros(owned.stop - owned.start)

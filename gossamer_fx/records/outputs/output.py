@@ -1,9 +1,8 @@
-"""The protocol of outputs, their schedules, files of other runs, and the evaluation of probes.
+"""What all outputs share: their protocol, schedules, the guard of other runs' files, the evaluation
+of probes, and the arguments of a scene's items as data.
 
-The arguments of a scene's items as data, which recordings and checkpoints store and a restart
-compares.
-
-Stored are
+`begin` opens an output, or lets it continue at its position in a checkpoint.  `describe` turns
+arguments into data, which recordings and checkpoints store and a restart compares:
 
 1. numbers, words and collections of them by value,
 2. other items of the scene by class and name, attached points by their position,
@@ -45,7 +44,8 @@ Known = Any
 MEASURED = "measured"
 TOLERANCE = "tolerance"
 
-# Names are the keys of items, meshes are compared by their cells, and the communicator may differ.
+# Arguments that are left out: names are the keys of items, meshes are compared by their cells, and
+# the communicator may differ.
 _NOT_COMPARED = ("name", "comm", "mesh")
 
 # Levels of objects in objects, and of functions that use functions: some refer to each other in a
@@ -58,7 +58,8 @@ _MAX_ARRAY = 1000
 # Hexadecimal digits of the hash of a function's source.
 _HASH_DIGITS = 16
 
-# Over the body's size: points on cells are interpolated.
+# Error of an attached point over the largest coordinate of its body: points on cells are
+# interpolated.
 _POSITION_TOLERANCE = 1e-9
 
 
@@ -76,19 +77,24 @@ def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
 
 
 def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
-    """The arguments of an item of a scene, by name, and its public attributes that are numbers,
-    words or obstacles.  Collective.
+    """The arguments of an item of a scene, by name, and its public attributes that are plain data,
+    see `_is_plain`.  Collective.
     """
     return _attributes(item, functools.partial(describe, items=tuple(items), depth=1))
 
 
 def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
-    """Convert a value to data for JSON; the name of its class stands for one that cannot be
-    converted.
+    """Convert a value to data for JSON, the same on every rank.
 
     Numbers and words are returned as they are, items of the scene as "Class 'name'", objects of
-    this package by their arguments, functions by what their code contains.  Collective, as
-    positions of attached points are sums over all ranks.
+    this package by their arguments, functions by what their code contains.  Only the name of the
+    class is returned of what cannot be converted, of arrays with more than `_MAX_ARRAY` numbers,
+    and of objects and functions at the depth `_MAX_DEPTH`.  Collective, as positions of attached
+    points are sums over all ranks.
+
+    Args:
+        items: of the scene.
+        depth: number of objects and collections around the value.
     """
     known_items = tuple(items)
     inner = functools.partial(describe, items=known_items, depth=depth + 1)
@@ -136,7 +142,8 @@ def _is_of_package(value: Any) -> bool:
 
 
 def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
-    """The arguments with which an object was made, if it keeps them, and other plain attributes."""
+    """The arguments with which an object was made, found as attributes of the same name, with or
+    without an underscore, and its other public attributes that are plain; `inner` converts each."""
     if is_dataclass(thing):
         arguments = [field.name for field in fields(thing)]
     else:
@@ -158,8 +165,8 @@ def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether an attribute that is not an argument is data of the object, and nothing made of a
-    mesh."""
+    """Whether an attribute is a number, a word, or a list of these and of objects of this package,
+    e.g. obstacles; anything else may have been computed from a mesh."""
     if isinstance(value, list | tuple):
         return all(_is_plain(one) or _is_of_package(one) for one in value)
     return value is None or isinstance(value, bool | str | Real)
@@ -168,9 +175,8 @@ def _is_plain(value: Any) -> bool:
 def _of_port(port: Port) -> Known:
     """Data about a vector attached to a body, for the comparison with a later run.  Collective.
 
-    Args:
-        port: weights on nodes of a body.  The numbers of its nodes are not stored, since they
-            differ between runs; its initial value is, (3,) [m] or [-], with a tolerance [m].
+    The numbers of its nodes are not stored, since they differ between runs; its initial value is,
+    (3,) [m] or [-], with a tolerance [m].
     """
     body = port.body
     coordinates = body.initial_state()[0]
@@ -187,7 +193,7 @@ def _of_port(port: Port) -> Known:
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
     """Data about a function, method or partial function: its name, a hash of its source, and the
-    values that it takes from its surroundings.
+    values that it takes from its surroundings, each converted by `inner`.
 
     Of compiled functions, e.g. those of NumPy, and other objects only the name is known.
     """
@@ -221,6 +227,9 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
         # A list, an array or an object may change during the run.
         known["outside"][outside] = inner(value) if is_constant else type(value).__name__
     return known
+
+
+# ---- the protocol of outputs ---------------------------------------------------------------------
 
 
 Probe = Callable[[StateView], float]
@@ -258,7 +267,7 @@ class Output(Protocol):
         ...
 
     def record(self, run: StateView, last: bool) -> None:
-        """Look at the state; at the start and after every step."""
+        """Look at the state; at the start and after every step.  With `last` it is the last one."""
         ...
 
     def close(self, run: StateView) -> None:
@@ -302,7 +311,11 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
 
 
 def begin(run: StateView, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective."""
+    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective.
+
+    Args:
+        cursors: positions of the outputs that were not begun yet; that of this one is removed.
+    """
     kind = type(output).__name__
     # Outputs have no names: those of one kind are matched in the order in which they are given.
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
@@ -346,7 +359,11 @@ def _is_of_a_run(path: Path) -> bool:
 
 
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
-    """Make the folder of an output and try to write in it."""
+    """Make the folder of an output and try to write in it; `InputError` if that fails.  Collective.
+
+    Args:
+        file: whether `path` is to be a file (True) or a folder (False); None: either.
+    """
 
     def task() -> None:
         """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0."""
@@ -378,7 +395,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
 
 
 def evaluate_probe(run: StateView, name: str, probe: Probe) -> float:
-    """The value of a probe in the state of a run.  Collective."""
+    """The value of a probe in the state of a run; `name` is for error messages.  Collective."""
     return float(ask_numbers(run.comm, f"{name} at {run.axis.words(run.time)}", lambda: probe(run)))
 
 
@@ -406,18 +423,15 @@ class Schedule:
     """Every n-th step, or given times; the first and the last state are always due.
 
     Args:
-        times: of records, instead [s].
+        every: n, the steps from one record to the next.
+        times: of records [s]; with any, `every` does not count.
     """
 
     every: int = 1
     times: tuple[float, ...] = ()
 
     def due(self, step: int, time: float, last: bool) -> bool:
-        """Whether a record is due after a step.
-
-        Args:
-            time: [s].
-        """
+        """Whether a record is due at the end of a step, at a time [s]; step 0 is the start."""
         if step == 0 or last:
             return True
         if self.times:

@@ -27,6 +27,7 @@ class StatusLine:
     """On a terminal one line that changes, in any other stream a line now and then.
 
     Args:
+        stream: the terminal, or e.g. a log file.
         interval: wall time between two lines on a terminal [s].
         quiet: wall time before the first line [s].
     """
@@ -92,6 +93,7 @@ class Progress:
         self._interval = seconds
 
     def open(self, run: StateView) -> None:
+        """Print the size of the scene and the time of its compilation."""
         self._start = run.time
         self._line = StatusLine(self._stream, self._interval)
         self._print(

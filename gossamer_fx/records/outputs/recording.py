@@ -1,4 +1,5 @@
-"""The folder of a run, from which pictures and reports are drawn and which other programs may read.
+"""The folder of a run, from which pictures and reports are drawn and which other programs may read,
+and the positions and orientations of the solids in it.
 
     run.json           the scene, the arguments of its items, versions, how the run was made and how
                        it ended
@@ -16,10 +17,8 @@
     probes.csv         the probes that were asked for
     fields/NAME.pvd    fields of each body on a mesh, and the folder fields/NAME_files: `VTU`
 
-`RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
-`run.json` in addition.
-
-Positions and orientations of the solids of a scene, for pictures and recordings.
+`RunReader` reads the folder.  `Recording` writes `run.json`, and makes the outputs that write the
+other files.
 """
 
 from __future__ import annotations
@@ -73,7 +72,7 @@ from gossamer_fx.solve.view import StateView
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.gas.contract import Gas
 
-# Origin and axes of a solid that is not moved, (4, 3).
+# Pose (4, 3) of a solid that is not moved: its origin [m], then its axes [-].
 REST = np.vstack([np.zeros(3), np.eye(3)])
 
 
@@ -101,11 +100,12 @@ def pose_of(solid: Solid, system: System) -> Array:
     origin: Array = np.zeros(3)
     if solid.motion is not None:
         origin = np.asarray(solid.motion(system.time), dtype=float)
-    return np.vstack([REST[:1] + origin, REST[1:]])
+    # A prescribed motion moves the origin, and does not turn the axes.
+    return np.vstack([REST[0] + origin, REST[1:]])
 
 
 def placed(X: Array, pose: Array) -> Array:
-    """Positions in space (n, 3) [m] of points X of a solid with a pose (4, 3)."""
+    """Positions in space (n, 3) [m] of points X (n, 3) [m] of a solid; its pose as in `pose_of`."""
     return pose[0] + X @ pose[1:]
 
 
@@ -256,7 +256,8 @@ class Recording:
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: StateView, last: bool) -> None:
-        """Record the state of a run in all files where it is due.  Collective."""
+        """Record the state of a run in all files where it is due, at the start also in run.json.
+        Collective."""
         self.has_begun = True
         caption = run.account.caption
         if caption:
@@ -479,7 +480,8 @@ def _mass_of(chamber: str, gas: Gas, run: StateView) -> float:
 
 
 def _tension_columns(run: StateView, at: At) -> dict[str, Probe]:
-    """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones."""
+    """Columns of tensions.csv: the mean tension [N] of each line; of cables, beams and connectors
+    of several lines the least and the largest, too."""
     lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
     if not lines:
         return {}
@@ -529,7 +531,8 @@ class ConnectorLines(TableOutput):
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
         super().__init__(path, schedule)
-        self._ends: dict[str, Attached] = {}  # by the beginnings of their three columns
+        # The ends by the common beginning of their three columns, e.g. "1 rope a".
+        self._ends: dict[str, Attached] = {}
         number = 0
         for item in items:
             if not isinstance(item, DrawnAsLines):
@@ -546,7 +549,7 @@ class ConnectorLines(TableOutput):
     def values(self, run: StateView) -> dict[str, Any]:
         # Neighbouring bars of a tape share their points, and the position of each is a sum over all
         # ranks.
-        known: dict[Any, Array] = {}
+        known: dict[Any, Array] = {}  # positions (3,) [m] by port
         found = {}
         for name, end in self._ends.items():
             key: Any = id(end)

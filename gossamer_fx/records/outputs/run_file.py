@@ -1,14 +1,13 @@
-"""The file `run.json` in a run's folder: its contents, and their check when it is read.
+"""The files of a run: the contents of `run.json` and their check, locks, and names of files.
 
-The file may come from a stranger.  It is checked as a whole when it is read, so that its readers
+`run.json` may come from a stranger.  It is checked as a whole when it is read, so that its readers
 find the keys and types that they expect.  An error names the key, the value and the expected type.
 
-Locks on output files: a file is written by one run at a time, and by one output of that run.
-
-The lock on `out/ledger.csv` is the file `out/.ledger.csv.lock`, which rank 0 holds by the library
-filelock.  The operating system releases it when the process ends, also after kill -9, so that a
-lock file that is left behind blocks nobody.  `out/.ledger.csv.owner` next to it says who holds the
-lock, for the message that refuses another run.
+Locks.  An output file is written by one run at a time, and by one output of that run.  The lock on
+`out/ledger.csv` is the file `out/.ledger.csv.lock`, which rank 0 holds by the library filelock.
+The operating system releases it when the process ends, also after kill -9, so that a lock file that
+is left behind blocks nobody.  `out/.ledger.csv.owner` next to it says who holds the lock, for the
+message that refuses another run.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class FileLocks:
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
-        """Acquire the locks of all paths.  Collective."""
+        """Acquire the locks of all paths, of which no two may be equal.  Collective."""
         self.running = False
         self._comm = comm
         self._paths = [Path(os.path.realpath(path)) for path in paths]
@@ -248,7 +247,7 @@ _WORDS = {bool: "true or false", str: "a text", int: "an integer", float: "a num
 
 
 def read_run_file(folder: Path) -> dict[str, Any]:
-    """The contents of a run's `run.json`, checked."""
+    """The contents of a run's `run.json`; `InputError` if it is missing or not as `_RUN` says."""
     path = folder / "run.json"
     check(
         path.is_file(),
@@ -280,7 +279,7 @@ def read_run_file(folder: Path) -> dict[str, Any]:
 
 
 def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
-    """Raise `InputError` unless a value of a JSON file has the expected structure."""
+    """Raise `InputError` unless a value of a JSON file, named `where`, is of a kind, see `_RUN`."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         if str in kind:

@@ -51,7 +51,8 @@ class Sought(StateView, Protocol):
 
 @runtime_checkable
 class ModeShape(Protocol):
-    """What a record reads of a mode, see `analysis.vibration.natural_modes.Mode`."""
+    """What a record reads of a mode; see `analysis.vibration.natural_modes.Mode` for shapes and
+    units."""
 
     frequency: float
     growth: float
@@ -63,11 +64,13 @@ class ModeShape(Protocol):
 class ModeView:
     """A mode at a phase of its period, as a view: q(t) = q0 + a Re(φ e^(iωt)), v its rate.
 
-    The energies are those of small vibrations, ½ |v|² by the mass and the rest of their sum.  A
-    mode without a frequency is shown as if its period were 1 s.
+    The energies are those of small vibrations: their sum is constant, the kinetic one is ½ v·M v.
+    A mode without a frequency is shown as if its period were 1 s.
 
     Args:
+        number: of the mode, from one.
         amplitude: largest displacement of a node [m].
+        frames: states of a period.
     """
 
     axis = TIME
@@ -75,7 +78,7 @@ class ModeView:
     def __init__(
         self, equilibrium: Sought, mode: ModeShape, number: int, amplitude: float, frames: int
     ) -> None:
-        """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration.
+        """Scale the mode to the amplitude, and compute the energy [J] of its vibration.
 
         Side effect: the amplitude of the mode is appended to the compiled terms of the system, so
         that it is recorded as a field."""
@@ -347,7 +350,7 @@ def _scene_size(view: StateView) -> float:
 
 
 def _largest_displacement(comm: MPI.Intracomm, mode: ModeShape) -> float:
-    """Largest distance of a node from the equilibrium in a mode as it is scaled, on all ranks."""
+    """Largest distance of a node of any rank from the equilibrium, in the scale of the mode."""
     largest = 0.0
     for displacement in mode.displacements.values():
         distances = np.linalg.norm(displacement, axis=1)

@@ -115,8 +115,8 @@ class Table:
 
 
 def append_bytes(path: Path, end: int, content: bytes) -> None:
-    """Write bytes at a position of a file; if the disk has no room for all of them, nothing is
-    written.
+    """Write bytes at a position of a file; if the disk has no room for all of them, none is written
+    and OSError raised.
 
     Args:
         end: position [bytes] at which `content` begins, normally the end of the file.

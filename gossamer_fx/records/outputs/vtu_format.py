@@ -125,7 +125,11 @@ def cell_blocks(cells: Integers, dimension: int) -> list[DataArray]:
 
 
 def write_vtu(path: Path, grid: Grid, cells: Sequence[DataArray] = ()) -> None:
-    """Write a grid as VTU, an XML format of VTK."""
+    """Write a grid as VTU, an XML format of VTK.
+
+    Args:
+        cells: the blocks of `cell_blocks`, if there are any already; else they are made.
+    """
     sections = {
         "PointData": [_block(name, values) for name, values in grid.arrays.items()],
         "CellData": [_block(name, values) for name, values in grid.cell_arrays.items()],
@@ -182,7 +186,7 @@ def _block(name: str, values: npt.NDArray) -> DataArray:
 
 
 def write_vtm(path: Path, parts: Iterable[tuple[str, str]]) -> None:
-    """Write a VTM file, which lists the items of a scene."""
+    """Write a VTM file, which lists the items of a scene: name and VTU file of each."""
     elements = []
     for number, (name, file) in enumerate(parts):
         shown = _NOT_XML.sub("\ufffd", name)

@@ -208,6 +208,7 @@ def render(
 
     Args:
         shapes: as many as the camera has centres, with points [m].
+        scale: of the images [pixels/m], before the camera's zooms.
 
     Yields:
         An image (height, width, 3) in [0, 1] of each shape.
@@ -243,7 +244,13 @@ def render(
 
 @dataclass(frozen=True)
 class _Projection:
-    """From metres in space to pixels to the right, down and away from the eye."""
+    """From metres in space to pixels to the right, down and away from the eye.
+
+    Attributes:
+        axes: of the camera (3, 3), see `Camera`.
+        scale: [pixels/m].
+        origin: pixels (3,) of the origin of space.
+    """
 
     axes: Array
     scale: float

@@ -38,10 +38,10 @@ _BINS = 126
 # Part of the larger sign below which the other sign is left out of a scale: a film in tension has
 # small compressions.
 _NEGLIGIBLE = 0.05
-# Percentage of the values beyond either end of a scale, if they reach farther than the part _TAIL
-# of the range between: single cells at a corner do not decide it.
-_TAILS = 0.5
-_TAIL = 0.25
+# Percentage of the values that are beyond either end of a scale, if they reach farther than
+# _TAIL_RATIO of the range between the ends: single cells at a corner do not decide it.
+_TAIL_PERCENTAGE = 0.5
+_TAIL_RATIO = 0.25
 _DECADES = 1e-4  # least number over the largest of a logarithmic scale, if none is given
 _SAMPLES = 24  # recorded states that decide on a scale, and on a camera for a whole run
 
@@ -120,11 +120,12 @@ class Scale:
 
     @property
     def signed(self) -> bool:
+        """Whether zero is within the scale, and not at its end."""
         return self.low < 0 < self.high
 
     @property
     def table(self) -> Array:
-        """Red, green and blue in [0, 1] (bins, 3)."""
+        """Red, green and blue in [0, 1] (bins, 3) of equal parts of the bar, from low to high."""
         from matplotlib import colormaps
 
         name = "viridis"
@@ -177,8 +178,11 @@ class Scale:
         """Words about the values beyond the ends of the bar; empty if there are none."""
         factor, _ = self.label
         below, above = self.clipped
-        words = [f"least {self.least / factor:.4g}"] * below
-        words += [f"largest {self.largest / factor:.4g}"] * above
+        words = []
+        if below:
+            words.append(f"least {self.least / factor:.4g}")
+        if above:
+            words.append(f"largest {self.largest / factor:.4g}")
         return ", ".join(words)
 
 
@@ -198,8 +202,8 @@ def scale(name: str, samples: Array, extremes: tuple[float, float], limits: Limi
     low = 0.0
     high = 0.0
     if samples.size:
-        low, high = np.percentile(samples, [_TAILS, 100 - _TAILS])
-        tail = _TAIL * (high - low)
+        low, high = np.percentile(samples, [_TAIL_PERCENTAGE, 100 - _TAIL_PERCENTAGE])
+        tail = _TAIL_RATIO * (high - low)
         if low - tail <= least and not limits.log:
             low = least
         if largest <= high + tail:
@@ -271,6 +275,7 @@ class Colouring:
         is_known = np.isfinite(values)
         known = np.where(is_known, values, 0.0)
         if self.scale is None:
+            # Groups beyond the last colour have the first ones again.
             rows = np.rint(known) % count
         else:
             rows = np.rint(self.scale.parts(known) * (count - 1))
@@ -346,7 +351,12 @@ def _by_number(
     records: Sequence[int],
     seen: Sequence[int],
 ) -> Colouring:
-    """The colours of a field of numbers."""
+    """The colours of a field of numbers.
+
+    Args:
+        records: numbers of the states that are drawn.
+        seen: these and others, whose extremes count.
+    """
     chosen = set(sampled(run))
     samples = [np.zeros(0)]
     scales = {}

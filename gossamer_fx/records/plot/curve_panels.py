@@ -45,7 +45,7 @@ STORED = "stored "  # before the names of parts that store energy
 _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
 _SCALED_UNITS = ("m", "m/s", "N", "Pa", "J", "W", "Hz")  # of probes, that get a prefix
 _NUMBER = re.compile(r"[\s_-]*\d+")  # that tells one part of a family from the others
-_FAMILY = 3  # parts that make one
+_FAMILY = 3  # least number of parts, whose names differ in a number, that become a band
 _BAND = ("largest of ", "mean of ", "least of ")  # before the number and name of the parts
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
@@ -90,6 +90,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         loads = ledger[axis.column]
 
         def over(table: Tables) -> Array:
+            """Loads (n,) at the points of the path that are the rows of a table."""
             return np.interp(run.along(table), points, loads)
 
     factor, unit = scaled_axis(axis, over(ledger))
@@ -119,14 +120,14 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         name.removesuffix(suffix): values for name, values in gas.items() if name.endswith(suffix)
     }
     if _is_seen(pressures):
-        pressures = _extent(pressures)
+        pressures = _in_bands(pressures)
         shades = _line_colours(pressures)
         if all(f"in {name}" in colours for name in pressures):
             # a chamber has the colour of its energy
             shades = {name: colours[f"in {name}"] for name in pressures}
         panels.append(partial(_lines, over(gas) / factor, pressures, shades, "Pressure", "Pa"))
     tensions = _thinned(run.table("tensions.csv"))
-    means = _extent(_mean_tensions(tensions))
+    means = _in_bands(_mean_tensions(tensions))
     if means:
         times = over(tensions) / factor
         panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
@@ -155,7 +156,7 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         panels.append(partial(_iterations, t, ledger["iterations"]))
         probes = _thinned(run.table("probes.csv"))
         panels += [
-            partial(_probes, over(probes) / factor, title, _extent(curves))
+            partial(_probes, over(probes) / factor, title, _in_bands(curves))
             for title, curves in grouped(_without(probes, run.not_values)).items()
             if any(np.isfinite(values).any() for values in curves.values())
         ]
@@ -257,11 +258,12 @@ def _is_seen(curves: Tables) -> bool:
     return any(np.nan_to_num(values).any() for values in curves.values())
 
 
-def _extent(curves: Tables) -> Tables:
-    """Curves of parts alike, as many as there are colours.
+def _in_bands(curves: Tables) -> Tables:
+    """Curves of similar parts, at most as many curves and bands as there are colours.
 
-    Of more, parts whose names differ in a number become a band, "tie 1", "tie 2", ...; if they are
-    still too many, all parts become one.
+    Of more curves, those of parts whose names differ in a number only, "tie 1", "tie 2", ...,
+    become a band: their largest, mean and least value.  If there are still too many, all parts
+    become one band.
     """
     if len(curves) <= len(LINES):
         return curves
@@ -293,7 +295,7 @@ def _band(curves: Tables, name: str) -> Tables:
 
 
 def _band_of(name: str) -> str:
-    """Words that the three curves of a band share; another curve has its own name."""
+    """The name of a curve without "largest of " and the like: three curves of a band share it."""
     for which in _BAND:
         if name.startswith(which):
             return name.removeprefix(which)

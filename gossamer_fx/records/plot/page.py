@@ -396,19 +396,20 @@ def _draw_bar(bar: Axes, colours: Colouring, width: float) -> None:
 
 
 def _draw_scale_bar(header: Axes, scale: float, width: float, corner: str) -> None:
-    """A round length at the right end of the line above the images, about a quarter of an image
-    long.
+    """Draw a bar of a round length, at most 0.3 of the width of an image, in the line above the
+    images.
 
     Args:
+        scale: of the images [pixels/m].
         width: of an image [m].
         corner: name of the position for matplotlib.
     """
     from matplotlib.transforms import IdentityTransform
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-    target = 0.3 * width
-    power = 10.0 ** math.floor(math.log10(target))
-    length = max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= target)
+    longest = 0.3 * width
+    power = 10.0 ** math.floor(math.log10(longest))
+    length = max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= longest)
     if length < 0.01:
         name = f"{length * 1e3:g} mm"
     elif length < 1:

@@ -379,6 +379,10 @@ def _images(
     """Yield the frames of an animation: the page is laid out once, then pictures and times are put
     in.
 
+    Args:
+        frames: numbers of recorded states.
+        follow: whether the camera moves with the shapes.
+
     Yields:
         bytes (height, width, 3).
     """

@@ -203,7 +203,11 @@ def _script() -> str:
 
 
 def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
-    """Class of the HTML paragraph that states how a run ended, and its words."""
+    """Class of the HTML paragraph that states how a run ended, and its words.
+
+    Args:
+        about: the contents of run.json; an equilibrium or a path has its words as "summary".
+    """
     status = about["status"]
     numbers = about["statistics"]
     if "summary" in about:
@@ -232,7 +236,7 @@ def status_words(about: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _image(words: str, views: Views | None, curves: Curves | None = None) -> str:
-    """Pictures or curves as an image of the HTML page."""
+    """Pictures or curves as an image of the HTML page; `words` stand for it if it is not shown."""
     file = BytesIO()
     write_page(file, "", views, curves)
     data = b64encode(file.getvalue()).decode()
@@ -315,6 +319,7 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _row(kind: str, words: tuple[str, ...]) -> str:
+    """A row of a table: a heading, then cells of a kind, "th" or "td"."""
     first, *rest = words
     cells = "".join(f'<{kind} class="number">{escape(word)}</{kind}>' for word in rest)
     return f"<tr><th>{escape(first)}</th>{cells}</tr>"

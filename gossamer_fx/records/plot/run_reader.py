@@ -89,6 +89,7 @@ class RunReader:
         self.point_names = [name.removesuffix(" x") for name in columns[::3]]
         self._poses = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
+        # The first of the columns of each line is e.g. "3 rope ax".
         firsts = [c for c in self.table("lines.csv") if c not in self.not_values][::_LINE_PARTS]
         self.connector_names = [c.partition(" ")[2].removesuffix(" ax") for c in firsts]
         self._tensions = self.table("tensions.csv")
@@ -292,7 +293,7 @@ class RunReader:
         )
 
     def check_part(self, field: str, part: str) -> None:
-        """Raise `InputError` unless a part, or any if its name is empty, has the field.
+        """Raise `InputError` unless a part has a field; an empty name is not checked.
 
         Args:
             field: that the run has.
@@ -308,7 +309,7 @@ class RunReader:
         )
 
     def has_field(self, name: str, field: str, part: str = "") -> bool:
-        """Whether a body has a field, and is the part that is looked at; an empty name: all are."""
+        """Whether a body has a field and is the wanted part; with an empty `part` any body is."""
         return field in self.fields[name] and part in ("", name)
 
     def has_slack(self, record: int, part: str = "") -> bool:
@@ -319,7 +320,7 @@ class RunReader:
     @check_arguments
     def values(self, field: str, record: int, part: str = "") -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
-        vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
+        vectors.  Of a field of lines they are the values (n, 2) at the ends of the pieces of each.
 
         Args:
             record: number of the recorded state, see `record_at`.
@@ -435,13 +436,14 @@ class RunReader:
                     found.append(segment.at_corners(one, step))
                 else:
                     found.append(np.full(points.shape[:2], np.nan))
-        fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values, states)))
-        of_triangles = [kinds(fine[2].mean(axis=1))]
-        corners = [fine[0]]
-        normals = [fine[1]]
-        is_slack = np.zeros(len(fine[0]), dtype=bool)
+        of_films = [np.concatenate(parts) for parts in (corners, normals, values, states)]
+        fine_corners, fine_normals, fine_values, fine_states = _refined(*of_films)
+        of_triangles = [kinds(fine_values.mean(axis=1))]
+        corners = [fine_corners]
+        normals = [fine_normals]
+        is_slack = np.zeros(len(fine_corners), dtype=bool)
         if field != "state":
-            is_slack = np.rint(fine[3].mean(axis=1)) == SLACK
+            is_slack = np.rint(fine_states.mean(axis=1)) == SLACK
         time = float(self.times[record])
         for X, solid in zip(self.solid_points(time), self.solids, strict=True):
             surface = X[solid.triangles]
@@ -487,7 +489,7 @@ class RunReader:
 
 
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
-    """The vectors (k, size) of a table in the row whose time is nearest."""
+    """The vectors (k, size) of a table in the row whose time is nearest; zeros without rows."""
     times, vectors = table
     if not len(times):
         return np.zeros(vectors.shape[1:])
@@ -603,7 +605,9 @@ class RecordedMesh:
             f"'{self._records.files[step][0]}' is damaged: its field {field!r} cannot be read; "
             "write the run again.",
         )
-        return grid.arrays.get(name, grid.cell_arrays.get(name, self.X))
+        if name in grid.arrays:
+            return grid.arrays[name]
+        return grid.cell_arrays[name]
 
     def at_corners(self, field: str, step: int) -> Array:
         """Values of a field at the corners of the pieces at a step, of the shape of `pieces`; of
@@ -643,6 +647,7 @@ def _joined(parts: list[Grid]) -> Grid:
     cells = [part.cells + first for part, first in zip(full, firsts, strict=False)]
 
     def joined(arrays: list[Mapping[str, Array]]) -> dict[str, Array]:
+        """The arrays that all shares have, one share after the other."""
         return {
             name: np.concatenate([of_part[name] for of_part in arrays])
             for name in arrays[0]

@@ -77,7 +77,7 @@ def smooth_normals(corners: Array, vertices: npt.NDArray[np.integer]) -> Array:
 
 
 def unit(vectors: npt.NDArray) -> Array:
-    """Vectors (..., 3) of length one; those of no length stay."""
+    """The vectors (..., 3) over their lengths; a vector of length zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     result: Array = vectors / np.where(length > 0, length, 1.0)
     return result

@@ -92,8 +92,8 @@ class RunView:
             name: [_thinned(file, share) for file in body.segments]
             for name, body in run.bodies.items()
         }
-        # The mesh stays the same while a run writes to the same files; a restart on other ranks has
-        # another one.
+        # Here a mesh is a tuple with the number of each body's file, see `_files`.  It stays the
+        # same while a run writes to the same files; a restart on other ranks has another one.
         of_records = [self._files(record) for record in range(len(run.times))]
         self._meshes = list(dict.fromkeys(of_records))
         self._parts = [list(self._parts_of(files)) for files in self._meshes]
@@ -107,7 +107,7 @@ class RunView:
             self.fields = [first, *others]
 
     def header(self, records: Sequence[int]) -> dict[str, Any]:
-        """Captions of some recorded states, names of the fields, and all meshes."""
+        """Captions of some recorded states, names of the fields, and all meshes, see `_mesh`."""
         return {
             "labels": [self.run.caption(record) for record in records],
             "fields": [NAMES.get(name, name) for name in self.fields],
@@ -136,8 +136,8 @@ class RunView:
         """Displacements, and values of fields, in a recorded state.
 
         Returns:
-            the number of the mesh, displacements of each part, and values by the number of the
-            field, for each part that has it.
+            "mesh", its number; "moved", displacements of each part from the start; "values", by the
+            number of the field those of each part, None of one that does not have it.
         """
         mesh = self._meshes.index(self._files(record))
         parts = self._parts[mesh]
@@ -241,6 +241,8 @@ class RunView:
                 starts.append(part.positions(0))
         return starts
 
+    # The following functions return points [m] or values of a part, see `_Part`.
+
     def _body_positions(self, name: str, surface: _Surface, record: int) -> Array:
         file, step = self.run.bodies[name].at(record)
         points: Array = file.positions(step)[surface.points]
@@ -292,6 +294,7 @@ class RunView:
             points = np.concatenate([part.positions(record) for part in parts])
             boxes.append((points.min(axis=0), points.max(axis=0)))
         size = max(float((high - low).max()) for low, high in boxes)
+        # The distance between the centres of both boxes.
         way = np.abs(np.sum(boxes[1], axis=0) - np.sum(boxes[0], axis=0)).max() / 2
         return bool(way > (_FAR - 1) * size)
 
@@ -376,6 +379,7 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
         }
     from matplotlib.colors import to_rgb
 
+    # Each kind is listed with the row of the table that has its colour.
     for kind, colour in colours.names.items():
         distance = abs(colours.table[:-1] - np.asarray(to_rgb(colour))).sum(axis=1)
         legend["names"].append([kind, int(distance.argmin())])
@@ -383,7 +387,8 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
 
 
 def _packed(values: Array) -> dict[str, Any]:
-    """Rows of numbers (n, k) as fractions of 16 bits of the range of each column."""
+    """Rows of numbers (n, k): the least of each column, its range, and fractions of this range as
+    integers of 16 bits, `_NO_NUMBER` for those that are not finite."""
     low = np.zeros(values.shape[1])
     span = np.zeros(values.shape[1])
     is_known = np.isfinite(values)

@@ -209,7 +209,12 @@ class _Answers:
         self._next_curves = time.monotonic() + _PAUSE * (time.thread_time() - began)
 
     def answer(self, words: list[str]) -> tuple[str, bytes] | None:
-        """Type and contents of what is asked for; None if there is no such thing."""
+        """Type and contents of what is asked for; None if there is no such thing.
+
+        Args:
+            words: of the address after the token: none for the page, "progress", "curves" with the
+                number of their rows, or "header", "legend" and "state", see `_part_of_view`.
+        """
         if words == [""]:
             return "text/html; charset=utf-8", self.page().encode(errors="replace")
         if words == ["curves", str(self._curves_count)]:
@@ -228,7 +233,12 @@ class _Answers:
         return "application/json", json.dumps(data, separators=(",", ":")).encode()
 
     def _part_of_view(self, view: RunView, name: str, words: list[str]) -> Mapping[str, Any] | None:
-        """Header, legend or state of the present version of the view; None for other words."""
+        """Header, legend or state of the present version of the view; None for other words.
+
+        Args:
+            words: the version; then of a legend the number of the field, of a state its number and
+                that of a field.
+        """
         if not all(word.isdecimal() and len(word) < 10 for word in words):
             return None
         version, *numbers = (int(word) for word in words or ["0"])

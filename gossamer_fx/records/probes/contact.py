@@ -207,6 +207,7 @@ class Penetrations:
         self._next_step = 0
 
     def __call__(self, run: Any) -> float:
+        """The number of the last count, which is made now if it is due.  Collective."""
         step = getattr(run, "step", None)
         if step is None:
             # An equilibrium has no steps.

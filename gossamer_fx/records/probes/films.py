@@ -129,7 +129,7 @@ class StressSearch:
 
 
 class _FilmArea:
-    """The area of a film in a state, or its share."""
+    """What probes of the area of a film in a state share."""
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ Which = Literal["mean", "least", "largest"]
 
 
 class _ForSystem[T]:
-    """What a probe compiles for the system of its last call."""
+    """What a probe compiles for a system, again only if it is called with another system."""
 
     def __init__(self, compiled: Callable[[System], T]) -> None:
         self._compile = compiled
@@ -44,7 +44,8 @@ class _AlongLine:
     """A quantity along a line: its mean, its least or its largest value.
 
     Args:
-        of_connector: the quantity (n,) of the lines of a connector.
+        of_body: the quantity as an expression, where the line is a cable or beam.
+        of_connector: the quantity (n,) of the n lines of a connector.
     """
 
     def __init__(
@@ -245,7 +246,7 @@ class FoldAngle:
         return _mean(system, energy.stiffness, angles)
 
     def _compiled(self, system: System) -> CreaseEnergies:
-        """The compiled creases of a scene, among them this one."""
+        """The compiled creases of a scene with this one; `InputError` if it is not among them."""
         energy = self.crease.energy
         for creases in system.compiled_as(CreaseEnergies):
             if any(term is energy for term in creases.terms):

@@ -61,7 +61,7 @@ class Position:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the coordinates to a vector of the system, for
+        """Add the derivative of this probe by the coordinates to `by_position`, for
         `gx.analysis.gradient`."""
         self._add_weights(system, by_position)
 
@@ -125,7 +125,7 @@ class Velocity(Position):
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the velocities to a vector of the system, for
+        """Add the derivative of this probe by the velocities to `by_velocity`, for
         `gx.analysis.gradient`."""
         self._add_weights(system, by_velocity)
 

@@ -110,7 +110,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
     system = run.system
     momenta = system.v0.duplicate()
     system.M.mult(system.v0, momenta)
-    is_position = system.position_marks
+    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)  # without multipliers
     # p: momenta [kg m/s], q: coordinates [m] of this rank's vectors (n, 3): positions and
     # directors.
@@ -128,7 +128,7 @@ def angular_momentum_about_centre(run: StateView) -> Array:
 
 def centre_of_mass(system: System) -> Array:
     """Centre of mass (3,) [m] of all bodies of a scene; NaN for a scene without mass."""
-    is_position = system.position_marks
+    is_position = system.position_marks  # (n,), 1 for positions and 0 for directors
     size = 3 * len(is_position)
     translation = system.q0.duplicate()
     weight = system.q0.duplicate()
@@ -174,12 +174,10 @@ class MeanSpin:
 
     def __call__(self, run: StateView) -> float:
         """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia.
-
-        Args:
-            run: of a scene with the body.
+        Collective.
 
         Raises:
-            InputError: the body is not in the scene.  Collective: all ranks call it.
+            InputError: the body is not in the scene.
         """
         system = run.system
         state = system.state[self.body]
@@ -269,13 +267,10 @@ class PolarPosition:
         self.quantity = quantity
 
     def __call__(self, run: StateView) -> float:
-        """The radius [m], or the angle [rad] in -π to π, in the state of a run.
-
-        Args:
-            run: of a scene with the bodies of point and frame.
+        """The radius [m], or the angle [rad] in -π to π, in the state of a run.  Collective.
 
         Raises:
-            InputError: a body is not in the scene.  Collective: all ranks call it.
+            InputError: the body of the point or of the frame is not in the scene.
         """
         ports = [self.port, self.frame.origin, *self.frame.directors]
         point, origin, first_axis, second_axis, _ = run.system.state.vectors(ports)

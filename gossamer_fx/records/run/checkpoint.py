@@ -1,5 +1,5 @@
 """Checkpoints: all that a run needs to continue after its end, whatever ended it, on any number of
-ranks.
+ranks; the names by which other ranks find their nodes; the refusal of a scene that differs.
 
 A checkpoint is a folder such as `step-00000100` with the files
 
@@ -16,30 +16,20 @@ Algorithm.
 
 `run.json` contains its own checksum and those of all other files: a damaged checkpoint is refused.
 
-A restart may have another number of ranks.  Its nodes are found by names
-that do not depend on the partition of the mesh.
+Names of nodes.  A restart may have another number of ranks, and the order of nodes and the rank
+that has them depend on the partition of the mesh.  Names do not: a node of a Lagrange space is
+named after the vertices of the entity (vertex, edge or cell) on which it is, by their indices in
+the mesh as it was read.  A multiplier is named after the first node that its constraint ties, and
+by the number of constraints before it that tie the same node.  A name is a hash of these indices
+with 64 bits.
+
+Comparison with the scene.  A restart with another mesh, law or load would give wrong results
+without an error.  Compared are names and kinds of the items, meshes, numbers of unknowns, the
+stepper, the arguments of items and events (see `outputs.output`), and, in the restored state, the
+energies.  Initial conditions are not compared: the state of the checkpoint replaces them.
 
 Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that
-wrote it.
-
-Names of nodes that are the same on any number of ranks, for checkpoints.
-
-Problem.  The order of nodes, and the rank that has them, depend on the partition of the mesh.
-
-Idea.  A node of a Lagrange space is named after the vertices of the entity (vertex, edge or cell)
-on which it is, by their indices in the mesh as it was read.  A multiplier is named after the first
-node that its constraint ties, and by the number of constraints before it that tie the same node.  A
-name is a hash of these indices with 64 bits.
-
-Limits.  Spaces with one node at most on an edge or cell, that is up to order 2.
-
-Comparison of a scene with that of the checkpoint from which it is to be restarted.
-
-Problem.  A restart with another mesh, law or load would give wrong results without an error.
-
-Compared are names and kinds of the items, meshes, numbers of unknowns, the stepper, the arguments
-of items and events (see `outputs.output`), and, in the restored state, the energies.  Initial
-conditions are not compared: the state of the checkpoint replaces them.
+wrote it.  Spaces have one node at most on an edge or cell, that is up to order 2.
 """
 
 from __future__ import annotations
@@ -88,8 +78,8 @@ from gossamer_fx.solve.system.totals import Totals
 from gossamer_fx.solve.view import StateView
 from gossamer_fx.version import VERSION
 
-# An entity of triangles has at most this many vertices; fewer are repeated, to give rows of one
-# length.
+# A vertex, edge or cell has at most this many vertices; of fewer the last one is repeated, so that
+# the rows of all entities have one length.
 MAX_VERTICES = 3
 
 
@@ -184,7 +174,15 @@ def _names_of_multipliers(
     names: list[Names],
     constraints: list[tuple[Attached, ...]],
 ) -> Names:
-    """Names of Lagrange multipliers (m,), each after the first node that its constraint ties."""
+    """Names (m,) of the Lagrange multipliers of m constraints of this rank.
+
+    A name is a hash of the first node that the constraint ties, which this rank owns, and of the
+    number of constraints before it with the same first node.
+
+    Args:
+        names: of this rank's nodes of each body.
+        constraints: the ports that each constraint ties.
+    """
     rows = []
     counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node
     for ports in constraints:
@@ -224,8 +222,11 @@ Description = dict[str, Any]
 def scene_of(
     run: StateView, stepper: Stepper, history: History, events: Mapping[str, Description]
 ) -> Description:
-    """Describe a scene for the comparison, as data for JSON that is the same on any number of
-    ranks; `events` by their keys.  Collective.
+    """Describe a scene for `compare`, as data for JSON that is the same on any number of ranks.
+    Collective.
+
+    Args:
+        events: descriptions of the events by their keys, see `EventMonitor.describe`.
     """
     meshes: dict[str, Any] = {}
     for body in run.system.bodies:
@@ -249,8 +250,13 @@ def scene_of(
 
 
 def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> None:
-    """Raise `InputError` unless the description of this scene is that of a checkpoint, but for the
-    items and events that are named in `changes`."""
+    """Raise `InputError` unless this scene is that of the checkpoint `path`.
+
+    Args:
+        there: description of the scene in the checkpoint, see `scene_of`.
+        here: that of this scene.
+        changes: names of the items and events whose arguments may differ.
+    """
     refusal = f"The checkpoint '{path}' is of another scene: "
     # The order of the checks is that of their causes: another item also changes the unknowns.
     unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
@@ -302,10 +308,9 @@ def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> N
     """Raise `InputError` for the first difference between the arguments of an item or event, with
     both values."""
     for words, one, other in differences(there, here):
-        check(
-            False,
+        raise InputError(
             f"{refusal}{' '.join(words)} of {owner} is {_shown(one)} there and {_shown(other)} "
-            "here; restart with the same, or name it in changes.",
+            "here; restart with the same, or name it in changes."
         )
 
 
@@ -314,7 +319,11 @@ def differences(
 ) -> Iterator[tuple[tuple[str, ...], Known, Known]]:
     """Yield all differences of two descriptions: the names that lead to them, and both values.
 
-    Numbers count as equal if they differ by less than 1e-9 of their size.
+    Numbers count as equal if they differ by less than `SAME_ARGUMENT` of their size, or by
+    `SAME_COMPONENT` of the largest number of their list.
+
+    Args:
+        words: names that have led to these descriptions, e.g. ("law", "thickness").
     """
     if isinstance(there, dict) and isinstance(here, dict):
         # A position that was computed has a known error, which its description states.
@@ -331,9 +340,11 @@ def differences(
                 yield words, there, here
             return
         for k, (one, other) in enumerate(zip(there, here, strict=True)):
-            # Only of several objects does the message need the number, from one.
-            is_numbered = isinstance(one, dict) and len(there) > 1
-            yield from differences(one, other, (*words, str(k + 1)) if is_numbered else words)
+            names = words
+            # The message says which of several objects it means; they are counted from one.
+            if isinstance(one, dict) and len(there) > 1:
+                names = (*words, str(k + 1))
+            yield from differences(one, other, names)
     elif _is_number(there) and _is_number(here):
         if not _same_numbers([there], [here]):
             yield words, there, here
@@ -371,6 +382,11 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
     """Check that this scene has the energies [J] of the checkpoint in the same state.
 
     This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
+    Energies may differ by `SAME_ENERGY` of their size and `NEGLIGIBLE_ENERGY` of the largest one;
+    an energy that the checkpoint does not have is refused.
+
+    Args:
+        there: the "totals" in run.json.
     """
     ours = {"kinetic": here.kinetic, **here.stored}
     theirs = {"kinetic": there["kinetic"], **there["stored"]}
@@ -403,16 +419,16 @@ EQUAL_NAMES = "Two nodes or cells of the checkpoint have the same name."
 CELL_NAMES = "names of cells"
 CELL_VALUES = "cells"
 
-# Kinds of outputs, and where they stand in their files.
+# The kind of each output, and its position in its files.
 Cursors = list[tuple[str, dict[str, Any]]]
 
 
 class SavedRun(StateView, Protocol):
-    """A run, with its outputs.
+    """What checkpoints read and restore of a run: its state and its outputs.
 
     Attributes:
         stepper: the time stepping rule that was given.
-        history: what earlier steps left for the next, e.g. for extrapolation.
+        history: coordinates, velocities and history variables of the scene.
         outputs: those of the run, whose positions in their files are saved with it.
         recorded: whether the outputs have recorded the present state.
         cursors: positions of the outputs before the present state, for the case that they have not.
@@ -479,7 +495,12 @@ class Checkpoints:
         self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Make the folder; before anything is computed.  Collective."""
+        """Make the folder; before anything is computed.  Collective.
+
+        Args:
+            scene: its description, see `scene_of`.
+            restart: the checkpoint, or folder of some, from which the run continues, if any.
+        """
         make_parent(run.comm, self.folder / "step")
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
@@ -487,13 +508,14 @@ class Checkpoints:
         self._clock = time.monotonic()
         # A restarted run finds the checkpoint of its first state in the folder.  Rank 0 decides, as
         # not every rank may see the folder.
-        exists = run.step > 0 and (self.folder / _name(run.step)).is_dir()
+        exists = run.step > 0 and (self.folder / _folder_name(run.step)).is_dir()
         self._written = None
         if run.comm.bcast(exists):
             self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
-        """Refuse to lose checkpoints from which the run does not continue; on rank 0."""
+        """Raise `InputError` if the folder has checkpoints that would be lost: those of a run that
+        this one does not continue from `restart`; on rank 0."""
         newest = latest_checkpoint(self.folder)
         # The checkpoint of a start has no results that could be lost.
         if newest is None or _step(newest) == 0 or self.overwrite:
@@ -514,7 +536,7 @@ class Checkpoints:
         """Folder of the last checkpoint of this run; None before the first."""
         if self._written is None:
             return None
-        return self.folder / _name(self._written)
+        return self.folder / _folder_name(self._written)
 
     def record(self, run: SavedRun, last: bool) -> None:
         """Write a checkpoint if it is due; called after the outputs have recorded the step.
@@ -542,16 +564,13 @@ class Checkpoints:
         return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
 
     def _write(self, run: SavedRun) -> None:
-        """Write a checkpoint of the present state.  Collective.
-
-        Each rank writes its share into a hidden folder, which is renamed when all files are
-        complete and on the disk; then the oldest checkpoints are removed.
+        """Write a checkpoint of the present state by the algorithm of the module.  Collective.
 
         Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
         are too old or of later steps are removed.
         """
         comm = run.comm
-        path = self.folder / _name(run.step)
+        path = self.folder / _folder_name(run.step)
         new = self.folder / f".{path.name}"
         state = self._state(run)
         checksums: list[list[int]] = []
@@ -695,7 +714,13 @@ def read(
     scene: dict[str, Any],
     changes: Sequence[str],
 ) -> Cursors:
-    """Restore the state of a checkpoint, and return the cursors of its outputs.  Collective."""
+    """Restore the state of a checkpoint, and return the cursors of its outputs.  Collective.
+
+    Args:
+        restart: the checkpoint, or a folder, of which the newest is taken.
+        scene: description of the scene of `run`, see `scene_of`.
+        changes: names of the items and events whose arguments may differ.
+    """
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
     compare(path, state["scene"], scene, changes)
@@ -720,7 +745,8 @@ def read(
 
 
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective."""
+    """The arrays that this rank reads of a checkpoint, see `_load`; if one rank cannot read its
+    files, `InputError` on all.  Collective."""
     arrays: dict[str, Any] = {}
     reason = ""
     try:
@@ -735,7 +761,11 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
 
 
 def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
-    """Set coordinates, velocities and other vectors from what all ranks have loaded."""
+    """Set coordinates, velocities, other vectors and the history variables in cells.  Collective.
+
+    Args:
+        arrays: what this rank has read, see `_load`; it may belong to nodes of any rank.
+    """
     numbering = run.system.numbering
     names_here = all_names(run.system)
     for name, vector in run.history.vectors.items():
@@ -816,11 +846,12 @@ def _damaged(path: Path, reason: str) -> str:
 
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The shares of a checkpoint that this rank reads; no rank reads all.
+    """The shares of a checkpoint that this rank reads: of n ranks now, rank r reads the files r,
+    r + n, r + 2 n, ...
 
     Returns:
-        Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`;
-        empty arrays on a rank without a file.
+        Names (n,) and vectors (n, size) of the n nodes in these shares, and those of cells, by the
+        keys of `_arrays`; empty arrays on a rank without a file.
     """
     blocks = run.system.numbering.blocks
     shares = []
@@ -850,8 +881,8 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
 
 
 def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Concatenate the arrays of all shares by key; a key without a share has its value in
-    `empty`."""
+    """Set `arrays` for each key of `empty` to the arrays of all shares, one after the other;
+    without shares to the empty array."""
     for key, no_rows in empty.items():
         arrays[key] = no_rows
         if shares:
@@ -868,7 +899,7 @@ def _plain(totals: Totals) -> dict[str, Any]:
     return plain
 
 
-def _name(step: int) -> str:
+def _folder_name(step: int) -> str:
     """Name of the folder of a checkpoint."""
     return f"step-{step:08d}"
 
@@ -884,7 +915,7 @@ def _rank_file(rank: int) -> str:
 
 
 def _page(state: dict[str, Any]) -> bytes:
-    """The text of run.json, to the last byte."""
+    """The bytes of run.json, as they are written, and compared when it is read."""
     return json.dumps(state, indent=1).encode()
 
 

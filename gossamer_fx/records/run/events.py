@@ -204,7 +204,8 @@ class EventMonitor:
         return evaluate_probe(self._run, f"When '{event.name}'", event.probe)
 
     def _passed(self, waiting: list[When]) -> list[When]:
-        """Events whose probes have passed their values since the last look."""
+        """Events whose probes have passed their values since the last call; notes in `_last` what
+        the probes return now."""
         passed = []
         for event in waiting:
             before = self._last[event]
@@ -234,6 +235,7 @@ class EventMonitor:
         longer = run.time - step.start
         default_tolerance = INSTANT_TOLERANCE * run.stepper.dt
         tolerance = min(event.tolerance or default_tolerance for event in passed)
+        # Excesses of the probes after these lengths.
         left = {event: _excess(event, step.before[event]) for event in step.waiting}
         right = self._excesses(step.waiting)
         length = longer
@@ -308,6 +310,8 @@ class EventMonitor:
         return {_key(e): {"name": e.name, **of_item(e, items)} for e in self._events}
 
     def get_history(self) -> dict[str, Any]:
+        """Keys of the events that have happened, and the last values of probes, for a
+        checkpoint."""
         keys = [_key(event) for event in self._events]
         return {
             "done": [keys[k] for k in self._done],
@@ -358,7 +362,7 @@ def _excess(event: When, value: float) -> float:
 
 
 def _key(event: Event) -> str:
-    """Kind, name and value of an event, in words."""
+    """Kind, name and value of an event in words, by which a restart finds it again."""
     if isinstance(event, At):
         return f"At {event.time:.12g} s '{event.name}'"
     passage = "exceeds"

@@ -243,7 +243,7 @@ class Simulation:
         restart: str | Path,
         changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Restore the state of a checkpoint.  Collective."""
+        """Restore the state of a checkpoint, and return the cursors of its outputs.  Collective."""
         from gossamer_fx.records.run.checkpoint import read
 
         cursors = read(self, restart, self._description, changes)
@@ -283,8 +283,8 @@ class Simulation:
 
     @property
     def energy_defect(self) -> float:
-        """Closing error of the energy balance [J]: what was gained since the start, less what was
-        supplied."""
+        """Closing error of the energy balance [J]: the energy that was gained since the start, less
+        what was supplied and not dissipated."""
         now = self.totals
         return (now.energy - self.first.energy) - (now.supplied - now.dissipated)
 
