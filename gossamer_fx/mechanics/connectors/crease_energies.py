@@ -44,7 +44,10 @@ FARTHEST = 0.95 * np.pi
 
 
 class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["CreaseEnergy"]):
-    """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
+    """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array.
+
+    Methods without a text here are described in `terms.assembly`.
+    """
 
     reversible = False
 
@@ -298,7 +301,8 @@ class _Points:
         of: indices of these terms in the scene.
         owner: (n,) index of the term of each point.
         indices: (n, D) global indices of its unknowns, D = 3k.
-        θ, rest: (n,) [rad] angle and rest angle at the start of the step.
+        θ, rest: (n,) [rad] angle and rest angle at the start of the step, the accepted state; `_X`
+            (n, 3, 3) are the vectors of the folds in it.
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
@@ -462,7 +466,6 @@ class _Points:
 
     def largest_rotation(self, q: Array) -> tuple[float, str]:
         """Largest change of a fold angle [rad] in a step on this rank, and its crease's name."""
-        # θ (n,) [rad]: angles at the start of the step.
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         if len(change) == 0:
             return 0.0, ""
@@ -486,7 +489,6 @@ class _Points:
         """Points whose fold angle or rest angle does not follow from positions and input: the term
         and the numbers that name the point on any number of ranks, the number of full turns of its
         angle, and its rest angle [rad], or None where that is the one of the input."""
-        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the accepted state.
         full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
         turns = np.rint(full_turns).astype(int)
         has_slipped = self.rest != self._first_rest
@@ -503,7 +505,6 @@ class _Points:
         """Set fold angles and rest angles from a checkpoint, once positions are those of the
         restored state: by the name of a point what `unusual` listed; all others get the values of
         the input."""
-        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the restored state.
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()
         names: Any = self._point_names.tolist()

@@ -1,4 +1,7 @@
-"""Springs, ropes, stops and dampers between points, and masses at them."""
+"""Springs, ropes, stops and dampers between points, and masses at them.
+
+Methods of energies are those of `PointDensity`, methods of dampers those of `PointDamping`.
+"""
 
 from __future__ import annotations
 

@@ -140,6 +140,8 @@ class Tether(LineBetween):
 class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     """All `PaidOutRope` terms of a scene, as arrays over the n ropes that this rank evaluates.
 
+    Methods without a text here are described in `terms.assembly`.
+
     Attributes:
         length: natural lengths L (n,) [m] at the start of the step.
     """

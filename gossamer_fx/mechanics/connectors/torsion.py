@@ -7,7 +7,8 @@ m_mean a law of the angle has the stress
     S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
 in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean
-exactly.
+exactly.  Methods of energies are those of `PointDensity`, methods of dampers those of
+`PointDamping`.
 """
 
 from __future__ import annotations

@@ -57,6 +57,7 @@ class ContactItem(Protocol):
 
 class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerms["ContactEnergy"]):
     """One contact of a scene as the system sees it: its pairs, and what outputs and gradients ask.
+    Methods without a text here are described in `terms.assembly`.
 
     Attributes:
         item: of the scene.

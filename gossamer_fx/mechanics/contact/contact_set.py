@@ -60,8 +60,7 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.contact.friction.friction import Friction
 
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
-# layers on the wrong side of others, and the iteration does not come back: docs/theory/contact.md
-# has the figures.
+# layers on the wrong side of others, and the iteration does not come back.
 MAX_UPDATE = 4.0
 
 # How far the motion of an obstacle may be from a straight and uniform one in a step, over the
@@ -420,7 +419,8 @@ class ContactSet:
         self.activation.update_points()
 
     def _grow_activation(self, gap: Array) -> None:
-        """Let activation distances grow with the gaps (n,) [m] at the start of the step."""
+        """Let activation distances grow with the gaps (n,) [m] at the start of the step, and update
+        `closest`; collective."""
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
         nearest = nearest_gaps(self.candidates, near, self.mesh)
         least = self.system.comm.allreduce(float(nearest.min(initial=np.inf)), op=MPI.MIN)

@@ -396,8 +396,8 @@ class Box(Obstacle):
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return the 12 triangles of a box, two for each face, as numbers of its corners. The number of
-    a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive side."""
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners.  The number
+    of a corner, 0 to 7, has one bit for each axis: 1 where it is on the positive side."""
     triangles = []
     for bit in AXIS_BITS:
         first, second = (other for other in AXIS_BITS if other != bit)

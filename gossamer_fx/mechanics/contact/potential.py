@@ -270,7 +270,6 @@ def evaluate(
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
     """Return the C structure of n active pairs with the numbers of the energy law."""
-    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     return c.struct(

@@ -27,7 +27,7 @@ from gossamer_fx.mechanics.contact.contract import Array, ByteArray, MaskArray, 
 type Pairs = Any
 
 # ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
-# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
+# so steep that a fine sail needs 40 % more steps.
 ROUNDING = 0.05
 
 # No length: divisions by smaller ones are meaningless.

@@ -112,7 +112,6 @@ class BoxTree:
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
     """Return the C structure of those primitives, given by their numbers `which` (q,), whose
     overlaps are asked for; `in_tree` as in `BoxTree.overlaps`."""
-    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(primitives.boxes)
     return c.struct(
@@ -130,7 +129,6 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
     """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
     `primitives`: n primitives, with labels (n, w), of which connected ones share one, and with a
     mark (n,) of those that contact does not move."""
-    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count, label_count = primitives.labels.shape
     return c.struct(
@@ -195,7 +193,6 @@ class Nearness:
         """Return the C structure for pairs of one kind, the number of a stencil.  `asked`: points
         (p, 1) or (p, 2) of the primitives that are asked for; `in_tree`: points (q, 3) or (q, 2) of
         those in the tree."""
-        # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         points = len(self.x0)
         check_indices("The points of primitives", asked, points)

@@ -285,11 +285,13 @@ class CollisionMesh:
 
     @property
     def _triangle_count(self) -> int:
+        """Number of triangles on all ranks, those of obstacles once."""
         solid_count = len(self.surface.triangles) - len(self.known.triangles)
         return self.share.triangle_count + solid_count
 
     @property
     def _edge_count(self) -> int:
+        """Number of edges on all ranks, those of obstacles once."""
         solid_count = len(self.surface.edges) - len(self.known.edges)
         return self.share.edge_count + solid_count
 
