@@ -85,7 +85,7 @@ def test_the_tangent_of_a_tether_is_the_derivative() -> None:
     ropes = next(c for c in run.system.compiled if isinstance(c, PaidOutRopes))
     δ = 1e-7
     for l0 in (0.9, 1.003, 1.005):
-        ropes._l = np.array([l0])
+        ropes._start_distance = np.array([l0])
         for l1 in (0.8, 1.002, 1.004, 1.2, 1.6, 1.005):
             if abs(l1 - l0) > 1e-6:
                 slope = ropes._tension(np.array([l1]))[1]

@@ -61,7 +61,7 @@ class Crease:
         rest_angle: θr [rad], in [-π, π], at which the crease is at rest.
         yield_angle: φ [rad], the largest |θ - θr|, positive; None: elastic.
         initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut,
-            where the positions do not tell it; None: that of the rest angle, and VALLEY for a rest
+            which the positions do not show; None: that of the rest angle, and VALLEY for a rest
             angle of zero.
         name: name in messages and output.
 
@@ -152,6 +152,7 @@ class Crease:
 
     @property
     def _owned(self) -> Indices:
+        """The edges of the crease that this rank owns, as indices of the body's `EdgeTable`."""
         table = self.body.mesh.edges
         lines = self.body.mesh.curve(self.edges, f"Crease '{self.name}'")
         return lines[lines < table.owned]
@@ -188,6 +189,7 @@ class Crease:
         right = self._derivatives(cells[:, 1], sides[:, 1], points, backwards=True)
         into_left = _inwards(geometry.x[corners[cells[:, 0]]], t, sides[:, 0])
         into_right = _inwards(geometry.x[corners[cells[:, 1]]], t, sides[:, 1])
+        # Number of nodes of a triangle.
         k = left.shape[-1]
         maps: Array = np.zeros((len(owned), g, 3, 2 * k))
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
@@ -228,9 +230,10 @@ class Crease:
         )
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
-        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of n triangles, at the
-        positions (g,) of points, from 0 to 1, along one edge of each, whose number from 0 to 2
-        `sides` has."""
+        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of n triangles, at g
+        points of one edge of each: its number, 0 to 2, is in `sides` (n,).  `points` (g,) are
+        positions along it, from 0 to 1; `backwards`: from the end at which the triangle leaves it.
+        """
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
         # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
@@ -275,6 +278,7 @@ def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]
     maps (n, g, 3, 2k), which are changed in place.  4 nodes remain for order 1 and 9 for order 2.
     """
     n = len(nodes)
+    # Which node of the right triangle (second axis) is which one of the left triangle (third axis).
     twins = nodes[:, k:, None] == nodes[:, None, :k]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
     is_of_left = np.ones((n, k), dtype=bool)

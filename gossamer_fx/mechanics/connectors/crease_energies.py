@@ -44,7 +44,10 @@ FARTHEST = 0.95 * np.pi
 
 
 class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["CreaseEnergy"]):
-    """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
+    """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array.
+
+    Methods without a text here are described in `terms.assembly`.
+    """
 
     reversible = False
 
@@ -59,7 +62,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         self._gather = Gather(system.numbering, [points.indices for points in self._arrays])
         self._yielding = [i for i, term in enumerate(terms) if np.isfinite(term.slip)]
         self.losses = [terms[i].name for i in self._yielding]
-        # Numbers of terms that were changed after the compilation, by the identity of the term.
+        # Stiffnesses and rest angles that were changed after the compilation, by the identity of
+        # the term and the key.
         self._numbers: dict[tuple[int, str], float] = {}
 
     def commit(self) -> None:
@@ -137,14 +141,14 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         """Derivative of w·forces by a parameter of a term; this rank's share.  Collective.
 
         The forces are those of the present step, from the accepted state to q1.  The derivative by
-        the rest angle differs from that of w·forces in two cases.
+        the rest angle differs from that of w·forces in two cases:
 
-        - A fold slips in the step: the rest angle in later steps then follows from the angle at the
-        end of this step, and not from the given one.  In a backward pass the caller has counted the
-        derivative by the rest angle in those steps (`by_rest`) already.  It is added here, because
-        the caller subtracts all that this function returns. - The yield angle has moved the rest
-        angle of a point at the start of the run: it does not depend on the given one, and the point
-        counts as zero (`follows_input`).
+        - A fold slips in the step.  Its rest angle in later steps then follows from the angle at
+          the end of this step, and not from the given one.  In a backward pass the caller has
+          already counted the derivative by the rest angle in those steps (`by_rest`); it is added
+          here, because the caller subtracts all that this function returns.
+        - The yield angle has moved the rest angle of a point at the start of the run.  It does not
+          depend on the given one, and the point counts as zero (`follows_input`).
         """
         points, i = self._find(term)
         k = self._arrays.index(points)
@@ -152,8 +156,7 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
         by_number = points.forces_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
         work = np.sum(by_number * self._gather(w)[k], axis=1)
         if key == "rest":
-            # Where a fold slips, the rest angle of later steps does not depend on that before.  The
-            # share is 1 for these points; `by_rest` is zero if there is no backward pass.
+            # The share is 1 for points that slip; `by_rest` is zero without a backward pass.
             work += points.by_rest * points.forgotten_share(q)
             work *= points.follows_input
         return np.array([work[points.owner == i].sum()])
@@ -226,6 +229,7 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
+        """The array that has the points of a term, and the index of the term in the scene."""
         i = next(k for k, known in enumerate(self.terms) if known is term)
         points = next(points for points in self._arrays if i in points.of)
         return points, i
@@ -291,13 +295,14 @@ class CreaseEnergy:
 
 
 class _Points:
-    """The points of those terms `of` the scene that have k nodes a point, on this rank, and their
-    history variables.
+    """The n points on this rank of all terms with k nodes a point, and their history variables.
 
     Attributes:
+        of: indices of these terms in the scene.
         owner: (n,) index of the term of each point.
         indices: (n, D) global indices of its unknowns, D = 3k.
-        θ, rest: (n,) [rad] angle and rest angle at the start of the step.
+        θ, rest: (n,) [rad] angle and rest angle at the start of the step, the accepted state; `_X`
+            (n, 3, 3) are the vectors of the folds in it.
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
@@ -354,7 +359,7 @@ class _Points:
             self.θ = θ1
         else:
             self.θ = self._principal(X)
-            # No fold starts beyond its yield angle: it would have slipped before.
+            # A fold that starts beyond its yield angle slips at once, as if before the run.
             self.rest = np.clip(self.rest, self.θ - self._slip, self.θ + self._slip)
             self.follows_input = self.rest == self._first_rest
             self._begun = True
@@ -450,6 +455,8 @@ class _Points:
         return -self._k * angle
 
     def set_number(self, i: int, key: str, before: float, now: float) -> None:
+        """Change the stiffness [N m/m/rad] or the rest angle [rad] of term i from a value to
+        another one."""
         here = self.owner == i
         if key == "stiffness":
             self._k = np.where(here, self._k * (now / before), self._k)
@@ -459,7 +466,6 @@ class _Points:
 
     def largest_rotation(self, q: Array) -> tuple[float, str]:
         """Largest change of a fold angle [rad] in a step on this rank, and its crease's name."""
-        # θ (n,) [rad]: angles at the start of the step.
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         if len(change) == 0:
             return 0.0, ""
@@ -469,7 +475,7 @@ class _Points:
 
     def loss(self, q: Array) -> Array:
         """Dissipation k φ |Δθr| (n,) [J] of the points in a step to the unknowns q (n, D)."""
-        # A fold without a yield angle never slips; ∞ · 0 would be no number.
+        # A fold without a yield angle never slips; ∞ · 0 would be NaN.
         limit = np.where(np.isfinite(self._slip), self._slip, 0.0)
         θ1 = self._end(self.vectors(q))
         return self._k * limit * np.abs(self._slipped(θ1))
@@ -483,7 +489,6 @@ class _Points:
         """Points whose fold angle or rest angle does not follow from positions and input: the term
         and the numbers that name the point on any number of ranks, the number of full turns of its
         angle, and its rest angle [rad], or None where that is the one of the input."""
-        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the accepted state.
         full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
         turns = np.rint(full_turns).astype(int)
         has_slipped = self.rest != self._first_rest
@@ -500,7 +505,6 @@ class _Points:
         """Set fold angles and rest angles from a checkpoint, once positions are those of the
         restored state: by the name of a point what `unusual` listed; all others get the values of
         the input."""
-        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the restored state.
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()
         names: Any = self._point_names.tolist()
@@ -511,7 +515,8 @@ class _Points:
                 self.rest[i] = rest
 
     def _principal(self, X: Array) -> Array:
-        """The angle in [-π, π]; near its ends with the sign of a fold that is pressed shut."""
+        """The angle (n,) [rad] of vectors X, in [-π, π]; that of a fold that is pressed shut gets
+        the sign of the input, and may be a little beyond."""
         θ = dihedral_angle.angle(X)
         wrong = (np.pi - np.abs(θ) < SHUT) & (θ * self._shut < 0)
         return np.where(wrong, θ + 2 * np.pi * self._shut, θ)
@@ -538,8 +543,8 @@ class _Points:
         return np.asarray(dihedral_angle.gradient(X))
 
     def _slipped(self, θ1: Array) -> Array:
-        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad]: what the
-        distance θ1 - rest exceeds the yield angle by, with its sign."""
+        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad]: by how much
+        θ1 - rest is beyond the yield angle on either side, with its sign."""
         u = θ1 - self.rest
         return np.sign(u) * np.maximum(np.abs(u) - self._slip, 0.0)
 

@@ -1,4 +1,7 @@
-"""Springs, ropes, stops and dampers between points, and masses at them."""
+"""Springs, ropes, stops and dampers between points, and masses at them.
+
+Methods of energies are those of `PointDensity`, methods of dampers those of `PointDamping`.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ DampingOrZero = Annotated[float, not_negative("N s/m")]
 
 @dataclass(frozen=True)
 class Quadratic:
-    """ψ(e) = ½ k e²."""
+    """ψ(e) = ½ k Σ e_i² of the m measures e of each spring."""
 
     k: float
     stacks: ClassVar[tuple[str, ...]] = ("k",)
@@ -88,9 +91,8 @@ class LengthSpring:
         else:
             pull = mean_length - self.L
             slope = np.full(pull.shape, 0.5)
-        # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 =
-        # d/dl1 / l1.
-        # S is S_mean, D its derivative by e1.
+        # Δe = mean_length Δl, so that the stress S_mean is the mean force over the mean length.  D
+        # is its derivative by e1: d/de1 = d/dl1 / l1, and dmean_length/dl1 = ½.
         S = self.k * pull / mean_length
         D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
         return S[:, None], D[:, None, None]
@@ -126,7 +128,8 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
+        # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step; mean
+        # tension [N] of the spring and its derivative [N/m] by l1.
         l0 = length_of(e0)
         l1 = length_of(e1)
         both = l0 + l1
@@ -158,7 +161,7 @@ def length_of(e: Array) -> Array:
 
 
 def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
-    """e = ½|x_a - x_b|²."""
+    """The measure e = ½|x_a - x_b|² [m²] of two points."""
     difference = np.hstack([np.eye(3), -np.eye(3)])
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
@@ -171,6 +174,7 @@ class LengthConnector(Between):
     stiffness: float
     length: float
 
+    # As `LengthSpring.side`.
     side = 0
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -249,8 +253,8 @@ class Rope(LengthConnector, LineBetween):
         yield from super().terms(start)
         if self.damping:
             measure = half_distance_squared(self.a, self.b)
-            # It knows stiffness and length: a damper that pushed would slacken the rope, so that
-            # the whole tension is kept from falling below zero.
+            # The damper gets stiffness and length of the rope, by which it keeps the tension of
+            # both together from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
             numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
             yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
@@ -344,6 +348,9 @@ class AxialSpring:
         stiffness: k [N/m].
         direction: n; only its direction counts.
         origin: x0 [m], where the spring is at rest.
+
+    Raises:
+        InputError: a direction of length zero, a stiffness that is not positive.
 
     Example:
         >>> gx.connectors.AxialSpring(mass.port(), 100.0, direction=(0.0, 0.0, 1.0)).stiffness

@@ -35,7 +35,8 @@ SHORTEST_EDGE = 1e-9
 
 @dataclass(frozen=True)
 class OneSided:
-    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S_mean = Δψ/Δe."""
+    """ψ(e) = ½ ⟨e⟩² of one measure e, ⟨e⟩ its positive part; in a step that passes zero, S_mean =
+    Δψ/Δe."""
 
     def energy(self, e: Array) -> Array:
         return one_sided_energy(e[:, 0])
@@ -103,6 +104,7 @@ class Tape:
         space = body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
         own_lines = lines[lines < table.owned]
+        # Nodes of each edge (n, 2 or 3), from one end to the other.
         chains = table.nodes(space, own_lines)
         # Numbers of the mesh as it was read: bars have the same order on any number of ranks.
         geometry = space.mesh.geometry
@@ -120,8 +122,8 @@ class Tape:
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(bars_per_edge)])
         own_lengths = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
         nodes = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars have global nodes and are the same on every rank; a line is short compared with a
-        # film.
+        # A bar is its edge, the global numbers of its two nodes and its length [m].  All ranks get
+        # all bars: a line is short compared with a film.
         own_bars = [
             (edge, *bar, length)
             for edge, bar, length in zip(
@@ -211,8 +213,9 @@ class Tape:
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
-        # e = √(EA L) ε, so that the energy of every bar is ½ e²; for laws of λ - 1 e = ε.
-        # Equal energies are one array, evaluated at once.
+        # e = scale ε = ½|√scale (x_b - x_a)/L|² - scale/2.  With scale = √(EA L) the energy of each
+        # bar is ½ e², and equal energies are one array, evaluated at once; for laws of the
+        # engineering strain λ - 1 e is ε.
         scale = np.sqrt(law.EA * L) if _is_green(law) else np.ones(len(L))
         vectors = [
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
@@ -247,7 +250,10 @@ def _density(law: BarLaw, lengths: Array) -> PointDensity:
 
 
 def _hysteretic(law: BarLaw, lengths: Array, here: list[int], comm: MPI.Intracomm) -> PointDensity:
-    """The stored energy [J] as of `_density` of the bars of these indices, with its history."""
+    """The stored energy [J] of bars with natural lengths (n,) [m] of a law with hysteresis.
+
+    `here`: indices (n,) of these bars in the tape, by which a checkpoint finds their history.
+    """
     from gossamer_fx.mechanics.bodies.cord_hysteresis import HystereticBars
     from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedCable
 
@@ -263,11 +269,12 @@ def _hysteretic(law: BarLaw, lengths: Array, here: list[int], comm: MPI.Intracom
 
 
 def _is_green(law: BarLaw) -> TypeGuard[CableLaw]:
+    """Whether the energy is quadratic in the Green strain ε = ½(λ² - 1)."""
     return isinstance(law, CableLaw) and law.strain == "green"
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:
-    """√square (x_b - x_a)."""
+    """The vector √square (x_b - x_a) of two points, as a port."""
     port = combine((square**0.5, -(square**0.5)), (b, a))
     assert isinstance(port, Port)
     return port
@@ -280,12 +287,12 @@ def _refuse_edges_without_length(
     rank, has ends that coincide.  Collective."""
     longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
     bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
-    own_place = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
-    places = [place for place in body.comm.allgather(own_place) if place is not None]
-    if not places:
+    own_point = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
+    points = [point for point in body.comm.allgather(own_point) if point is not None]
+    if not points:
         return
     # To the nanometre, so that round-off of zero is zero.
-    x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
+    x, y, z = (round(coordinate, 9) + 0.0 for coordinate in points[0])
     raise InputError(
         f"Tape '{name}' on '{body.name}': "
         f"the group '{edges}' has an edge without length at ({x:.6g}, {y:.6g}, {z:.6g}) m, "

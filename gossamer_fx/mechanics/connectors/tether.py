@@ -8,8 +8,8 @@ over y0 ≤ y ≤ y1, so that exactly
     given L(t)   y1 = l1 - L1, T = k y     T_mean Δl = Δψ + T_mean ΔL   the reel supplies -T_mean ΔL
     brake B      y1 = l1 - L0, T ≤ B       T_mean Δl = Δψ + B ΔL        the brake dissipates B ΔL
 
-with ΔL = max(y1 - B/k, 0).  Both are the slope of a convex potential of l1.  The rope on the reel
-ends at the length `total_length`; from there on the rope is stretched beyond B.
+with ΔL = max(y1 - B/k, 0).  In both cases T_mean is the derivative of a convex potential of l1.  At
+the length `total_length` the reel is empty: the rope pays out no more, and T may exceed B.
 """
 
 from __future__ import annotations
@@ -138,10 +138,16 @@ class Tether(LineBetween):
 
 
 class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
-    """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
+    """All `PaidOutRope` terms of a scene, as arrays over the n ropes that this rank evaluates.
+
+    Methods without a text here are described in `terms.assembly`.
+
+    Attributes:
+        length: natural lengths L (n,) [m] at the start of the step.
+    """
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
-        # The length of a rope between the ends of a step is not known to its brake.
+        # A brake sets the length at the end of a step, and none between its ends.
         check(
             not system.rule.takes_mid_strain,
             f"'{terms[0].name}': "
@@ -157,25 +163,26 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         brakes = np.array([term.brake for term in mine], dtype=float)
         self._total_length = np.array([term.total_length for term in mine], dtype=float)
         self.length = np.array([term.length for term in mine], dtype=float)
+        # Histories L(t) of the terms that have one, by the index of the term.
         self._given = []
         for i, term in enumerate(terms):
             if term.history is not None:
                 self._given.append((i, term.history))
-        # Force [N] and stretch [m] at which a brake slips.  A rope without a brake never slips: its
-        # entries are not read.
-        self._brakes = np.isfinite(brakes)
-        self._brake = np.where(self._brakes, brakes, 0.0)
-        self._yield = self._brake / self._k
-        self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
-        self.losses = [terms[i].name for i in self._braked]
-        # L1 of a step with a history.
-        self._next = self.length
-        self._stencil = Stencil(self._at, self, False, system.rule)
-        # Distances of the ends [m] at the start of the step; set by the first `commit`.
-        self._l: Array = np.zeros(self._at.n)
-        # Mean tensions [N] of the last accepted step
+        # Force [N] and stretch [m] at which a brake slips; zero for a rope without a brake.
+        self._has_brake = np.isfinite(brakes)
+        self._brake_force = np.where(self._has_brake, brakes, 0.0)
+        self._yield_stretch = self._brake_force / self._k
+        self._braked_terms = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
+        self.losses = [terms[i].name for i in self._braked_terms]
+        # Natural lengths (n,) [m] at the end of the step before its slip: L1 of a rope with a
+        # history, L0 of one with a brake.
+        self._next_length = self.length
+        self._stencil = Stencil(self._at, self, dissipates=False, rule=system.rule)
+        # Distances of the ends (n,) [m] at the start of the step; set by the first `commit`.
+        self._start_distance: Array = np.zeros(self._at.n)
+        # Mean tensions (n,) [N] of the last accepted step.
         self._mean_tension: Array = np.zeros(self._at.n)
-        self._begun = False
+        self._has_begun = False
 
     # ---- a step ----------------------------------------------------------------------------------
 
@@ -183,27 +190,25 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         system = self._system
         # The length is that of the end of the step, also where the forces are those of its middle.
         end = system.time + system.h
+        # NaN marks the terms without a history, whose ropes start from their present length.
         lengths = np.full(len(self.terms), np.nan)
         for i, history in self._given:
             lengths[i] = history(end)
         given = lengths[self._at.owner]
-        self._next = np.where(np.isfinite(given), given, self.length)
+        self._next_length = np.where(np.isfinite(given), given, self.length)
 
     def commit(self) -> None:
         # Unknowns (n, D) of the ends of this rank's n ropes.
         q = self._gather(self._system.q0)[0]
-        length = self._lengths(q)
+        length = self._distances(q)
         self._mean_tension, _ = self._tension(length)
-        if self._begun:
-            self.length = self._next + self._slip(length)
-        else:
-            # A rope that is too short at the start has slipped before: no tension exceeds its
-            # brake.
-            self.length = self.length + self._slip(length)
-            self._begun = True
-        self._next = self.length
-        # Distances of the ends [m] at the start of the next step.
-        self._l = length
+        # First call: a rope whose tension exceeds its brake pays out at once, as if before the run.
+        before_slip = self._next_length if self._has_begun else self.length
+        self.length = before_slip + self._slip(length)
+        self._has_begun = True
+        self._next_length = self.length
+        # The accepted end is the start of the next step.
+        self._start_distance = length
         self._stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
@@ -231,22 +236,23 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return stress[:, None], derivative[:, None, None]
 
     def supplied(self) -> float:
-        l1 = self._lengths(self._gather(self._system.q1)[0])
+        l1 = self._distances(self._gather(self._system.q1)[0])
         T, _ = self._tension(l1)
-        paid_out = self._next - self.length
+        # Zero for ropes with a brake, whose slip is dissipated.
+        paid_out = self._next_length - self.length
         return float(np.sum(-T * paid_out))
 
     def dissipated(self) -> Array:
-        if not self._braked:
+        if not self._braked_terms:
             return np.zeros(0)
-        slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
-        loss = self._brake * slip
+        slip = self._slip(self._distances(self._gather(self._system.q1)[0]))
+        loss = self._brake_force * slip
         of_terms = np.bincount(self._at.owner, loss, len(self.terms)).astype(float)
-        return of_terms[self._braked]
+        return of_terms[self._braked_terms]
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys((term.name for term in self.terms), 0.0)
-        energies = self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2
+        energies = self._k * np.maximum(self._start_distance - self.length, 0.0) ** 2 / 2
         for i, energy in zip(self._at.owner, energies, strict=True):
             found[self.terms[i].name] += float(energy)
         return found
@@ -260,7 +266,7 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
     def tensions(self, *, mean: bool) -> Array:
         """Tension (n,) [N] of the rope of each term, the mean of the last step or that at its end,
         the same on every rank."""
-        at_end = self._k * np.maximum(self._l - self.length, 0.0)
+        at_end = self._k * np.maximum(self._start_distance - self.length, 0.0)
         return self._of_terms(self._mean_tension if mean else at_end)
 
     def _of_terms(self, values: Array) -> Array:
@@ -274,44 +280,45 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.length = np.array(state["lengths"])[self._at.owner]
-        self._next = self.length
+        self._next_length = self.length
 
     # ---- the law ---------------------------------------------------------------------------------
 
-    def _lengths(self, q: Array) -> Array:
+    def _distances(self, q: Array) -> Array:
         """Distances l (n,) [m] of the ends at unknowns q (n, D)."""
         return length_of(self._at.strain(q))
 
     def _room(self) -> Array:
         """Lengths (n,) [m] that remain on the reels; zero without a brake."""
         remaining = np.maximum(self._total_length - self.length, 0.0)
-        return np.where(self._brakes, remaining, 0.0)
+        return np.where(self._has_brake, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
         """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
-        [m]."""
-        beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
-        return np.where(self._brakes, beyond, 0.0)
+        [m]; zero without a brake, as there is no room."""
+        stretch = l1 - self._next_length
+        slip: Array = np.clip(stretch - self._yield_stretch, 0.0, self._room())
+        return slip
 
     def _pull(self, y: Array) -> Array:
         """Tensions (n,) [N] at the stretches y (n,) [m] from the natural lengths at the start of
         the step: k y, but no more than the brake force as long as rope remains on the reel, and
         zero if slack."""
-        slip = np.clip(y - self._yield, 0.0, self._room())
-        beyond = np.where(self._brakes, slip, 0.0)
-        return self._k * np.maximum(y - beyond, 0.0)
+        slip = np.clip(y - self._yield_stretch, 0.0, self._room())
+        return self._k * np.maximum(y - slip, 0.0)
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
         """Mean tension T_mean (n,) [N] of a step to the distances l1 (n,) [m], averaged exactly
         over its stretch, and dT_mean/dl1 (n,) [N/m]."""
-        # The distance at the start of the step is the attribute `_l`.
-        y1 = l1 - self._next
-        y0 = self._l - self.length
+        # Stretches [m] at the end, before the slip of the step, and at its start.
+        y1 = l1 - self._next_length
+        y0 = self._start_distance - self.length
         # Backward Euler takes the tension at the end of the step.
         if self._system.rule.acts_at_end:
             y0 = y1
-        end_of_slip = self._yield + self._room()
-        slips = self._brakes & (y1 > self._yield) & (y1 < end_of_slip)
+        end_of_slip = self._yield_stretch + self._room()
+        slips = self._has_brake & (y1 > self._yield_stretch) & (y1 < end_of_slip)
+        # dT/dy at the end.
         slope = np.where((y1 > 0) & ~slips, self._k, 0.0)
 
         # The area under T from y0 to y1 by the trapezoidal rule between the corners of T, where T
@@ -319,14 +326,14 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         # nothing.
         low = np.minimum(y0, y1)
         high = np.maximum(y0, y1)
-        corners = [0 * y0, self._yield, end_of_slip]
+        corners = [0 * y0, self._yield_stretch, end_of_slip]
         corners_of_path = [np.clip(corner, low, high) for corner in corners]
         y = np.sort([low, *corners_of_path, high], axis=0)
         pull = np.array([self._pull(each) for each in y])
         area = np.sum((pull[1:] + pull[:-1]) / 2 * np.diff(y, axis=0), axis=0)
 
         path = high - low
-        is_far = ROUND_OFF * np.maximum(self._l, l1) < path
+        is_far = ROUND_OFF * np.maximum(self._start_distance, l1) < path
         safe_path = np.where(is_far, path, 1.0)
         safe_change = np.where(is_far, y1 - y0, 1.0)
         pull0 = self._pull(y0)
@@ -345,7 +352,7 @@ class PaidOutRope:
         stiffness: k [N/m].
         length: L [m] at the start.
         history: L(t) [m], the same on every rank; without it a brake holds the rope.
-        brake: B [N], at which the brake slips; infinite with a history.
+        brake: B [N], at which the brake slips; infinite: there is no brake, as with a history.
         total_length: L [m] at which the reel is empty.
     """
 

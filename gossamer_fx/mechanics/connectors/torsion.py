@@ -1,12 +1,14 @@
-"""Torsional springs and dampers about the axis of a hinge.
+"""Torsional springs, dampers and stops about the axis of a hinge.
 
-With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are
-cos φ = a·b and sin φ = a·c.  A law of the angle has the stress
+With a direction a of one side and the pair b, c of the other, normal to the axis, the measures e
+are cos φ = a·b and sin φ = a·c.  In a step from the angle φ0 to φ1 = φ0 + Δφ with the mean moment
+m_mean a law of the angle has the stress
 
     S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
 in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean
-exactly.
+exactly.  Methods of energies are those of `PointDensity`, methods of dampers those of
+`PointDamping`.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     less than half a turn, from measures (n, 2) in proportion to (cos φ, sin φ) at both ends."""
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
-    # The shorter way round: a step that turns by more than half a turn cannot be told from one
-    # back.
+    # The shorter way round: a step by more than half a turn has the same measures as a shorter one
+    # in the other direction.
     Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
     return φ0, Δφ
 
@@ -57,6 +59,7 @@ def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[
     is_small = np.abs(half) < SMALL_ANGLE
     safe = np.where(is_small, 1.0, half)
     ratio = np.where(is_small, 1 + half**2 / 6, safe / np.sin(safe))
+    # The derivative of the ratio by the angle at the end, which is twice that by `half`.
     exact_growth = (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2
     growth = np.where(is_small, half / 3, exact_growth) / 2
     direction = np.stack([-np.sin(φ_mid), np.cos(φ_mid)], axis=1)
@@ -88,6 +91,7 @@ class AngularSpring:
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
         moment = self.k * (φ0 - self.change + Δφ / 2)
+        # k may be one number, or one for each of n springs: + 0 φ0 makes the slope an array (n,).
         return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
 
 
@@ -111,6 +115,7 @@ class AngularTable:
         return total
 
     def _moment(self, φ: Array) -> Array:
+        """dψ/dφ (n,) [N m] at angles φ (n,)."""
         return np.interp(φ, self.angle, self.moment)
 
     def energy(self, e: Array) -> Array:
@@ -119,11 +124,13 @@ class AngularTable:
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
+        # Below this change the mean moment would be a quotient of round-off.
         is_small = np.abs(Δφ) < SMALL_ANGLE**2
         safe = np.where(is_small, SMALL_ANGLE**2, Δφ)
         m0 = self._moment(φ0)
         m1 = self._moment(φ0 + safe)
-        # The mean moment of the step, and its derivative by the angle at the end.
+        # The mean moment of the step, and its derivative by the angle at the end; in a step without
+        # a change the moment at its start, and half of the table's slope there.
         mean = self._integral(φ0, φ0 + safe) / safe
         moment = np.where(is_small, m0, mean)
         slope = np.where(is_small, (m1 - m0) / (2 * safe), (m1 - mean) / safe)
@@ -140,7 +147,7 @@ class AngularStop:
     stacks: ClassVar[tuple[str, ...]] = ("k", "low", "high")
 
     def _beyond(self, φ: Array) -> Array:
-        """Angles beyond the limits, negative below them; zero between."""
+        """Angles x (n,) [rad] of φ (n,) beyond the limits, negative below them; zero between."""
         return np.minimum(φ - self.low, 0.0) + np.maximum(φ - self.high, 0.0)
 
     def energy(self, e: Array) -> Array:
@@ -160,7 +167,7 @@ class AngularStop:
 
 @dataclass(frozen=True)
 class AngularDamper:
-    """Moment c Δφ/h."""
+    """The mean moment c Δφ/h [N m] in a step of h seconds; c [N m s/rad]."""
 
     c: float
     stacks: ClassVar[tuple[str, ...]] = ("c",)
@@ -183,6 +190,7 @@ class AboutHinge(Between):
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
+        """The frames a and b, with the vectors normal to the axis that the angle is made of."""
         return across(self.axis, self.a), across(self.axis, self.b)
 
 
@@ -258,7 +266,8 @@ class TabulatedTorsion(AboutHinge):
         axis: direction in space at the start, of any length; angles count in its right-handed
             sense.
         angle: angles φ [rad] of the table, rising, over less than a turn.
-        moment: [N m] that hold b at these angles, as many; linear between them, constant beyond.
+        moment: moments [N m] that hold b at these angles, one for each; linear between them,
+            constant beyond.
         rest_angle: angle of b against a [rad], from the start, at which φ is zero.
         name: name in messages and output.
 
@@ -358,7 +367,7 @@ class TorsionDamper(AboutHinge):
 class TorsionStop(AboutHinge):
     """End stops of a hinge: an elastic moment k x against the angle x beyond either limit.
 
-    As of a `Stop`, an impact returns all of its energy, and time steps must resolve it.
+    As at a `Stop`, an impact returns all of its energy, and time steps must resolve it.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.

@@ -35,14 +35,14 @@ class ContactHistory(HistoryVariables):
     distance of a pair changes only while it has none.
 
     Attributes:
-        activation_distance: gap (m,) [m] of each point below which its pairs have energy, of those
-            points for which this rank keeps it.
-        has_begun: whether the initial state is known.
+        activation_distance: gap (p,) [m] below which the pairs of a point have energy, of the p
+            points for which this rank stores it; before `share` of all points.
+        has_begun: whether the activation distances are known, as from the first state on.
         identifier: of pairs that have energy (k,), sorted; at least those of this rank.
         stiffness: k [J] of these pairs (k,).
         reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the
             first step.
-        restored: how often a state was restored.
+        restored: how often a state was restored, which is not part of the state itself.
         comm: of the contact, once it is known.
     """
 
@@ -56,9 +56,8 @@ class ContactHistory(HistoryVariables):
     _own_points: Int64Array = field(default_factory=_no_identifiers)
 
     def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
-        """Let this rank keep the activation distances [m] of some points only; together the ranks
-        keep all. They are the gaps below which pairs of a point have energy. `own_points`: numbers
-        (m,) of the points that this rank owns, among those of all ranks."""
+        """Let this rank store the activation distances [m] of some points only; together the ranks
+        have all.  `own_points`: numbers (p,) of these points among those of all ranks."""
         self.comm = comm
         self._own_points = own_points
         # A state that was set before is that of all points.
@@ -131,7 +130,7 @@ class ContactHistory(HistoryVariables):
 INITIAL_ACTIVATION = 0.9
 GROWN_ACTIVATION = 0.999
 
-# Gap over the activation distance from which a pair is none of a step.
+# Gap over the activation distance from which a pair takes no part in a step.
 FAR = 1.5
 
 # Part of the change of a gap in a step by which its end may be wrong, as the step is only
@@ -147,7 +146,8 @@ NEAR_AT_END = 1.02
 class Activation:
     """Activation distances: gaps [m] below which pairs have energy; a history variable of points.
 
-    Points of bodies keep theirs with their owner; a search changes which points a rank knows.
+    The history has those of the points that a rank owns, this object those of the m points that it
+    knows, which a search changes.
 
     Args:
         largest: activation distance of the contact [m].
@@ -183,7 +183,8 @@ class Activation:
             self._keep(grown)
 
     def _keep(self, of_points: Array) -> None:
-        """Take new distances (m,) [m] of all points, which all ranks agree on."""
+        """Take new distances (m,) [m] of the points that this rank knows, which are the same on
+        all ranks that know a point; write those of the points that it owns to the history."""
         self._of_points = of_points
         self._history.activation_distance = of_points
         if self._mesh.comm.size > 1:
@@ -224,8 +225,8 @@ class StepDistances:
         far: gap [m] from which a pair takes no part in a step.
 
     Attributes:
-        start: at the start.
-        end: at the end; gaps of pairs that stay far are lower bounds.
+        start: distances at the start.
+        end: distances at the end; gaps of pairs that stay far are lower bounds.
         approach: by how much pairs can come closer (n,) [m].
     """
 

@@ -42,7 +42,10 @@ class BlockAssembly:
     """
 
     blocks: Array
+    # Indices (k,) in `blocks` of those off the diagonal, in the order in which owners get them.
     _sent: Int32Array
+    # First unknown of each block row of the coupling matrix; `_coupling_rows` and
+    # `_coupling_columns` of its blocks are indices of this array.
     _row_dof: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
@@ -53,6 +56,7 @@ class BlockAssembly:
         self._numbering = system.numbering
         end = self._numbering.start + self._numbering.size_local
         self._ends = np.array(self._comm.allgather(end))
+        # Whether all bodies have three unknowns a node, so that matrices have blocks of 3 x 3.
         self._has_node_blocks = self._numbering.block_size == 3
         self.blocks = np.zeros((0, 9))
         self._sort_block_rows()
@@ -70,10 +74,11 @@ class BlockAssembly:
 
     def couple(self, *groups: np.ndarray) -> list[Int32Array]:
         """Choose the pattern of the tangent: all block rows within each row of each group are
-        coupled. A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks`
-        is zero then. `groups`: arrays (n, w) of block rows, each with its own n and w, one row a
-        pair. Returns for each group the block index (n, w w), row in `blocks`, of each two of its
-        block rows."""
+        coupled.  Collective; `blocks` is zero afterwards.
+
+        `groups`: arrays (n, w) of block rows, each with its own n and w, one row a pair.  Returns
+        for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
+        """
         # A search may have changed which points this rank knows.
         if self._points.first_dof is not self._first_dof:
             self._sort_block_rows()
@@ -102,9 +107,11 @@ class BlockAssembly:
         self, group_size: Int32Array, members: Int32Array, room: int
     ) -> tuple[Int32Array, Int32Array, Int32Array]:
         """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
-        `group_size`: how many block rows, vectors of three unknowns, each group has, (g,). Returns
-        block index (room,) of each two members of each group; rows and columns (b,) of the
-        blocks."""
+
+        `group_size`: how many block rows each group has, (g,); `members`: the block rows of all
+        groups, one group after the other; `room`: the sum of squared group sizes.  Returns block
+        index (room,) of each two members of each group; rows and columns (b,) of the blocks.
+        """
         c = library()
         row_count = len(self._position)
         check_indices("The block rows of pairs", members, row_count)
@@ -140,9 +147,9 @@ class BlockAssembly:
         return block_index, rows[:count], columns[:count]
 
     def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
-        `rows, columns`: block rows (b,), vectors of three unknowns, of each block, as this rank
-        numbers them."""
+        """Divide the 3 x 3 blocks into those on the diagonal and those off it, which are announced
+        to the ranks that own their rows; collective.  `rows, columns`: block rows (b,) of each
+        block, as this rank numbers them."""
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         self._diagonal_rows = rows[self._diagonal]
@@ -158,34 +165,33 @@ class BlockAssembly:
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
         """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
-        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,), vectors of three
-        unknowns, of all blocks."""
+        `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,) of all blocks."""
         # A key names the row and column of a block in the order of the unknowns.
         row_count = len(self._position)
         keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
         order = np.argsort(keys)
         self._sent = coupling[order].astype(np.int32)
         row, column = np.divmod(keys[order], row_count)
-        self._rows = self._order[row]
-        self._columns = self._order[column]
+        self._coupling_rows = self._order[row]
+        self._coupling_columns = self._order[column]
         self._row_dof = self._first_dof
 
     def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
-        get; collective. `coupling`: indices (k,) of these blocks; `rows, columns`: block rows (b,)
-        of all blocks, as this rank numbers them."""
+        """Report to the owners of block rows which 3 x 3 blocks they get; collective.  `coupling`:
+        indices (k,) of these blocks; `rows, columns`: block rows (b,) of all blocks, as this rank
+        numbers them."""
         self._sent = coupling.astype(np.int32)
         self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
         # Ranks have different numbers for the same block row, and the same for its first unknown.
         row_dofs = self._exchange.send(self._first_dof[rows[coupling]])
         column_dofs = self._exchange.send(self._first_dof[columns[coupling]])
-        self._row_dof, rank_of_dof = np.unique(
+        self._row_dof, index_of_dof = np.unique(
             np.concatenate([row_dofs, column_dofs]), return_inverse=True
         )
-        row, column = np.split(rank_of_dof.ravel(), 2)
+        row, column = np.split(index_of_dof.ravel(), 2)
         row_count = len(self._row_dof)
         keys, self._received = np.unique(row * row_count + column, return_inverse=True)
-        self._rows, self._columns = np.divmod(keys, max(row_count, 1))
+        self._coupling_rows, self._coupling_columns = np.divmod(keys, max(row_count, 1))
         # An owner need not know the points that other ranks couple with its own.
         self._gather = Gather(self._numbering, [self._row_dof[:, None] + np.arange(3)])
 
@@ -208,9 +214,8 @@ class BlockAssembly:
         self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
 
     def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
-        """Add blocks on the diagonal to a matrix, in the format that it has. `block_rows`: row and
-        column (k,) of each block, as numbers of vectors of three unknowns; each once, in the order
-        of their unknowns."""
+        """Add blocks (k, 9) on the diagonal to a matrix, in the format that it has.  `block_rows`:
+        of each block (k,), each once, in the order of their unknowns."""
         if not len(block_rows):
             return
         rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
@@ -220,9 +225,13 @@ class BlockAssembly:
     # ---- the matrix of couplings ----
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows. A
-        block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
-        fixed coordinates.  Collective."""
+        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows,
+        zero in the rows and columns of fixed coordinates; None if it has no entries.  Collective.
+
+        Without a diagonal it has all blocks, as they are now.  With the diagonal of the system's
+        matrix it has those that a preconditioner needs (`STRONG_COUPLING`), as they were at the
+        last call without one, which has to come first.
+        """
         if diagonal is None:
             self._fetch_entries()
             strong: Any = slice(None)
@@ -248,19 +257,18 @@ class BlockAssembly:
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
     def _fetch_entries(self) -> None:
-        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows. A block row
-        is a vector of three unknowns.  Blocks that are zero are left out; rows and columns of fixed
-        coordinates become zero.  The results are `_entries` (k, 9), with `_entry_rows` and
-        `_entry_columns` (k,).  Collective."""
+        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows; collective.
+        The results are `_entries` (k, 9), with `_entry_rows` and `_entry_columns` (k,).  Blocks
+        that are zero are left out; rows and columns of fixed coordinates become zero."""
         blocks = self.blocks
         index = self._sent
         if self._comm.size > 1:
-            blocks = np.zeros((len(self._rows), 9))
-            index = np.arange(len(self._rows), dtype=np.int32)
+            blocks = np.zeros((len(self._coupling_rows), 9))
+            index = np.arange(len(self._coupling_rows), dtype=np.int32)
             np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
         nonzero = _nonzero_blocks(blocks, index)
-        self._entry_rows = self._rows[nonzero]
-        self._entry_columns = self._columns[nonzero]
+        self._entry_rows = self._coupling_rows[nonzero]
+        self._entry_columns = self._coupling_columns[nonzero]
         self._entries = blocks[index[nonzero]]
         # Most contacts have no fixed points, and skip a pass over all entries.
         if not self._is_free.all():
@@ -276,10 +284,10 @@ class BlockAssembly:
         first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
         """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
-        `block_rows, block_columns`: of each block (k,), sorted by rows: numbers of vectors of three
-        unknowns. Returns the rows that have entries, where the entries of each begin and end, their
-        columns, and their values [N/m].  If the system has no blocks of three, a row of blocks is
-        three rows."""
+        `block_rows, block_columns`: of each block (k,), sorted by rows, as indices of `first_dof`,
+        which has the first unknown of each.  Returns the r rows that have entries, where the
+        entries of each begin and end (r + 1,), their columns, and their values [N/m].  If the
+        system has no blocks of three, a row of blocks is three rows."""
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
         rows = first_dof[block_rows[first]]
@@ -309,8 +317,7 @@ def _unrolled(
     blocks are consecutive. `columns`: the first column (k,) of each block. Returns columns and
     values [N/m]."""
     total = len(columns)
-    # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
-    # d).
+    # In a row of n blocks entry (c, d) of a block is 3 n entries behind its entry (c - 1, d).
     start = np.repeat(first, counts)
     count = np.repeat(counts, counts)
     row_in_block = np.arange(3)[:, None]

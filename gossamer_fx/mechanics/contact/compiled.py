@@ -57,6 +57,7 @@ class ContactItem(Protocol):
 
 class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerms["ContactEnergy"]):
     """One contact of a scene as the system sees it: its pairs, and what outputs and gradients ask.
+    Methods without a text here are described in `terms.assembly`.
 
     Attributes:
         item: of the scene.
@@ -124,8 +125,8 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         return ContactGradient(self)
 
     def without_gradient(self) -> str:
-        """Return in one sentence why the contact has no gradient; empty if it has one. In a run it
-        has one.  At an equilibrium it takes a given stiffness."""
+        """Return in one sentence why the contact has no gradient; empty if it has one: always in a
+        run, at an equilibrium only with a given stiffness."""
         if not self.system.rule.is_static or self.pair_stiffness.given is not None:
             return ""
         return (
@@ -141,7 +142,7 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         ]
 
     def get_number(self, term: ContactEnergy, key: str) -> Array:
-        """The present friction coefficient, or the given stiffness [N/m³], (1,)."""
+        """The present friction coefficient, or the given stiffness [N/m³], (1,), by its key."""
         if key == FRICTION:
             # An equilibrium has no friction, whatever its coefficient.
             friction = self.friction
@@ -154,7 +155,8 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
                 self.friction.set_coefficient(float(value[0]))
             return
         factor = self.pair_stiffness.rescale(float(value[0]))
-        # Pairs that have energy follow, and so does the energy at q0.
+        # Pairs that have energy get the new stiffness, too; the higher number makes `stored_energy`
+        # compute the energy at q0 again.
         self.history.stiffness = self.history.stiffness * factor
         self.history.restored += 1
 
@@ -198,7 +200,8 @@ class CompiledContact(ContactSet, ActiveSet, Differentiable, Shown, CompiledTerm
         """Return the obstacles as solids for pictures; collective. Planes, which have no end, are
         drawn near the bodies; kinds of obstacles without a picture are left out."""
         x = self.x0[: self.points.body_count]
-        # The box round the bodies, of all ranks together.
+        # The box round the bodies, of all ranks together; least coordinates are found as the
+        # largest of their negatives.
         corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
         corners = maximum_over_ranks(self.mesh.comm, corners)
         near = np.array([-corners[3:], corners[:3]])

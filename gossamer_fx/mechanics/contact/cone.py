@@ -62,8 +62,9 @@ class EdgeCone(EdgeEdge):
             return reach, radius
         # Rounding adds at most ε/2 to |z|², with ε = ROUNDING width².  Barriers shall be infinite
         # where the sides touch, and begin at the same distance.
-        least = radius + np.minimum(shape, 0)
-        lift = np.sqrt(least**2 + ROUNDING / 2 * reach**2) - least
+        # The sum of both radii at the smaller ball of the cone, whose radius is R₀ or R₀ + T.
+        least_radius = radius + np.minimum(shape, 0)
+        lift = np.sqrt(least_radius**2 + ROUNDING / 2 * reach**2) - least_radius
         return reach - lift, radius + lift
 
     def derivatives(self, x: Array, parameters: Array, shape: Array) -> tuple[Array, Array]:

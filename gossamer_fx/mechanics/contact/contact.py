@@ -28,8 +28,8 @@ ROUND_OFF = 1e-10
 # film would otherwise begin to touch each other.
 MAX_REACH = 0.5
 
-# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing
-# that is above ever rubs fully.
+# Least and largest slip velocity [m/s].  Below the least one round-off would count as sliding;
+# above the largest one nothing slides fast enough for the full friction.
 SLIP_VELOCITIES = (1e-12, 1e6)
 
 
@@ -92,8 +92,8 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
-        """Check the arguments, and sort bodies from obstacles. Collective where films are given:
-        the shortest edge of each is that of all ranks."""
+        """Check the arguments, and divide the bodies into those on meshes and obstacles.
+        Collective: the shortest edge of a body is that of all ranks."""
         self.name = name
         self.distance = distance
         self.stiffness = stiffness

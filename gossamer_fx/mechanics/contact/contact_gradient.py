@@ -110,8 +110,8 @@ class StiffnessAdjoint:
     def add_densities(
         self, bodies: Int32Array | Int64Array, by_stiffness: Array, stiffness: Array
     ) -> None:
-        """Add what the stiffness of pairs gives for the densities. `by_stiffness`: the sums (n,) of
-        the pairs."""
+        """Add to `by_density` what the stiffness (n,) [J] of pairs gives for the densities of both
+        of their `bodies` (n, 2).  `by_stiffness`: the sums (n,) of the pairs."""
         density = self._density[bodies]
         # k is proportional to 2/(1/σ1 + 1/σ2); an obstacle has an infinite density.
         both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
@@ -130,8 +130,9 @@ def closing_derivatives(
     """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step. A
     pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
     [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
-    `by_stiffness`: factors (n,). Returns derivatives of Σ by_stiffness k by the four points of each
-    pair (n, 4, 3), and by their velocities (n, 4, 3); zero where the lower bound counts."""
+    `by_stiffness`: the weights (n,) of the sum; `step`: length [s].  Returns derivatives of
+    Σ by_stiffness k by the four points of each pair (n, 4, 3), and by their velocities (n, 4, 3);
+    zero where the lower bound `reference_speed` counts."""
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)
     # D and its derivatives at both times.
@@ -152,7 +153,8 @@ def closing_derivatives(
 def add_product_through_origins(
     pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float, μ: Array, found: Array
 ) -> None:
-    """Add (1) of all pairs to `found` (m, 3)."""
+    """Add (1) of the module, the product of μ (m, 3) with the derivative of the forces through the
+    origins of the pairs' vectors, to `found` (m, 3)."""
     state = evaluate(pairs, x0, x1, law, alpha, push_back=0.0).state
     pairs = pairs.rows((state == PairState.TOUCHES) & ~is_boundary(pairs.kind))
     if not len(pairs):

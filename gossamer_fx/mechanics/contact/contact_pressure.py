@@ -11,13 +11,13 @@ from gossamer_fx.mechanics.contact.potential import evaluate
 
 
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
-    """Return the contact pressure on the nodes of a body; collective. Returns global numbers (k,)
-    of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank; both are empty if the
-    contact does not have the body."""
-    of_body = nodes_of(body, contact_set)
-    # Collective: only a contact that does not have the body skips it, on all ranks.
+    """Return global numbers (k,) of the nodes of a body, and the contact pressure (k,) [N/m²] on
+    them; collective.  Each node is on one rank; both are empty if the contact does not have the
+    body."""
+    # The same on all ranks: `pressures` is collective.
     if not any(other is body for other in contact_set.mesh.bodies):
         return np.zeros(0, dtype=np.int64), np.zeros(0)
+    of_body = nodes_of(body, contact_set)
     return contact_set.mesh.nodes[of_body], pressures(contact_set)[of_body]
 
 
@@ -41,6 +41,7 @@ def pressures(contact_set: ContactSet) -> Array:
     end = contact_set.x0
     pairs = contact_set.pairs_of_last_step()
     start = end
+    # Weight of the end in the configuration where forces act; 1: the state alone.
     α = 1.0
     if pairs is None:
         pairs = contact_set.pairs_with_energy()

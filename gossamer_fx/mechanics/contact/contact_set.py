@@ -60,8 +60,7 @@ if TYPE_CHECKING:
     from gossamer_fx.mechanics.contact.friction.friction import Friction
 
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
-# layers on the wrong side of others, and the iteration does not come back: docs/theory/contact.md
-# has the figures.
+# layers on the wrong side of others, and the iteration does not come back.
 MAX_UPDATE = 4.0
 
 # How far the motion of an obstacle may be from a straight and uniform one in a step, over the
@@ -72,8 +71,8 @@ MAX_DEVIATION = 0.25
 # activation distance.
 MIN_STATIC_WAY = 0.05
 
-# Scaled distance beyond the range of a pair up to which a run tape records it, against the
-# round-off of points that are placed again.
+# Scaled distance beyond the range of a pair up to which a run tape records it: when the step is
+# made again, its points differ by round-off.
 SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.
@@ -120,8 +119,9 @@ class ContactSet:
         self.pairs: ActivePairs | None = None
         self.closest = math.inf
         self._turns = LargeTurns(mesh, activation_distance, system)
-        # Of the accepted state: its energy [J], the history that this is the energy of, and the
-        # pairs of the step that led to it.
+        # Of the accepted state: its energy [J] and the pairs of the step that led to it, each with
+        # `history.restored` of the time at which it was computed: another number means that it is
+        # not that of the present history.
         self._energy = 0.0
         self._restored = history.restored
         self._accepted_pairs: ActivePairs | None = None
@@ -153,7 +153,11 @@ class ContactSet:
     # ---- states ----
 
     def _set_initial_state(self) -> None:
-        """Check the first state of a run, and choose the activation distances of its points."""
+        """Check the first state of a run, and choose the activation distances of its points.
+
+        Raises:
+            InputError: layers intersect or coincide, or a point is inside a box.
+        """
         self._search_at_rest()
         # Intersections first: gaps between layers that intersect mean nothing.
         refuse_intersections(self.mesh, self.x0, self.system.comm)
@@ -177,7 +181,8 @@ class ContactSet:
         if not history.has_begun:
             self._start_time = self.system.time
             self._set_initial_state()
-        # A state that was restored since then has a separate history.
+        # If a state was restored since the energy was computed, its history is not that of these
+        # pairs.
         if pairs is not None and history.restored == self._restored:
             parameters = self._known_parameters(pairs)
             self._energy, scaled = energy_of_pairs(pairs, self.x0, self.law, parameters)
@@ -191,6 +196,8 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
+        """Return activation distances, identifiers, stiffness and reference speed of the history,
+        arrays that are replaced and never changed."""
         history = self.history
         return (
             history.activation_distance,
@@ -233,6 +240,7 @@ class ContactSet:
         self._activate(pairs)
 
     def activate_present(self) -> None:
+        # First of all: after a restore it searches candidates, of which the pairs are taken.
         self.stored_energy()
         self._end_time = self.system.time
         self._activate(self.pairs_with_energy())
@@ -254,19 +262,23 @@ class ContactSet:
         return distances.closest_points(self._active)[1]
 
     def _distances_at(self, x: Array) -> PairDistances | None:
-        """Return the distances of the candidates at points x, if they are an end of the last
-        step."""
+        """Return the distances of the candidates at points x (m, 3), if x is an end of the last
+        step that was solved; else None."""
         solved = self._solved
+        if solved is None:
+            return None
         # The end of a step is the start of the next one.
-        for distances in (solved.start, solved.end) if solved is not None else ():
+        for distances in (solved.start, solved.end):
             if distances.candidates is self.candidates and np.array_equal(distances.x, x):
                 return distances
         return None
 
     def stored_energy(self) -> float:
-        """Return the energy [J] of this rank's pairs in the accepted state. After a checkpoint was
-        restored, candidates are searched again, and the pairs of this rank are taken from those of
-        all ranks."""
+        """Return the energy [J] of this rank's pairs in the accepted state; collective.
+
+        The first call after a state was restored searches candidates again, and retains of the
+        history, which a checkpoint has for all ranks, the pairs of this rank.
+        """
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
@@ -407,7 +419,8 @@ class ContactSet:
         self.activation.update_points()
 
     def _grow_activation(self, gap: Array) -> None:
-        """Let activation distances grow with the gaps (n,) [m] at the start of the step."""
+        """Let activation distances grow with the gaps (n,) [m] at the start of the step, and update
+        `closest`; collective."""
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
         nearest = nearest_gaps(self.candidates, near, self.mesh)
         least = self.system.comm.allreduce(float(nearest.min(initial=np.inf)), op=MPI.MIN)
@@ -455,8 +468,9 @@ class ContactSet:
         self.pairs = self.forces.reverse(pairs, self.x0)
 
     def extend_active_set(self) -> bool:
-        """Add pairs that are near at the end of a step, or were passed on the way. They were left
-        out because the end was predicted only.  A step with recorded pairs is complete."""
+        """Add pairs that are near at the end of a step, or were passed on the way; return whether
+        there were any on any rank.  They were left out because the end was only predicted.  A step
+        with recorded pairs is complete."""
         if self._is_recorded:
             return False
         x1 = self.end_points()

@@ -53,7 +53,7 @@ class ObstacleBoundary:
     Attributes:
         stencil: of its pairs.
         points: three vectors that describe it as its stencil says: an origin and two directions.
-        shape: number that the stencil needs, such as the radius of a room [m].
+        shape: number that the stencil needs, such as the radius of a room [m]; 0: it needs none.
     """
 
     stencil: type[PairStencil]
@@ -68,7 +68,8 @@ class ObstacleSolid:
     Attributes:
         corners, edges, triangles: points, and the numbers of the corners of primitives.
         radius: around all of it [m], or that of each corner.
-        edge_stencil: of pairs of its edges and those of bodies, with the number that it needs.
+        edge_stencil: of pairs of its edges and those of bodies.
+        edge_shape: the number that this stencil needs, as `shape` of a boundary.
     """
 
     corners: tuple[Attached, ...]
@@ -159,7 +160,8 @@ class Obstacle:
         return () if self.body is None else (self.body,)
 
     def frame(self) -> tuple[Attached, ...]:
-        """Return an origin and three axes that move with it."""
+        """Return an origin and three axes that move with the rigid body of the obstacle; without
+        one those of space."""
         if self.body is None:
             frame = ground_frame()
             return frame.origin, *frame.directors
@@ -189,8 +191,8 @@ def check_friction(owner: str, friction: float) -> None:
 
 
 def unit_vector(vector: Vector | Array, owner: str) -> Array:
-    """Return a vector of length one; the owner is named in the message about one without a
-    length."""
+    """Return the direction (3,) of a vector, of length one.  `owner` is named in the `InputError`
+    about a vector of length zero."""
     direction = np.asarray(vector, dtype=float)
     length = np.linalg.norm(direction)
     check(bool(length > 0), f"{owner} has no length; give a direction.")
@@ -217,8 +219,7 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
-        """Return one boundary, which keeps points on one side, and no solid: its origin on the
-        plane [m] and its normal of unit length.
+        """Return one boundary, with an origin on the plane [m] and the unit normal, and no solid.
 
         Raises:
             InputError: the normal has no length.
@@ -254,12 +255,8 @@ class Sphere(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
-        """Return the boundaries, which keep points on one side, and the solids that make the
-        obstacle up.
-
-        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one boundary with
-        this radius, whose three points are all the centre [m].
-        """
+        """Return for a ball a solid of one corner with a radius [m], for a room (`inside`) one
+        boundary with this radius, whose three points are all the centre [m]."""
         centre = self._at(self.centre)
         if self.inside:
             points = (centre, centre, centre)
@@ -295,11 +292,8 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
-        """Return the boundaries, which keep points on one side, and the solids that make the
-        obstacle up.
-
-        A mast is a solid of one edge with a radius [m]; a room (`inside`) is a boundary without
-        ends: a point on the axis and two unit directions across it.
+        """Return for a mast a solid of one edge with a radius [m], for a room (`inside`) a boundary
+        without ends: a point on the axis and two unit directions across it.
 
         Raises:
             InputError: start and end are the same point.
@@ -361,12 +355,8 @@ class Box(Obstacle):
         )
 
     def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
-        """Return the boundaries, which keep points on one side, and the solids that make the
-        obstacle up.
-
-        A box is a solid of 8 corners, 12 edges and 12 triangles, two on each face; a room
-        (`inside`) is six boundaries.
-        """
+        """Return for a box a solid of 8 corners, 12 edges and 12 triangles, two on each face, for a
+        room (`inside`) six boundaries."""
         axes = np.asarray(self.axes, dtype=float)
         centre = np.asarray(self.centre, dtype=float)
         half = np.asarray(self.sizes, dtype=float) / 2
@@ -384,7 +374,7 @@ class Box(Obstacle):
         corners = np.asarray(self.centre, dtype=float) + signs * half @ axes
         faces = () if self.inside else _triangles_of_box()
         triangles = np.array(faces, dtype=np.int32).reshape(-1, 3)
-        # Seen from outside their corners turn to the left, as those of all drawn surfaces.
+        # Seen from outside their corners run counterclockwise, as those of all drawn surfaces.
         a, b, c = (corners[column] - self.centre for column in triangles.T)
         is_inwards = np.einsum("ni,ni->n", np.cross(a, b), c) < 0
         triangles[is_inwards] = triangles[is_inwards, ::-1]
@@ -406,8 +396,8 @@ class Box(Obstacle):
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return the 12 triangles of a box, two for each face, as numbers of its corners. The number of
-    a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive side."""
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners.  The number
+    of a corner, 0 to 7, has one bit for each axis: 1 where it is on the positive side."""
     triangles = []
     for bit in AXIS_BITS:
         first, second = (other for other in AXIS_BITS if other != bit)

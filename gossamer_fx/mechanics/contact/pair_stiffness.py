@@ -1,5 +1,8 @@
-"""The stiffness of pairs at the beginning of contact: given, or enough to stop what comes.
-A stiffness that was chosen by hand and cannot stop what comes is warned of once.
+"""The stiffness of pairs that begin to touch: given, or enough to stop them, or to carry the loads
+of an equilibrium.
+
+A pair whose sides close at a speed v has to take up their kinetic energy within the activation
+distance.  A given stiffness that is too small for that is warned of once.
 """
 
 from __future__ import annotations
@@ -44,9 +47,11 @@ class StiffnessWarning:
 
     def check(self, stiffness: float, bodies: Int32Array, density: Array, speed: Array) -> None:
         """Warn once, in the log, if the given stiffness [N/m³] cannot stop a contact pair;
-        collective. Of all ranks' pairs the one is named that needs most.  Nothing happens if all
-        are stopped, or if the warning was given before. `density`: area density of the lighter side
-        (n,) [kg/m²]; `speed`: closing speed (n,) [m/s]."""
+        collective.  Of all ranks' pairs the one is named that needs most.
+
+        `bodies`: numbers (n, 2) of both sides; `density`: area density of the lighter one (n,)
+        [kg/m²]; `speed`: closing speed (n,) [m/s].
+        """
         if self.was_given:
             return
         needed = STOPPING_FACTOR * density * speed**2
@@ -121,8 +126,8 @@ class PairStiffness:
         self._stiffening = 1.0  # of an equilibrium, see `stiffen`
 
     def reference_speed(self, step: float) -> float:
-        """Return the least closing speed [m/s] for which stiffness is derived; step is its length
-        [s]."""
+        """Return the least closing speed [m/s] for which stiffness is derived; `step` is the length
+        of the first step [s]."""
         return REFERENCE_WAY * self._activation_distance / step
 
     def choose(
@@ -133,10 +138,13 @@ class PairStiffness:
         v: Array,
         reference_speed: float,
     ) -> Array:
-        """Return the stiffness k [J] of contact pairs that begin to touch; collective. A given
-        stiffness that cannot stop the pairs is warned of once, in the log. `reference_speed`:
-        closing speed [m/s] that is assumed at least. Returns (n,) [J], proportional to the area for
-        which each pair stands."""
+        """Return the stiffness k (n,) [J] of contact pairs that begin to touch; collective.
+
+        It is the given one, warned of once if it cannot stop the pairs; else in an equilibrium that
+        which carries the static pressure; else that which stops the closing speed.  All are
+        proportional to the area for which a pair stands.  `squared_distance`: of the closest points
+        at x0 (n,); `reference_speed`: closing speed [m/s] that is assumed at least.
+        """
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
         density = self.densities()[bodies]
@@ -215,6 +223,7 @@ class PairStiffness:
         return factor
 
     def masses_changed(self) -> None:
+        """Forget the densities; they are computed again when they are needed."""
         self._density = None
 
     def _rate_of_distance(

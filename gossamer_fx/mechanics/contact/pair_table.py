@@ -60,7 +60,7 @@ class PairTable:
         check_indices("The kinds of pairs", self.kind, max(STENCILS) + 1)
 
     def geometry(self, which: Any) -> PairTable:
-        """Return of some rows what their distances need."""
+        """Return what the distances of some rows need, without the columns of a subclass."""
         shape = None if self.shape is None else self.shape[which]
         return PairTable(self.kind[which], self.points[which], shape=shape)
 

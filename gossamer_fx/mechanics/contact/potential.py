@@ -17,9 +17,8 @@ convex in e, and can be treated as any stored energy.
 
     law       b(x), zero for x ≥ 1
     BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
-    PENALTY   (1 - √x)²/2       linear in the distance; of boundaries (1 - x)²/2, where s is a
-    distance
-              itself
+    PENALTY   (1 - √x)²/2       its force is linear in the distance; of boundaries and cones
+                                (1 - x)²/2, whose stencils say `is_linear`
 
 Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
 
@@ -148,9 +147,11 @@ def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameter
 
 
 def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
-    """Return pairs of the reversed step, which starts at the points x (m, 3) [m]. The closest
-    points of the original start stay the origin of their vectors: the force depends on that origin
-    where it is corrected along the change of the measures."""
+    """Return pairs of the reversed step, which starts at the points x (m, 3) [m].
+
+    The closest points of the original start stay the origin of their vectors: the force depends on
+    that origin, by the correction (3) along the change of the measures.
+    """
     start = pair_starts(pairs, x, *closest_points(pairs, x))
     if pairs.start is not None:
         start[:, :2] = pairs.start[:, :2]
@@ -160,9 +161,9 @@ def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
 def energy_of_pairs(
     pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
 ) -> tuple[float, Array]:
-    """Return the energy of contact pairs in one configuration, and their scaled distances. Returns
-    sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one where
-    a pair has energy."""
+    """Return the energy [J] of all contact pairs in one configuration, and the scaled distance of
+    each (n,) [-], which is below one where a pair has energy.  `parameters`: (u, v) (n, 2) of the
+    closest points at x; None: they are computed."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -207,12 +208,21 @@ def evaluate(
     known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
 ) -> PairResponse:
-    """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
-    `point_forces`: array (m, 3) [N] to which the forces are added; `geometric_share`: share [-] of
-    the geometric stiffness in tangents, which may make them indefinite; `push_back`: stiffness of
-    pairs that passed through, over their own [-]; zero for a step that was accepted, whose pairs
-    are then treated alike in both directions of time. Returns state of each pair (n,); forces (n,
-    12) [N] and tangents (n, 144) [N/m] as asked for, else None."""
+    """Compute forces and tangents of n contact pairs in a step from points x0 to x1 (m, 3) [m].
+
+    Args:
+        alpha: weight of the end in the configuration where forces act; where the rule of the step
+            takes forces at its end alone, x0 is not used.
+        point_forces: array (m, 3) [N] to which the forces are added.
+        block_index, blocks: rows (n, 16) of `blocks` for each two points of a pair, and the array
+            (b, 9) [N/m] to which the tangents are added.
+        by_pair, tangents_by_pair: whether the result has the forces and tangents of each pair.
+        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
+            indefinite.
+        known_state: what each pair does (n,), from an earlier call for the same step.
+        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
+            was accepted, whose pairs are then treated alike in both directions of time.
+    """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -260,7 +270,6 @@ def evaluate(
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
     """Return the C structure of n active pairs with the numbers of the energy law."""
-    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     return c.struct(
@@ -285,7 +294,8 @@ ORIGIN_DIFFERENCE = 1e-4
 def forces_by_origin(
     pairs: ActivePairs, x0: Array, x1: Array, law: ContactLaw, alpha: float
 ) -> Array:
-    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step."""
+    """Return ∂F/∂(u0, v0) (n, 2, 4, 3) [N] of the forces on the points of n pairs in a step, by a
+    central difference; u0, v0 are the closest points of the start, between which r leads."""
     assert pairs.start is not None, "a step has the starts of its pairs"
     found = np.zeros((len(pairs), 2, 4, 3))
     for parameter in range(2):

@@ -23,11 +23,11 @@ import numpy as np
 
 from gossamer_fx.mechanics.contact.contract import Array, ByteArray, MaskArray, Sides
 
-# A table of pairs, `pair_table.PairTable`, whose module stands on this one.
+# A table of pairs, `pair_table.PairTable`, whose module imports this one.
 type Pairs = Any
 
 # ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
-# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
+# so steep that a fine sail needs 40 % more steps.
 ROUNDING = 0.05
 
 # No length: divisions by smaller ones are meaningless.
@@ -52,6 +52,7 @@ class PairStencil:
     sides: ClassVar[Sides]
 
     def __init_subclass__(cls) -> None:
+        """Enter a kind with a number into `STENCILS` and `SIDES`."""
         if "number" in vars(cls):
             taken = STENCILS.get(cls.number)
             if taken is not None:
@@ -93,7 +94,8 @@ class PairStencil:
         return distance, weights[:, :, None] * direction[:, None]
 
     def taper(self, shape: Array) -> Array | None:
-        """Return T (n,) [m] if closest points minimise |z| - T v; None: the distance |z| alone."""
+        """Return T (n,) [m] if closest points minimise |z| - T v, z being the vector between the
+        points (u, v) of both sides; None: they minimise |z|."""
         return None
 
     def parameter_derivatives(self, x: Array, parameters: Array, shape: Array) -> Array:
@@ -157,7 +159,8 @@ class BoundaryStencil(PairStencil):
 
 
 class PointPlane(BoundaryStencil):
-    """A point and a plane, whose directions are its unit normal, and none; s is the distance."""
+    """A point and a plane, whose first direction is its unit normal; its second one is not used,
+    and s is the distance [m]."""
 
     number = 2
 

@@ -78,13 +78,17 @@ class StepForces:
 
     def set_pairs(self, pairs: ActivePairs, x0: Array) -> None:
         """Take the active pairs of a step, and choose the sparsity pattern of their tangent;
-        collective. Pairs between bodies couple their four points.  Points of obstacles are
-        combinations of block rows, vectors of three unknowns, which are coupled instead."""
+        collective.  The points `x0` (m, 3) [m] are those at the start of the step.
+
+        Pairs between bodies couple their four points.  Points of obstacles are combinations of
+        block rows, vectors of three unknowns, which are coupled instead.
+        """
         is_of_bodies = between_bodies(pairs.points, self._points.body_count)
         self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
         block_rows, self._row_weights = self._points.block_rows_of(self._obstacle_pairs.points)
+        # Block rows (n, k) of the pairs with friction, by groups.
         rubbing = [] if self.friction is None else self.friction.begin_step(pairs, x0)
         block_index = self._assembly.couple(self._body_pairs.points, block_rows, *rubbing)
         self._body_blocks: Int32Array = block_index[0]
@@ -96,9 +100,9 @@ class StepForces:
         self._last_states = None
 
     def reverse(self, pairs: ActivePairs, x0: Array) -> ActivePairs:
-        """Return the pairs of the reversed step, whose forces are computed from now on. The
-        sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is left
-        out."""
+        """Return the pairs of the reversed step, which starts at x0 (m, 3) [m] and whose forces are
+        computed from now on.  The sparsity pattern of the tangent stays.  Friction differs in the
+        reversed step, and is left out."""
         table = reversed_pairs(pairs, x0)
         start = table.start
         assert start is not None, "reversed pairs have the starts of the reversed step"
@@ -112,9 +116,8 @@ class StepForces:
         return table
 
     def compute(self, x0: Array, x1: Array) -> None:
-        """Compute the forces of this rank's pairs, with friction, and note what each pair does. The
-        forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums, over
-        the pairs of this rank."""
+        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
+        `point_forces` (m, 3) [N] then has at each point the sum over the pairs of this rank."""
         # Pairs add to the rows of their points.
         self.clear()
         of_bodies, of_obstacles = (
@@ -177,6 +180,7 @@ class StepForces:
         self._assembly.reserve_diagonal(A)
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        """Return the matrix of the blocks off the diagonal, as `BlockAssembly.coupling`."""
         return self._assembly.coupling(diagonal)
 
     def _add_through_block_rows(self, tangents: Array) -> None:

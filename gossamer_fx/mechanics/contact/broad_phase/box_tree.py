@@ -76,10 +76,13 @@ class BoxTree:
         near: CStruct | None = None,
     ) -> Int32Array:
         """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
-        whose boxes overlap. Primitives with a label in common, which are connected, and those that
-        are both fixed form no pair. `in_tree`: whether they are the primitives of the tree; pairs
-        (i, j) then have i < j. Returns numbers (k, 2) of the primitive in `others` and of that in
-        the tree."""
+        whose boxes overlap: numbers (k, 2) of the primitive in `others` and of that in the tree.
+
+        Primitives with a label in common, which are connected, and those that are both fixed form
+        no pair.  `which`: numbers (q,) of those in `others` that are asked for; `in_tree`: whether
+        `others` are the primitives of the tree, so that pairs (i, j) have i < j; `expected`: how
+        many pairs are likely, 0: not known; `near`: which of them to keep, None: all.
+        """
         # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         query = _query(others, which, in_tree)
@@ -102,13 +105,13 @@ class BoxTree:
             )
             if found <= room:
                 return pairs[:found]
+            # Not all were written: search again with as much room as they need.
             room = int(found)
 
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
-    """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
-    asked for. `primitives`: n primitives with boxes (n, 6) [m]."""
-    # The compiled C library of contact, which checks the arrays that it gets
+    """Return the C structure of those primitives, given by their numbers `which` (q,), whose
+    overlaps are asked for; `in_tree` as in `BoxTree.overlaps`."""
     c = library()
     count = len(primitives.boxes)
     return c.struct(
@@ -126,7 +129,6 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
     """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
     `primitives`: n primitives, with labels (n, w), of which connected ones share one, and with a
     mark (n,) of those that contact does not move."""
-    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count, label_count = primitives.labels.shape
     return c.struct(
@@ -140,9 +142,8 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
 
 
 def morton_order(boxes: Array) -> Int32Array:
-    """Return the order of boxes along a Morton curve, on which neighbours in space follow each
-    other. Returns numbers of the boxes (n,) in this order; boxes with the same code stay in
-    theirs."""
+    """Return the numbers (n,) of boxes (n, 6) in their order along a Morton curve, on which
+    neighbours in space follow each other; boxes with the same code stay in the given order."""
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
     middle = (boxes[:, :3] + boxes[:, 3:]) / 2
@@ -179,7 +180,7 @@ class Nearness:
         x1: points (m, 3) [m] at the end of a straight motion.
         margin: distances (m,) [m] from it within which points may be.
         radius: of the body at each point (m,) [m].
-        distance: [m].
+        distance: gap [m] below which a pair is near.
     """
 
     x0: Array
@@ -189,9 +190,9 @@ class Nearness:
     distance: float
 
     def of(self, kind: int, asked: Int32Array, in_tree: Int32Array) -> CStruct:
-        """Return the C structure for pairs of one kind. `asked`: points (p, 1) or (p, 2) of the
-        primitives that are asked for; `in_tree`: points (q, 3) or (q, 2) of those in the tree."""
-        # The compiled C library of contact, which checks the arrays that it gets
+        """Return the C structure for pairs of one kind, the number of a stencil.  `asked`: points
+        (p, 1) or (p, 2) of the primitives that are asked for; `in_tree`: points (q, 3) or (q, 2) of
+        those in the tree."""
         c = library()
         points = len(self.x0)
         check_indices("The points of primitives", asked, points)
@@ -232,9 +233,10 @@ def find_overlaps(
     """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
     touch.
 
-    Pairs that are connected, by a shared point, a tie or a joint, are left out.  `vertices` and
-    `edges` are the numbers of those that this rank asks for, `expected` how many pairs of both
-    kinds are likely (zero: not known), and `near` tells which to keep.
+    Pairs that are connected, by a shared point, a tie or a joint, are left out.  `lower` and
+    `upper` (m, 3) [m] are the corners of a box round each point, `vertices` and `edges` the numbers
+    of those that this rank asks for, `expected` how many pairs of both kinds are likely (zero: not
+    known), and `near` selects pairs among the overlapping ones (None: all).
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)

@@ -8,12 +8,10 @@ rest.
 
     x(t) = D(t) (x + (t - t0) u ± margin)        drift D, relative velocity u
 
-Which facets a rank sends to others: those whose boxes overlap a region where another rank
-searches.
-
-A rank describes where it searches by a few boxes round groups of neighbouring primitives.  Every
-rank gets these boxes, not the facets, and finds in a tree over them to whom its own primitives may
-be near.
+On several ranks a search begins with an exchange of facets: a rank sends its edges and triangles to
+every rank that searches near them.  Each rank describes where it searches by a few boxes round
+groups of neighbouring primitives.  All ranks get these boxes, and find in a tree over them to whom
+their primitives may be near.
 """
 
 from __future__ import annotations
@@ -46,8 +44,8 @@ GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return a few boxes that hold all of many boxes, each those of a group of neighbours. Returns
-    boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes."""
+    """Return a few boxes (g, 6) [m] that hold all of many boxes (n, 6), one for each group of
+    neighbours; at most `GROUP_COUNT`, and none if there are no boxes."""
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
@@ -61,8 +59,8 @@ class SearchRegions:
     """Where other ranks search."""
 
     def __init__(self, comm: MPI.Intracomm, boxes: Array) -> None:
-        """Exchange the boxes of groups, so that each rank knows where the others search;
-        collective."""
+        """Exchange with the other ranks where each searches; `boxes` (n, 6) [m] are those of the
+        primitives of this rank.  Collective."""
         of_ranks = comm.allgather(group_boxes(boxes))
         # What is near this rank's own region needs no sending.
         of_ranks[comm.rank] = np.zeros((0, 6))
@@ -71,8 +69,9 @@ class SearchRegions:
         self._boxes = np.ascontiguousarray(np.concatenate(of_ranks))
 
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
-        """Return where to send primitives (edges or triangles): to the ranks that search near them.
-        Returns which primitive (k,) and to which rank (k,); one may go to several."""
+        """Return which primitives to send to which ranks: those with boxes (n, 6) [m] where the
+        rank searches.  Returns number of the primitive (k,) and rank (k,); one may go to
+        several."""
         none: Int64Array = np.zeros(0, dtype=np.int64)
         if not len(boxes) or not len(self._boxes):
             return none, none
@@ -95,8 +94,9 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     """Let this rank know the edges and triangles of other ranks that may come near its own;
-    collective. After it the points of the mesh are other ones, with other numbers: its own, and
-    those of what it has received."""
+    collective.  `lower, upper`: corners (m, 3) [m] of a box round each point.  Afterwards the
+    points of the mesh are other ones, with other numbers: its own, and those of what it has
+    received."""
     comm = mesh.comm
     # The only rank has all facets.
     if comm.size == 1:
@@ -154,7 +154,8 @@ class RigidDrift:
 
     @classmethod
     def of(cls, x: Array, v: Array, time: float, comm: MPI.Intracomm = MPI.COMM_SELF) -> RigidDrift:
-        """Return the rigid motion that is nearest to velocities v of points x; collective."""
+        """Return the rigid motion, from a time [s] on, that is nearest to velocities v (n, 3) [m/s]
+        of points x (n, 3) [m] of all ranks; collective."""
         sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
         sums = comm.allreduce(sums)
         centre = sums[:3] / sums[6]
@@ -173,8 +174,8 @@ class RigidDrift:
         return self.velocity + np.cross(self.spin, x - self.centre)
 
     def undone(self, x: Array, time: float) -> Array:
-        """Return where points that are at x at a time would be without the drift. Returns points
-        (n, 3) [m], turned and shifted back to the time at which the drift began."""
+        """Return where points that are at x (n, 3) [m] at a time [s] would be without the drift:
+        turned and shifted back to the time at which it began."""
         duration = time - self.time
         spin_rate = float(np.linalg.norm(self.spin))
         # Vectors from the moved centre to the points (n, 3) [m]
@@ -205,7 +206,8 @@ class TrajectoryBounds:
     duration: float
 
     def hold(self, x: Array, time: float) -> bool:
-        """Return whether this rank's points are within their margins at a time."""
+        """Return whether this rank's points, at x (m, 3) [m] at a time [s], are within their
+        margins."""
         elapsed = min(time - self.drift.time, self.duration)
         expected = self.x + elapsed * self.velocities
         missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)
@@ -255,7 +257,11 @@ class StepPoints:
 
 
 class CandidateSearch:
-    """Keeps a list of candidates that is complete as long as points stay within their bounds.
+    """Has a list of candidates that is complete as long as points stay within their bounds.
+
+    `find` and `find_at_rest` make a new list and new bounds; before the first one there are none.
+    On several ranks they also let the mesh know facets of other ranks that may come near, so that
+    the number m of points that this rank knows changes.
 
     Attributes:
         pairs: the n candidates of this rank.
@@ -269,6 +275,7 @@ class CandidateSearch:
     def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
         self._mesh = mesh
         self._activation_distance = activation_distance
+        # Steps for which the next search is made, and steps since the last one.
         self._horizon = FIRST_HORIZON
         self._age = 0
         self._pair_counts = (0, 0)  # of triangle pairs and edge pairs found in the last search
@@ -279,11 +286,11 @@ class CandidateSearch:
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance while each point
-        stays within half of that distance from where it is; collective. Sets `pairs`, the
-        candidates of this rank, and `bounds`, within which they are complete; on several ranks the
-        mesh takes in the facets of other ranks that may come near. `read`: returns the points (m,
-        3) [m] of the contact as they are when it is called: a search may change which points this
-        rank knows, and their number m."""
+        stays within half of that distance from where it is; collective.
+
+        `read` returns the points (m, 3) [m] that this rank knows when it is called; it is called
+        again after facets of other ranks were added.
+        """
 
         def at_rest() -> TrajectoryBounds:
             x = read()
@@ -294,16 +301,16 @@ class CandidateSearch:
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the present
-        step and some after it; collective. The search is made for 4 steps at first
-        (`FIRST_HORIZON`).  This number doubles, up to 32 (`MAX_HORIZON`), after a search that
-        served for all its steps; after one that served for fewer, but at least for one, it is the
-        number of these. Sets `pairs`, the candidates of this rank, and `bounds`, within which they
-        are complete: a rigid drift of all points together, a constant velocity of each point
-        relative to it, and a margin.  On several ranks the mesh takes in the facets of other ranks
-        that may come near. `read`: returns the m points of the contact that this rank knows, as
-        they are when it is called: points `x` [m] and velocities `v` [m/s] at the start of the
-        step, and the expected points `end` [m] at its end, (m, 3) each.  It is called again after a
-        search on several ranks has changed which points this rank knows, and m."""
+        step and some after it; collective.  `time`: at the start of the step [s]; `step`: its
+        length [s].
+
+        The number of steps is `FIRST_HORIZON` at first.  It doubles, up to `MAX_HORIZON`, after a
+        search that served for all its steps; after one that served for fewer, but at least for one,
+        it is the number of these.
+
+        `read` returns the points that this rank knows when it is called; it is called again after
+        facets of other ranks were added.
+        """
 
         def in_motion() -> TrajectoryBounds:
             points = read()
@@ -312,6 +319,7 @@ class CandidateSearch:
             end_time = time + step
             # Positions at the end of the step without the drift: by the velocities of the bounds,
             # and by `end`.  The margin grows by their distance, so that `end` is within the bounds.
+            # As in `TrajectoryBounds.hold`, the duration is a difference of times.
             expected = points.x + (end_time - time) * bounds.velocities
             missed = bounds.drift.undone(points.end, end_time) - expected
             bounds.margin[:] += np.linalg.norm(missed, axis=1)
@@ -335,9 +343,9 @@ class CandidateSearch:
             self._horizon = max(self._age, 1)
 
     def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
-        """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
-        motion. Collective: the drift is that of all ranks' points. `duration`: for which the
-        velocities count [s]."""
+        """Return bounds of the trajectories of points x (m, 3) [m] with velocities v (m, 3) [m/s]:
+        a rigid drift and a uniform relative motion.  Collective: the drift is that of all ranks'
+        points.  `duration`: for which the velocities count [s]."""
         mesh = self._mesh
         vertices = mesh.surface.vertices
         own = vertices[mesh.own_vertices]
@@ -351,8 +359,8 @@ class CandidateSearch:
         return TrajectoryBounds(drift, x, velocities, margin, duration)
 
     def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
-        """Find the candidates, contact pairs that can come near while points stay within bounds;
-        collective. On several ranks, facets of other ranks that may come near are fetched first."""
+        """Find the candidates that can come near while points stay within bounds; collective.  On
+        several ranks, facets of other ranks are fetched first, and the bounds asked for again."""
         mesh = self._mesh
         bounds = bounds_of_mesh()
         if mesh.comm.size > 1:
@@ -369,10 +377,10 @@ class CandidateSearch:
 def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
 ) -> tuple[Array, Array]:
-    """Return a box round the trajectory of each point, within which pairs are searched. Boxes are
-    larger by half of the activation distance and the radius of the point, so that those of two
-    points overlap if their gap can fall below the activation distance. Returns least and greatest
-    coordinates (m, 3) [m] of each point, without the rigid drift of all."""
+    """Return least and greatest coordinates (m, 3) [m] of a box round the trajectory of each point,
+    without the rigid drift of all.  Boxes are larger by half of the activation distance and the
+    radius of the point, so that those of two points overlap if their gap can fall below the
+    activation distance."""
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
     return lower - reach, upper + reach
@@ -385,7 +393,8 @@ def find_candidates(
     expected: tuple[int, int] = (0, 0),
 ) -> tuple[CandidatePairs, tuple[int, int]]:
     """Return this rank's contact pairs whose gap can fall below a distance while points stay within
-    bounds.
+    bounds, and how many pairs of triangles and of edges were found among bodies and solids.
+    `expected`: these two numbers of an earlier search; 0: not known.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
     2. The gap at the beginning, less what the pair can come closer, is below the distance.  Both
@@ -422,8 +431,9 @@ def find_candidates(
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
-    """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
-    collective."""
+    """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank, given the
+    gaps (n,) of this rank's pairs, of which infinite ones are left out; infinite for points without
+    a pair.  Collective."""
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)
     points = pairs.points[rows]

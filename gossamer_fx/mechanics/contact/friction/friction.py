@@ -50,6 +50,8 @@ class Friction:
         self._system = system
         self._slip_velocity = slip_velocity
         own = [None] * len(mesh.bodies) + list(of_obstacles)
+        # By the number of a body or obstacle: whether it takes the common coefficient, and the one
+        # that it takes.
         self._has_shared_coefficient = np.array([one is None for one in own])
         self._coefficient = np.array([coefficient if one is None else one for one in own])
         self._groups: list[FrictionPairs] = []
@@ -72,10 +74,12 @@ class Friction:
     # ---- a step ----
 
     def begin_step(self, pairs: ActivePairs, x0: Array) -> list[Int64Array]:
-        """Choose the contact pairs of a step that have friction, and the two directions in which
-        each slides. Block rows are vectors of three unknowns. The friction of this step's pairs is
-        stored, all those of this rank whose coefficient is above zero; their blocks of the tangent
-        have to be set by `set_block_index` before tangents are asked for."""
+        """Choose the contact pairs of a step that have friction, those of this rank whose
+        coefficient is above zero, and the two directions in which each slides.
+
+        Returns the block rows (n, k), vectors of three unknowns, that each group of pairs couples;
+        their block indices have to be given to `set_block_index` before tangents are asked for.
+        """
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
         self._is_moved = (self._block_row >= 0).astype(float)
@@ -172,7 +176,8 @@ class Friction:
     # ---- what rubs on what ----
 
     def _partner(self, points: Int32Array) -> np.ndarray:
-        """Return the number (n,) of the obstacle of pairs, or of one of their bodies."""
+        """Return for pairs with points (n, 4) the number (n,) of the obstacle, or of one of the
+        bodies: obstacles have the higher numbers."""
         return self._mesh.body[points].max(axis=1)
 
     def _coefficient_of(self, points: Int32Array) -> Array:
@@ -180,8 +185,8 @@ class Friction:
         return self._coefficient[self._partner(points)]
 
     def _block_rows_of(self, points: Int32Array) -> Int64Array:
-        """Return the block rows (n, k) of points; a point that nothing moves repeats one of a
-        body."""
+        """Return the block rows (n, k) of points (n, k); a point that nothing moves repeats that of
+        a body's point in the same row."""
         block_rows = self._block_row[points]
         is_of_body = points < self._points.body_count
         of_body = points[np.arange(len(points)), is_of_body.argmax(axis=1)]
@@ -189,8 +194,7 @@ class Friction:
 
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs between bodies, which slide along two edges of the
-        pair. The result has one row for each pair, all of this rank; `_law` is the energy law of
-        the contact."""
+        pair."""
         points = pairs.points
         is_edges = (SIDES[pairs.kind] == Sides.EDGE_EDGE)[:, None]
         geometry = BetweenBodies(pairs.kind)

@@ -22,14 +22,13 @@ Algorithm, for a step of length h from q0 to q1:
 S·w ≥ 0 is what the step dissipates.  Momentum and angular momentum stay: the moment of two opposite
 forces at a distance is carried by the directions.
 
+Geometry.  r and t_i are combinations of the points of a pair, with weights that are computed from
+the points at the start of a step (`SlidingGeometry`).  The functions that do it accept complex
+points, so that a complex step differentiates them: lengths are square roots of sums of squares, and
+nothing takes an absolute value.
+
 Limits: the tangent plane is that of the start of the step.  Where two edges meet in one plane, side
 by side, only the direction along them has friction.
-
-How a pair slides: the vector across the gap, and two directions along the surfaces.
-
-All of it is computed from the points at the start of a step.  The functions accept complex points,
-so that a complex step differentiates them: lengths are square roots of sums of squares, and nothing
-takes an absolute value.  Directions are combinations of vectors that are fixed in the material.
 """
 
 from __future__ import annotations
@@ -79,11 +78,13 @@ def unit_vectors(vectors: Array) -> Array:
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
-    """Return combinations of two vectors that are orthonormal. The vector that has kept more of its
-    length comes first; of the other one what is along the first is taken away. `lengths`: of the
-    edges (n, 2) [m].  A part that is shorter than a thousandth of its edge gives no direction, and
-    its combination is zero. Returns coefficients (n, 2, 2) [1/m]: row i has those of both vectors
-    in direction i."""
+    """Return combinations of two vectors (n, 2, 3) [m], parts of edges, that are orthonormal.
+
+    The vector that is more of its edge comes first; of the other one its part along the first is
+    taken away.  `lengths`: of the edges (n, 2) [m].  A vector that is shorter than a thousandth of
+    its edge (`SMALLEST_SINE`) gives no direction, and its combination is zero.  Returns
+    coefficients (n, 2, 2) [1/m]: row i has those of both vectors in direction i.
+    """
     count = len(vectors)
     combinations = np.zeros((count, 2, 2), dtype=vectors.dtype)
     if not count:
@@ -151,10 +152,11 @@ class BetweenBodies:
         return BetweenBodies(np.repeat(self.kind, times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry."""
-        r = gap_weights_of(self.kind, parameters)
+        """Return normals and weights for the points x (n, 4, 3) [m] at the start of a step, with
+        the parameters (u, v) (n, 2) of their closest points; both may be complex."""
+        gap_weights = gap_weights_of(self.kind, parameters)
         edge_weights = EDGE_WEIGHTS[SIDES[self.kind]]
-        gap = np.einsum("nk,nkc->nc", r, x)
+        gap = np.einsum("nk,nkc->nc", gap_weights, x)
         edges = np.einsum("nik,nkc->nic", edge_weights, x)
         normal = unit_vectors(gap)
         along_normal = np.einsum("nic,nc->ni", edges, normal)
@@ -163,11 +165,11 @@ class BetweenBodies:
         # t plus what t changes by r, is across the normal.
         gap_length = np.maximum(lengths_of(gap), TINY)
         half = along_normal / (2 * gap_length[:, None])
-        corrected = edge_weights - half[:, :, None] * r[:, None]
+        corrected = edge_weights - half[:, :, None] * gap_weights[:, None]
         # Edges are neither unit vectors nor perpendicular to each other.
         combinations = orthonormal_combinations(across, lengths_of(edges))
         directions = np.einsum("nij,njk->nik", combinations, corrected)
-        return SlidingGeometry(normal, r, directions)
+        return SlidingGeometry(normal, gap_weights, directions)
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,9 @@ class WithObstacles:
         return self.rows(np.repeat(np.arange(len(self.pairs)), times))
 
     def at(self, x: Array, parameters: Array) -> SlidingGeometry:
-        """Return the geometry."""
+        """Return normals and weights for the points x (n, 8, 3) at the start of a step, with the
+        parameters (u, v) (n, 2) of their closest points; both may be complex.  The points are the
+        four of each pair [m], and origin [m] and three axes [-] of the obstacle."""
         pair_points = x[:, :4]
         origin = x[:, 4]
         axes = x[:, 5:]
@@ -243,7 +247,7 @@ SMALLEST_SLIDING = 1e-9
 
 @dataclass(frozen=True)
 class FrictionStep:
-    """A step as friction sees it.
+    """A step of length h as friction sees it.
 
     Attributes:
         x0, x1: points (m, 3) [m] at the start and at the end.
@@ -261,8 +265,8 @@ class FrictionStep:
 
 @dataclass(frozen=True)
 class Sliding:
-    """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its
-    end."""
+    """How n pairs slide in a step: w (n, 2) [m], and the vectors r (n, 3) [m] and directions t (n,
+    2, 3) [-] in its middle and at its end."""
 
     w: Array
     r_mid: Array
@@ -286,7 +290,7 @@ class Grip:
     """The factor g of S = μ N g w.
 
     Attributes:
-        ratio: |w|/(h v_s) (n,).
+        ratio: |w|/(h v_s) (n,) [-].
         factor: g (n,) [1/m].
         slope: its derivative by |w| (n,) [1/m²].
     """
@@ -307,9 +311,9 @@ class FrictionPairs:
         geometry: how r and t follow from the points at the start.
         start: normals, and weights of r and t, at the start of this step.
         points: numbers (n, k) of the points of which r and t are combinations.
-        point_weights: weights (n, 4, k) in the four points of the pair.
+        point_weights: weights (n, 4, k) of these points in the four points of the pair.
         coefficient: μ (n,).
-        block_rows: that move the points (n, k).
+        block_rows: block row (n, k) that moves each of these points.
         block_index: of the blocks that they couple (n, k k); set once the pattern is known.
     """
 
@@ -334,20 +338,16 @@ class FrictionPairs:
     # ---- forces ----
 
     def loss(self, step: FrictionStep) -> float:
-        """Return the energy S·w [J] that the friction stresses S [N] dissipate over the sliding w
-        [m]. S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the
-        sliding w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step
-        [s], v_s a speed [m/s]. Only pairs of this rank count."""
+        """Return the energy [J] that friction dissipates in a step: the sum of S·w over the pairs
+        of this rank, with the stress S = μ N g w (n, 2) [N] and the sliding w (n, 2) [m]."""
         w = self.sliding(step).w
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(w, step.creep)
         return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
 
     def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
-        """Add the friction forces [N] of a step to those on points. S = μ N g(|w|) w (n, 2) [N]
-        with the coefficient μ [-], the normal force N [N], the sliding w (n, 2) [m] in two
-        directions and the factor g [1/m]; h is the length of the step [s], v_s a speed [m/s]. Only
-        pairs of this rank count."""
+        """Add the friction forces [N] of this rank's pairs in a step to those on points (m, 3).
+        They follow from the stress S = μ N g w (n, 2) [N], with the sliding w (n, 2) [m]."""
         sliding = self.sliding(step)
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(sliding.w, step.creep)
@@ -355,18 +355,15 @@ class FrictionPairs:
         np.add.at(point_forces, self.points, self._forces(stress, sliding))
 
     def vectors_at(self, x: Array) -> tuple[Array, Array]:
-        """Return r (n, 3) and t (n, 2, 3) at points x."""
+        """Return the vectors r (n, 3) [m] and directions t (n, 2, 3) [-] at points x (m, 3) [m]."""
         at = x[self.points]
         r = np.einsum("nk,nkc->nc", self.start.gap_weights, at)
         t = np.einsum("nik,nkc->nic", self.start.direction_weights, at)
         return r, t
 
     def sliding(self, step: FrictionStep) -> Sliding:
-        """Return how the pairs slide in a step: the change w of the measures m = r·t [m]. r leads
-        between the two sides of a pair, t are two directions along the surface, both fixed in the
-        material.  The change of a product is computed from its factors in the middle, without
-        cancellation. Returns w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-],
-        mid-step and at the end."""
+        """Return how the pairs slide in a step: the change w of the measures m_i = r·t_i.  The
+        change of a product is computed from its factors in the middle, without cancellation."""
         r_start, t_start = self.vectors_at(step.x0)
         r_end, t_end = self.vectors_at(step.x1)
         r_mid = (r_start + r_end) / 2
@@ -396,12 +393,14 @@ class FrictionPairs:
         return normal_force, forces
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
-        """Return the normal forces by which pairs press on each other, and their derivatives. N is
-        the force along the unit normal at the start of the step, with which the body on one side
-        presses. Normal forces are those of the energy rule of the contact, without friction.
-        Returns N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
-        respect to the k points of each pair at the end, or an empty array without `tangents`; and
-        the forces (n, 4, 3) [N] of the contact potential."""
+        """Return the normal forces with which the two sides of pairs press on each other, their
+        derivatives if `tangents` are wanted, and the forces from which they follow.
+
+        N (n,) [N] is the component along the unit normal at the start of the step; zero for pairs
+        that do not press.  Its derivative (n, k, 3) [N/m] is that by the k points of each pair at
+        the end, an empty array without `tangents`.  The forces (n, 4, 3) [N] on the points are
+        those of the contact potential, without friction.
+        """
         response = evaluate(
             self.pairs,
             step.x0,
@@ -439,13 +438,12 @@ class FrictionPairs:
     # ---- tangents ----
 
     def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
-        """Add the derivative [N/m] of the friction forces with respect to the end of the step. The
-        forces are those that `add_forces` adds, with the same sign: Dmᵀ S, S·w ≥ 0 being
-        dissipated.  The stress S (n, 2) [N] acts along two directions t [-]; w (n, 2) [m] is the
-        sliding, the change of the measures m = r·t [m] in the step, where r [m] is the vector
-        between the sides. w is also compared with that of the previous call, to find pairs whose
-        sliding turned round: call it once for each Newton iterate.  Forces need not have been added
-        before."""
+        """Add the derivative [N/m] of the forces of `add_forces` with respect to the end of the
+        step to the blocks (b, 9); `is_moved` is 1 for points (m,) with unknowns, else 0.
+
+        The sliding is compared with that of the previous call, to find pairs whose sliding turned
+        round: call it once for each Newton iterate.  Forces need not have been added before.
+        """
         sliding = self.sliding(step)
         self._update_steadiness(sliding.w)
         normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
@@ -474,10 +472,9 @@ class FrictionPairs:
         is_moved: Array,
         blocks: Array,
     ) -> None:
-        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
-        `normal_force`: N (n,) [N]; `of_normal_force`: its derivative (n, k, 3) [N/m] with respect
-        to the k points of each pair at the end of the step; `is_moved`: 1 for points (m,) with
-        unknowns, 0 for those without."""
+        """Do what `add_tangents` does, for pairs that press.  `normal_force`: N (n,) [N];
+        `of_normal_force`: its derivative (n, k, 3) [N/m] with respect to the k points of each pair
+        at the end of the step."""
         grip = grip_of(sliding.w, step.creep)
         pressing = self.coefficient * normal_force
         K = self._material_part(sliding, grip, pressing, step.creep)
@@ -501,12 +498,9 @@ class FrictionPairs:
         np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
 
     def _material_part(self, sliding: Sliding, grip: Grip, pressing: Array, creep: float) -> Array:
-        """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
-        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding. μ is the
-        coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its sliding; r (n,
-        3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions of sliding. h [s]
-        is the step, v_s [m/s] a speed. `pressing`: μ N (n,) [N]. Returns (n, k, k, 3, 3) [N/m]
-        between the k points of each pair."""
+        """Return the tangent (n, k, k, 3, 3) [N/m] of the friction force between the k points of
+        each pair for constant directions and normal forces: Dm_midᵀ (∂S/∂w) Dm_end, with the stress
+        S = μ N g w and the gradient Dm of the measures.  `pressing`: μ N (n,) [N]."""
         w = sliding.w
         # Beyond the creep, friction is constant and its slope negative: a full Newton step
         # overshoots where the sliding has turned round.  There g alone leads near the solution,
@@ -522,7 +516,8 @@ class FrictionPairs:
         return np.einsum("nika,nij,njlb->nklab", middle, derivative, end, optimize=True)
 
     def _update_steadiness(self, w: Array) -> None:
-        """Note which pairs slide on in the direction of the iterate before."""
+        """Note in `_is_steady` (n,) which pairs have not turned round in the iterates of the step;
+        one that did counts as steady again once its sliding w (n, 2) [m] changes little."""
         last = self._last_sliding
         if last is not None:
             self._is_steady &= (last * w).sum(axis=1) >= 0
@@ -531,7 +526,8 @@ class FrictionPairs:
         self._last_sliding = w
 
     def _gradient(self, r: Array, t: Array) -> Array:
-        """Return Dm (n, 2, k, 3) where the vectors are r and t."""
+        """Return the gradient Dm (n, 2, k, 3) of both measures r·t_i by the k points of each pair,
+        where the vectors are r and t."""
         by_gaps = self.start.gap_weights[:, None, :, None] * t[:, :, None]
         gradient: Array = by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
         return gradient
@@ -545,11 +541,11 @@ def parameters_at_start(pairs: ActivePairs) -> Array:
 
 
 def grip_of(w: Array, creep: float) -> Grip:
-    """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|. g |w| =
-    φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1. μ is the coefficient of friction [-], N the
-    normal force of a pair [N], h the length of the step [s] and v_s the speed of sliding [m/s] up
-    to which friction grows. Returns |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite
-    also for w = 0."""
+    """Return the factor g of the friction stress S = μ N g w for the sliding w (n, 2) [m], and its
+    derivative by |w|; finite also for w = 0.  `creep`: h v_s [m], up to which friction grows.
+
+    g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
+    """
     ratio = np.linalg.norm(w, axis=1) / creep
     beyond = np.maximum(ratio, 1)
     factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep

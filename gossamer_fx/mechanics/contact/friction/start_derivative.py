@@ -44,8 +44,8 @@ COMPLEX_STEP = 1e-30
 def add_product_with_start_derivative(
     group: FrictionPairs, step: FrictionStep, μ: Array, found: Array
 ) -> None:
-    """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs. x0 (m, 3) [m] are the points at the start
-    of the step. Only pairs of this rank add; pairs without a normal force add nothing."""
+    """Add (∂f/∂x0)ᵀ μ of the friction forces f of this rank's pairs to `found` (m, 3).  μ (m, 3)
+    are adjoint displacements of the points, x0 the points at the start of the step."""
     normal_force, forces = group.normal_forces(step)
     presses = normal_force > 0
     # Most active pairs are near without a force.
@@ -59,13 +59,26 @@ def add_product_with_start_derivative(
 
 
 def work_by_coefficient(group: FrictionPairs, step: FrictionStep, μ: Array) -> Array:
-    """Return ∂W/∂c (n,) of each pair, of (1)."""
+    """Return ∂W/∂c (n,) of each pair: the product of μ (m, 3) and its friction force (1), over the
+    coefficient c."""
     normal_force, forces = group.normal_forces(step)
     return _Product(group, step, μ, normal_force, forces).by_coefficient()
 
 
 class _Product:
-    """W of (1), and its derivatives.
+    """W of (1) for n pairs with k points each, and its derivatives by the start of the step.
+
+    r [m] and t_i [-] are sums of the points of a pair times weights, which are fixed at the start
+    of the step; r(μ) and t(μ) are the same sums of μ.  W has the unit [U] of the objective of the
+    gradient, and μ [U/N].  The private attributes are
+
+        _μ                μ (n, k, 3) [U/N] at the points of each pair
+        _N, _forces       normal forces (n,) [N]; forces (n, 4, 3) [N] of the contact potential
+        _r_of_μ, _t_of_μ  r(μ) (n, 3) and t(μ) (n, 2, 3)
+        _P, _power        P (n, 2) [U/N] of (1); w·P (n,) [m U/N]
+        _grip             g and its derivative
+        _by_P, _by_w      ∂W/∂P (n, 2) [N] and ∂W/∂w (n, 2) [U/m]
+        _of_parameters    d(u, v)/dx0 (n, 2, 4, 3) [1/m] of the closest points
 
     Args:
         normal_force: N (n,) [N].
@@ -75,15 +88,6 @@ class _Product:
     def __init__(
         self, group: FrictionPairs, step: FrictionStep, μ: Array, normal_force: Array, forces: Array
     ) -> None:
-        """Compute sliding and power of all pairs. [U] is the unit of the objective of the gradient;
-        W = c N g(|w|) w·P [U], the product of μ and the friction forces, is (1) of the module.  For
-        each pair, r [m] is the vector from a point of one side to a point of the other, t_1 and t_2
-        [-] are two directions along the surface.  They are sums of the positions of k points times
-        weights, which are fixed at the start of the step; r(μ) and t(μ) are the same sums of μ.
-        `_μ` (n, k, 3) [U/N] has μ at the points of each pair; `_N` (n,) [N] the normal forces; `_P`
-        (n, 2) [U/N] the change P of the measures r·t with μ; `_power` (n,) [m U/N] is w·P;
-        `_grip.factor` (n,) [1/m] is g; `_by_P` (n, 2) [N] and `_by_w` (n, 2) [U/m] are ∂W/∂P and
-        ∂W/∂w; `_forces` (n, 4, 3) [N] are those of the contact potential."""
         self._group = group
         self._step = step
         self._N = normal_force
@@ -91,19 +95,16 @@ class _Product:
         self._sliding = group.sliding(step)
         self._grip = grip_of(self._sliding.w, step.creep)
         self._μ = μ[group.points]
-        # d(u, v)/dx0 (n, 2, 4, 3) of the closest points.
         self._of_parameters = parameter_derivatives_of(
             group.pairs, step.x0[group.pairs.points], parameters_at_start(group.pairs)
         )
         start = group.start
-        # r and t of the displacements μ.
         self._r_of_μ = np.einsum("nk,nkc->nc", start.gap_weights, self._μ)
         self._t_of_μ = np.einsum("nik,nkc->nic", start.direction_weights, self._μ)
         sliding = self._sliding
         self._P = np.einsum("nc,nic->ni", self._r_of_μ, sliding.t_mid)
         self._P += np.einsum("nc,nic->ni", sliding.r_mid, self._t_of_μ)
         self._power = (sliding.w * self._P).sum(axis=1)
-        # ∂W/∂P and ∂W/∂w (n, 2).
         pressing = group.coefficient * normal_force
         self._by_P = (pressing * self._grip.factor)[:, None] * sliding.w
         size = np.maximum(self._grip.ratio * step.creep, SMALLEST_SLIDING * step.creep)
@@ -161,13 +162,9 @@ class _Product:
         return found
 
     def through_geometry(self) -> Array:
-        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal. The
-        whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the unit
-        of the objective, is the product of the adjoint displacements μ and the friction forces
-        (`__init__` describes r, t, r(μ), t(μ) and the attributes).  r and t are sums of the points
-        times weights, and the weights and the unit normal are functions of the points x0 at the
-        start of the step.  W is differentiated by the weights and normal, then these by x0. Returns
-        (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs."""
+        """Return the part (n, k, 3) [U/m] of ∂W/∂x0 through the weights of r and t and through the
+        normal, which are functions of the points x0 at the start of the step.  W is differentiated
+        by weights and normal, then these by x0."""
         group = self._group
         step = self._step
         sliding = self._sliding
@@ -195,9 +192,8 @@ class _Product:
     def _through_complex_steps(
         self, by_gap_weights: Array, by_directions: Array, by_normal: Array
     ) -> Array:
-        """Derivative (n, k, 3) by the points of what is derived by weights (n, k), (n, 2, k) and
-        normals (n, 3). W is the product of the adjoint displacements and the friction forces; x0
-        (n, k, 3) [m] are the k points of each of n pairs at the start of the step."""
+        """Return the derivative (n, k, 3) of W by the points at the start, from those by the
+        weights of r (n, k), the weights of t (n, 2, k) and the normals (n, 3)."""
         group = self._group
         x0 = self._step.x0[group.points]
         count, width, _ = x0.shape

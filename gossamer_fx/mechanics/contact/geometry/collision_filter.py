@@ -47,9 +47,8 @@ class TiedLabels:
     coincident: Int64Array
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
-        """Return the labels of points; two points with one in common are connected and form no
-        contact pair. `numbers`: of the points (m,), the same on all ranks. Returns labels (m, w),
-        which are numbers of points; those of a point that is not tied are its own number."""
+        """Return the labels (m, w) of points, given their numbers (m,) over all ranks.  All labels
+        of a point that is not tied are its number."""
         row, is_tied = self._rows(numbers)
         own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
         return np.where(is_tied[:, None], self.labels[row], own)
@@ -58,8 +57,9 @@ class TiedLabels:
         """Return the share (e,) of each edge in the area of all edges with which it coincides, as
         their ends are tied node to node; of an edge that is alone, 1.  Collective.
 
-        A rope on a film does not touch at the same distance, and does not coincide with its edges.
-        `radii`: of the bodies [m] (b,)."""
+        Only edges of bodies with the same radius coincide: a rope on a film touches at another
+        distance than its edges.  `radii`: of the bodies [m] (b,).
+        """
         edges = surface.edges
         row, is_tied = self._rows(edges.points)
         ends = np.sort(np.where(is_tied, self.coincident[row], edges.points), axis=1)
@@ -74,7 +74,8 @@ class TiedLabels:
         return np.divide(edges.area, area, out=np.ones(len(area)), where=area > 0)
 
     def _rows(self, numbers: Int64Array) -> tuple[Int64Array, MaskArray]:
-        """Return where points with some numbers stand in this table, and which of them do."""
+        """Return the rows of points with some numbers in this table, and which of them are tied;
+        the row of any other point has no meaning."""
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         return row, self.numbers[row] == numbers
 
@@ -82,9 +83,8 @@ class TiedLabels:
 def tied_labels(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> TiedLabels | None:
-    """Return the labels of all points that ties or joints connect, the same on every rank. Two
-    points with a label in common form no contact pair.  Collective.  Ties are along lines: unlike
-    facets, all ranks know them."""
+    """Return the labels of all points that ties or joints connect, the same on every rank; None:
+    there are none.  Collective.  Ties are along lines: unlike facets, all ranks know them."""
     ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
@@ -93,6 +93,7 @@ def tied_labels(
     numbers = np.unique(np.array(tied, dtype=np.int64))
     index = {int(number): k for k, number in enumerate(numbers)}
     count = len(numbers)
+    # Step 1 of the module: `label` (t,) is the group of each point.
     to_nodes = [(index[one[0]], index[other[0]]) for one, other in ties if len(other) == 1]
     label_count, label = connected_components(_graph(to_nodes, count), directed=False)
     to_lines = [
@@ -102,6 +103,7 @@ def tied_labels(
         for point in one
         for end in other
     ]
+    # Steps 2 and 3: which labels (row) are connected to which others (column).
     connected = identity(label_count, dtype=bool, format="csr") + _graph(to_lines, label_count)
     while True:
         further = connected @ connected
@@ -121,8 +123,12 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the ties between bodies of a contact, the same on every rank; collective. A tie is a
-    constraint that two points coincide.  Points of the ground and of other bodies are left out."""
+    """Return the ties between bodies of a contact, the same on every rank; collective.
+
+    A tie is a constraint that two points coincide: the number of one point, and the numbers of
+    those on which the other point depends, one or more.  Ties to the ground and to other bodies are
+    left out.
+    """
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
         """Return number of the body and node, for each node on whose position a port depends. Empty
@@ -162,7 +168,8 @@ def _ties(
 def _numbers_of(
     wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
-    """Return the numbers of points that are some nodes of bodies; collective."""
+    """Return the numbers of points by body and node; -1 for a node that is not a point of a
+    surface.  Collective: a rank knows some of them."""
     if not wanted:
         return {}
     order = np.lexsort((points.node, points.body))
@@ -188,15 +195,14 @@ def _is_coincidence(measure: PointMeasure) -> bool:
 
 
 def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
-    """Return the directed graph of `count` numbers with an edge for each pair."""
+    """Return the directed graph of the numbers below `count` with an edge for each pair."""
     ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return csr_matrix((np.ones(len(ends), dtype=bool), ends.T), shape=(count, count))
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the labels of points as one array, of the width of the longest row. `own`: a label
-    (m,) of each point, which fills the rows of those with fewer labels. Returns labels (m, w), the
-    columns that are true."""
+    """Return the columns (m, w) with an entry in each of m sparse rows, w being the length of the
+    longest one.  `own` (m,) fills the rows with fewer columns."""
     widths = np.diff(rows.indptr)
     labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]

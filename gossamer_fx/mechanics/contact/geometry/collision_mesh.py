@@ -79,9 +79,11 @@ class CollisionMesh:
         edge_share: of each edge (e,) in the area of all with which it is tied to coincide.
         radius: of points [m] (m,).
         boundaries: planes, and insides of obstacles.
-        frames: the first point (k,) of each obstacle's frame; -1: it has none.
-        own_vertices, own_edges: numbers of the vertices and edges for which this rank searches.
-        sent_edges, sent_triangles: numbers of those of bodies that this rank owns.
+        frames: number (k,) of the first point of each obstacle's frame; -1: it has none.
+        own_vertices, own_edges: indices of the vertices and edges of `surface` for which this rank
+            searches.
+        sent_edges, sent_triangles: indices of those of bodies that this rank owns, which it may
+            send to others.
     """
 
     points: ContactPoints
@@ -133,9 +135,8 @@ class CollisionMesh:
     # ---- what this rank knows ----
 
     def show(self, known: SurfaceTables) -> None:
-        """Set the points, edges and triangles of bodies that this rank knows; collective. It
-        computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
-        numbers the points: first those of bodies, then those of all obstacles."""
+        """Set the points, edges and triangles of bodies that this rank knows; collective.  All
+        attributes with a row for each point, edge or triangle are set again."""
         rank = self.comm.rank
         self.known = known
         points = known.points
@@ -187,9 +188,9 @@ class CollisionMesh:
         self._boundary_vertices = own_body_vertices.astype(np.int32)
 
     def _add_obstacles(self, start: int) -> CollisionPrimitives:
-        """Number the points of obstacles; set boundaries, frames, radii and owners of these points.
-        A boundary has three points, a solid one for each corner, a frame four: an origin and three
-        axes."""
+        """Number the points of obstacles, from `start` on, and set boundaries, frames, and radius
+        and obstacle of these points.  A boundary has three points, a solid one for each corner, a
+        frame four: an origin and three axes.  Returns the primitives of solids."""
         self.boundaries: list[NumberedBoundary] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
         vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
@@ -228,7 +229,7 @@ class CollisionMesh:
         )
 
     def _point_numbers(self) -> Int64Array:
-        """Return the numbers (m,) of the points that are the same on all ranks."""
+        """Return the numbers (m,) of the points over all ranks; those of obstacles are the last."""
         of_obstacles = self.share.point_count + np.arange(self.points.obstacle_count)
         return np.concatenate([self.known.points.number, of_obstacles])
 
@@ -284,19 +285,20 @@ class CollisionMesh:
 
     @property
     def _triangle_count(self) -> int:
+        """Number of triangles on all ranks, those of obstacles once."""
         solid_count = len(self.surface.triangles) - len(self.known.triangles)
         return self.share.triangle_count + solid_count
 
     @property
     def _edge_count(self) -> int:
+        """Number of edges on all ranks, those of obstacles once."""
         solid_count = len(self.surface.edges) - len(self.known.edges)
         return self.share.edge_count + solid_count
 
     # ---- pairs with boundaries, which need no search ----
 
     def boundary_pairs(self) -> CandidatePairs:
-        """Return the pairs of this rank's points of bodies and all boundaries, which need no
-        search."""
+        """Return the pairs of each point of bodies that this rank owns with each boundary."""
         vertices = self.surface.vertices[self._boundary_vertices]
         count = len(vertices)
         boundary = np.repeat(np.arange(len(self.boundaries)), count)
@@ -407,13 +409,15 @@ def _obstacle_points(
 
 
 def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
-    """Return which of `count` primitives of obstacles this rank searches for."""
+    """Return for which of `count` primitives of obstacles this rank searches: their indices (k,),
+    dealt out to the ranks in turn."""
     return np.arange(comm.rank, count, comm.size)
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers over all ranks of primitives: points, edges or triangles. `indices`: (n,)
-    among the primitives that this rank knows, those of obstacles last."""
+    """Return the numbers (n,) over all ranks of points, edges or triangles, given their indices
+    (n,) among those that this rank knows, those of obstacles last.  `count`: how many of this kind
+    the bodies have on all ranks."""
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.
     if not known_count:

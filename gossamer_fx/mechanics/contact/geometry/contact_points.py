@@ -57,14 +57,8 @@ class ObstacleMotion:
         self._known: dict[float, Array] = {}
 
     def at(self, time: float) -> Array:
-        """Return the displacement (3,) [m] at a time; collective.
-
-        The function of the user is called once for each of the last few times.
-
-        Raises:
-            InputError: on all ranks, if the function of the user raises, or returns something other
-                than three finite numbers, the same on all ranks.
-        """
+        """Return the displacement (3,) [m] at a time [s]; collective.  The function of the user is
+        not called again for the last `KEPT_DISPLACEMENTS` times."""
         if time not in self._known:
             what = f"Motion of the obstacle '{self.name}' at t = {time:.6g} s"
             displacement = ask_numbers(self._comm, what, lambda: self._function(time), (3,))
@@ -78,10 +72,6 @@ class ObstacleMotion:
 
         A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
         below any limit.  A jump deviates by at least half of its length, however short the step is.
-
-        Raises:
-            InputError: on all ranks, if the function of the user raises, or returns something other
-                than three finite numbers, the same on all ranks.
         """
         start = self.at(time)
         way = self.at(time + step) - start
@@ -110,10 +100,16 @@ class ObstaclePoints:
 
 
 class _Map:
-    """The rows of W and c for the points of obstacles, as they are added one by one."""
+    """The rows of W and c for the points of obstacles, as they are added one by one.
+
+    Attributes:
+        first_dofs: first unknown of each block row of a rigid body.
+        rows, columns, weights: entries of W, counted from the first point and the first block row
+            of an obstacle.
+        constants: the constant vector (3,) of each point, zero on a rigid body.
+    """
 
     def __init__(self, system: Assembly) -> None:
-        """Start without points and block rows."""
         self._system = system
         self._block_row_of: dict[int, int] = {}
         self.first_dofs: list[int] = []
@@ -202,9 +198,9 @@ class ContactPoints:
         return found
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
-        """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
-        Collective. It also sets the map x = W q + c(t) from block rows q, vectors of three
-        unknowns, to points x. `node`: global number (n,) among the nodes of the body."""
+        """Let the first n points of a contact be some nodes of bodies, and set the map from block
+        rows to all points; collective.  `body`: number (n,) of the body of each point, ascending;
+        `node`: global number (n,) among the nodes of the body."""
         of_obstacles = self._of_obstacles
         self.body_count = len(node)
         self.count = self.body_count + self.obstacle_count
@@ -231,7 +227,7 @@ class ContactPoints:
         return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
-        """Return the points of a contact for given coordinates of the system at a time; collective.
+        """Return the points of a contact for coordinates q of the system at a time [s]; collective.
 
         Returns positions (m, 3) [m]; directions of obstacles among them have no unit.
 
@@ -251,8 +247,8 @@ class ContactPoints:
         return np.ascontiguousarray(x)
 
     def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
-        """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
-        coordinates; collective.
+        """Return the velocities (m, 3) [m/s] of the points of a contact for rates v of the
+        coordinates; of prescribed points the mean ones of a step [s] from a time on.  Collective.
 
         Raises:
             InputError: on all ranks, the motion of an obstacle raises or returns other than three
@@ -288,8 +284,8 @@ class ContactPoints:
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
-        """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
-        W are the weights of the unknowns in the points. `force`: (m, 3) [N], this rank's share."""
+        """Add the forces (m, 3) [N] on points, this rank's share, to a vector of the system, as Wᵀ
+        force; collective."""
         on_block_rows = force[: self.body_count]
         if not self._are_block_rows:
             on_block_rows = np.asarray(self.weights.T @ force)
@@ -302,10 +298,9 @@ class ContactPoints:
         self._gather.add(on_block_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
-        """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
-        and how. Returns block rows (n, 4 w), where w is the largest number of block rows of a
-        point, and the weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with
-        fewer block rows repeat one of the pair with weight zero."""
+        """Return the block rows (n, 4 w) that move the points (n, 4) of contact pairs, and the
+        weights (n, 4, 4 w) [-] of each pair's block rows in its points.  w is the largest number of
+        block rows of a point; points with fewer ones repeat one of the pair with weight zero."""
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))
         block_rows = np.zeros((count, 4, width), dtype=np.int64)

@@ -23,6 +23,7 @@ class DistributedRows:
     counted once; numbers, sums and owners come back.
 
     Args:
+        rows: integers (n, w), of this rank.
         bound: more than any first entry.
 
     Attributes:
@@ -32,7 +33,7 @@ class DistributedRows:
     """
 
     def __init__(self, comm: MPI.Intracomm, rows: Int64Array, bound: int) -> None:
-        """Number the distinct rows of integers of all ranks in lexicographic order; collective."""
+        """Exchange and number the rows; collective."""
         # Ranges of first entries in the order of the ranks: so numbers are in the order of rows.
         meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
         self._exchange = RankExchange(comm, meeting_rank)
@@ -49,10 +50,8 @@ class DistributedRows:
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
-        """Return for each row of integers the sum of the values that all ranks have for it;
-        collective. A row consists of the integers that name a point, edge or triangle; several
-        ranks may have equal rows. On each of them the sum is the same. `values`: (n,), one for each
-        row of this rank. Returns sums (n,), in the unit of the values."""
+        """Return for each row of this rank the sum (n,) of the values that all ranks have for equal
+        rows; collective.  `values`: (n,), one for each row of this rank, in any unit."""
         met = self._exchange.send(values)
         total = np.bincount(self._row_of, met, self._met_count).astype(float)
         return self._exchange.answer(total[self._row_of])
@@ -123,9 +122,10 @@ def facets_of(body: MeshBody) -> Facets:
 def _names_of_dofs(
     vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
 ) -> Int64Array:
-    """Return two numbers (c, d, 2) for each degree of freedom of cells, by which ranks name it.
-    They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
-    `vertices`: numbers (c, k) of the cells' vertices in the mesh file."""
+    """Return two numbers (c, d, 2) for each of the d = `dof_count` degrees of freedom of c cells,
+    by which ranks name it.  They are the vertices, in ascending order, of the edge on which it is;
+    a vertex is twice itself.  `vertices`: numbers (c, k) of the cells' vertices in the mesh file;
+    `edges`: the vertices (0 to k - 1) of the edges with a middle node."""
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)
     names[:, :vertex_count] = vertices[:, :, None]
@@ -174,10 +174,10 @@ class CollisionPrimitives:
     labels: Int32Array | None = None
 
     def filtered(self, primitives: Int32Array, lower: Array, upper: Array) -> FilteredPrimitives:
-        """Return vertices, edges or triangles with their boxes and with what forms no pairs with
-        them. `primitives`: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers
-        of points. Returns the primitives with the boxes (n, 6) [m] of their points, with their
-        labels, of which connected primitives share one, and fixed where all of their points are."""
+        """Return vertices, edges or triangles as the broad phase sees them.  `primitives`: their
+        points (n, 1), (n, 2) or (n, 3); `lower, upper`: corners (m, 3) [m] of a box round each
+        point.  The box of a primitive holds those of its points; it is fixed where all of them are.
+        """
         least = lower[primitives].min(axis=1)
         greatest = upper[primitives].max(axis=1)
         boxes = np.ascontiguousarray(np.hstack([least, greatest]))
@@ -185,9 +185,8 @@ class CollisionPrimitives:
         return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
 
     def _labels_of(self, primitives: Int32Array) -> Int32Array:
-        """Return the labels (n, l) of vertices, edges or triangles: those of all their points. Two
-        primitives with a label in common are connected and form no pair. `primitives`: numbers (n,
-        k) of their points, which are the labels if nothing is tied."""
+        """Return the labels (n, l) of vertices, edges or triangles, those of all their points;
+        `primitives`: numbers (n, k) of these, which are the labels if nothing is tied."""
         if self.labels is None:
             return np.ascontiguousarray(primitives)
         count = primitives.shape[1] * self.labels.shape[1]

@@ -2,10 +2,9 @@
 triangles.
 
 Every primitive has a number that is the same on all ranks, and an owner, which searches for its
-pairs. Rows of a table can be sent to other ranks and united with theirs, in the order of the
-numbers.
-Of points that several ranks know, values of the owner are spread, and minima over all ranks are
-found.
+pairs.  Rows of a table can be sent to other ranks and united with theirs, in the order of the
+numbers.  For points that several ranks know, `SharedPoints` spreads values of the owner, and finds
+sums and minima over all ranks.
 """
 
 from __future__ import annotations
@@ -44,9 +43,9 @@ class SurfacePrimitives:
         return len(self.number)
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
-        """Return a table of the points, edges or triangles that other ranks send to this one;
-        collective."""
-        columns = self._columns()
+        """Send the rows `which` (k,) of this table to the ranks of an exchange; return the table of
+        those that this rank gets.  Collective."""
+        columns = self._arrays_by_name()
         return type(self)(
             **{column: exchange.send(values[which]) for column, values in columns.items()}
         )
@@ -60,11 +59,12 @@ class SurfacePrimitives:
         _, first = np.unique(numbers, return_index=True)
         columns = {
             column: np.concatenate([getattr(table, column) for table in tables])[first]
-            for column in self._columns()
+            for column in self._arrays_by_name()
         }
         return type(self)(**columns)
 
-    def _columns(self) -> dict[str, Any]:
+    def _arrays_by_name(self) -> dict[str, Any]:
+        """Return the columns of the table, those of a subclass included."""
         return {column.name: getattr(self, column.name) for column in fields(self)}
 
 
@@ -173,10 +173,9 @@ class SurfaceShare:
 def _surface_of(
     facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
 ) -> tuple[SurfaceTables, list[int]]:
-    """Return the points, edges and triangles of one body, numbered over all ranks; collective.
-    `first`: the lowest numbers (3,) of its points, edges and triangles. Returns tables of this
-    rank's primitives with their areas [m²], and how many of each kind the body has on all ranks:
-    points, edges, triangles."""
+    """Return tables of this rank's points, edges and triangles of one body, and how many of each
+    kind the body has on all ranks; collective.  `body`: its number in the contact; `radius` [m];
+    `first`: the lowest numbers (3,) of its points, edges and triangles."""
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
     # Names of edges and triangles are numbers of points, which are the same on all ranks.
@@ -209,10 +208,12 @@ def _surface_of(
 
 
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
-    """Return the edges of facets, and the areas for which edges and points stand. A triangle gives
-    each of its sides and corners a third of its area.  A line stands for the area of its shadow,
-    length times diameter, and gives each end a half. Returns edges (e, 2) as indices of points;
-    areas [m²] of edges (e,) and of points (n,)."""
+    """Return the edges (e, 2) of facets, as indices of points, and the areas [m²] for which edges
+    (e,) and points (n,) stand, from the cells of this rank.
+
+    A triangle gives each of its sides and corners a third of its area.  A line stands for the area
+    of its shadow, length times diameter, and gives each end a half.
+    """
     count = len(facets.nodes)
     if len(facets.lines):
         ends = facets.X[facets.lines]
@@ -230,7 +231,7 @@ def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, 
 
 
 def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
-    """Return the sums (count,) of values that belong to numbers."""
+    """Return for each number below `count` the sum of the values that belong to it."""
     return np.bincount(numbers.ravel(), values, count).astype(float)
 
 
@@ -242,7 +243,7 @@ class SharedPoints:
     """
 
     def __init__(self, comm: MPI.Intracomm, points: SurfacePoints) -> None:
-        """Let the owners know which of their points this rank knows; collective."""
+        """Report to the owners which of their points this rank knows; collective."""
         self._comm = comm
         self.is_own = points.owner == comm.rank
         # The only rank owns all points.

@@ -15,6 +15,7 @@ typedef struct {
     int32_t *entry;       /* (members) where the blocks of a member stand in `block_index` */
 } sorted_members;
 
+/* Arrays of the right lengths in the work space, of which Python allocates two arrays. */
 static sorted_members divide_work(const block_groups *groups, const block_pattern *pattern,
                                   ptrdiff_t member_count)
 {
@@ -61,6 +62,7 @@ ptrdiff_t number_blocks(const block_groups *groups, const block_pattern *pattern
     for (int32_t row = 0; row < groups->row_count; ++row)
         for (int32_t k = work.row_start[row]; k < work.row_start[row + 1]; ++k) {
             const int32_t member = work.sorted[k];
+            /* All members of a group are columns in the row of each. */
             for (int32_t b = 0; b < work.group_size[member]; ++b) {
                 const int32_t column = groups->members[work.group_start[member] + b];
                 if (work.last_row[column] != row) { /* a new block */

@@ -38,6 +38,7 @@ void build_box_tree(const box_tree *tree, const double *boxes)
     }
 }
 
+/* Whether primitive i of `a` and primitive j of `b` are connected. */
 static int have_common_label(const primitive_filter *a, int32_t i, const primitive_filter *b,
                              int32_t j)
 {
@@ -48,9 +49,9 @@ static int have_common_label(const primitive_filter *a, int32_t i, const primiti
     return is_common;
 }
 
+/* Whether primitive i that is asked for and primitive j of the tree may form a pair at all. */
 static int is_candidate(const box_query *query, int32_t i, int32_t j,
-                        const primitive_filter *of_query,
-                        const primitive_filter *of_tree)
+                        const primitive_filter *of_query, const primitive_filter *of_tree)
 {
     if (query->in_tree && j <= i) return 0;
     if (of_query->is_fixed[i] && of_tree->is_fixed[j]) return 0;

@@ -27,6 +27,7 @@ static double distance_at(const stencil *of, double shape, const int32_t *points
     return of->length_of(of->closest(&vectors, shape, parameters));
 }
 
+/* Whether pair i keeps its least gap; 0 also if that could not be decided. */
 static int keeps_least_gap(const pair_list *pairs, const pair_motion *motion, ptrdiff_t i)
 {
     const stencil *of = STENCILS + pairs->kind[i];

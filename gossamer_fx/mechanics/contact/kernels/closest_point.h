@@ -80,6 +80,7 @@ INLINED double interior_minimum(const distance_form *form, double *u, double *v)
     return det;
 }
 
+/* The minimum along a side, from the measures alone. */
 INLINED side_minimum minimum_of_measures(const distance_form *form, const domain_side *side)
 {
     const double *e = form->measures;
@@ -94,6 +95,7 @@ INLINED side_minimum minimum_of_measures(const distance_form *form, const domain
     return (side_minimum){t, value, curvature};
 }
 
+/* The minimum along a side, from vectors whose r starts at the domain's corner. */
 INLINED side_minimum minimum_of_vectors(const distance_form *form, const domain_side *side)
 {
     const double(*row)[3] = form->vectors->row;
@@ -125,6 +127,7 @@ INLINED void closest_on_sides(const distance_form *form, const domain_side *side
     }
 }
 
+/* The minimum of q over the domain. */
 INLINED closest_point closest_point_of(const distance_form *form)
 {
     const double *e = form->measures;

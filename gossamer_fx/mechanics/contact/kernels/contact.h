@@ -134,6 +134,7 @@ typedef struct {
     int in_tree;
 } box_query;
 
+/* Set the nodes of a tree from its boxes (box_count, 6). */
 void build_box_tree(const box_tree *tree, const double *boxes);
 
 /* Which pairs of overlapping boxes can come near: those whose gap, less what they can come closer

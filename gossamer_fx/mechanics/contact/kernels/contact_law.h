@@ -24,6 +24,7 @@ typedef struct {
     double derivative; /* of the slope with respect to x1 */
 } energy_secant;
 
+/* b(x); NAN for a barrier beyond its end. */
 static inline double energy_of(contact_energy b, double x)
 {
     if (x >= 1) return 0;
@@ -32,6 +33,7 @@ static inline double energy_of(contact_energy b, double x)
     return (1 - d) * (1 - d) / 2;
 }
 
+/* b'(x) */
 static inline double slope_of(contact_energy b, double x)
 {
     if (x >= 1) return 0;
@@ -41,6 +43,7 @@ static inline double slope_of(contact_energy b, double x)
     return -(1 - d) / (2 * d);
 }
 
+/* b''(x) */
 static inline double curvature_of(contact_energy b, double x)
 {
     if (x >= 1) return 0;

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.forms.c_source import CLibrary, c_library
 
-# See it for what its functions do; there is one C file a stage.
+# It says what each function does, and its arrays; there is one C file a stage.
 HEADER = Path(__file__).parent / "contact.h"
 
 

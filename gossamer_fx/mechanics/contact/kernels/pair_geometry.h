@@ -21,6 +21,7 @@ typedef struct {
     double row[3][3]; /* r, a, b */
 } pair_vectors;
 
+/* The vectors r, a, b of four points, given by their rows in x. */
 static inline pair_vectors vectors_at(const double coefficients[3][4], const double *x,
                                       const int32_t *points)
 {
@@ -41,6 +42,7 @@ static inline void measures_of(const pair_vectors *vectors, double measures[6])
                                                   vectors->row[MEASURE_SECOND[m]]);
 }
 
+/* r + u a + v b */
 static inline void vector_between(const pair_vectors *vectors, double u, double v,
                                   double between[3])
 {

@@ -1,7 +1,6 @@
 /* Iterates that have passed through something: see pass_through.h. */
 #include "pass_through.h"
 
-
 /* Of the search for the moment at which r, a and b lie in one plane: the interval is then 1/4096 of
    the step. */
 static const int BISECTIONS = 12;
@@ -14,6 +13,7 @@ static const double MEETING_DISTANCE = 1e-5;
 /* Shorter vectors have no direction. */
 static const double SHORTEST_NORMAL = 1e-12;
 
+/* The volume r.(a x b); its sign changes where the two sides of the pair, endlessly extended, meet. */
 static double volume_of(const pair_vectors *vectors)
 {
     double normal[3];
@@ -21,6 +21,7 @@ static double volume_of(const pair_vectors *vectors)
     return dot(vectors->row[0], normal);
 }
 
+/* The vectors after the part t of a straight motion. */
 static pair_vectors vectors_between(const pair_vectors *start, const pair_vectors *end, double t)
 {
     pair_vectors vectors;
@@ -115,8 +116,7 @@ static contact_direction direction_of_surfaces(const pair_frame *frame, const pa
 }
 
 void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances,
-               double stiffness,
-               const pair_output *output)
+               double stiffness, const pair_output *output)
 {
     const contact_direction along =
         is_boundary(frame->of) ? direction_of_boundary(frame, end)

@@ -25,8 +25,9 @@ typedef struct {
    lines. */
 int has_passed_through(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end);
 
+/* Force and tangent of a parabola with the given stiffness [N/m] over the signed distance at the
+   end, as the mean of the step. */
 void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances,
-               double stiffness,
-               const pair_output *output);
+               double stiffness, const pair_output *output);
 
 #endif

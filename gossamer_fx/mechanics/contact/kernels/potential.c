@@ -45,6 +45,8 @@ typedef struct {
 
 /* ---- the geometry of a step ---- */
 
+/* Whether a pair cannot come into the range of its energy in the step, by its distance at the start;
+   not asked of boundaries and states. */
 static int is_out_of_range(const active_pairs *pairs, const contact_step *step, ptrdiff_t i)
 {
     const stencil *of = STENCILS + pairs->list.kind[i];
@@ -55,6 +57,7 @@ static int is_out_of_range(const active_pairs *pairs, const contact_step *step, 
                                                    pairs->list.points + 4 * i);
 }
 
+/* Vectors, distances and law of pair i. */
 static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_t i,
                    pair_step *pair)
 {
@@ -88,6 +91,8 @@ static int is_too_steep(const pair_step *pair)
 
 /* ---- pairs that passed through ---- */
 
+/* Force and tangent of a pair that passed through.  The parabola is as stiff as the penalty of the
+   pair over its range, times the ratio. */
 static void push_pair_back(const pair_step *pair, int has_passed, double stiffness_ratio,
                            const pair_output *output)
 {
@@ -273,9 +278,9 @@ static void tangent_of_vectors(const pair_stress *stress, const pair_vectors *en
     }
 }
 
+/* Force De^T S on the points, and its derivative if it is wanted. */
 static void force_and_tangent(const pair_step *pair, const pair_stress *stress,
-                              double geometric_share,
-                              const pair_output *output)
+                              double geometric_share, const pair_output *output)
 {
     double stress_matrix[3][3] = {{0}}, on_vectors[3][3];
     for (int m = 0; m < 6; ++m) {
@@ -296,9 +301,10 @@ static void force_and_tangent(const pair_step *pair, const pair_stress *stress,
 
 /* ---- all pairs ---- */
 
+/* Write force and tangent of pair i to `output`, and return what it does; nothing is written for
+   NO_CONTACT. */
 static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_step *step,
-                                     ptrdiff_t i,
-                                     const pair_output *output)
+                                     ptrdiff_t i, const pair_output *output)
 {
     pair_step pair;
     set_up(pairs, step, i, &pair);
@@ -321,6 +327,7 @@ static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_st
     return too_steep ? PASSED : TOUCHES;
 }
 
+/* Enter force and tangent of pair i into all results that are wanted. */
 static void add_response(const pair_list *pairs, ptrdiff_t i, const contact_response *response,
                          const pair_output *pair)
 {
@@ -343,6 +350,7 @@ static void add_response(const pair_list *pairs, ptrdiff_t i, const contact_resp
         }
 }
 
+/* Enter zeros into the results of pair i; what is summed over pairs stays. */
 static void set_zero(ptrdiff_t i, const contact_response *response)
 {
     if (response->pair_forces) memset(response->pair_forces + 12 * i, 0, 12 * sizeof(double));

@@ -83,6 +83,8 @@ static inline double closest_distance(const stencil *of, double shape, const pai
     return of->boundary(shape, measures, gradient, NULL, 0);
 }
 
+/* The frame of a pair before `move_base`; rounding is a part of the width [m^2], or of its square if
+   the width is a distance [m]. */
 static inline pair_frame frame_of(const stencil *of, double shape, double rounding, double width)
 {
     pair_frame frame = {.of = of, .corner = {0, 0}, .rounding = 0, .shape = shape};

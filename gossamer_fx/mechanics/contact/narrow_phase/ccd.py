@@ -1,9 +1,9 @@
-"""Continuous collision detection: whether pairs keep a least gap while their points move straight.
+"""Continuous collision detection: whether pairs keep a least gap while their points move on
+straight lines, and whether bodies turn too far in a step for such lines.
 
-A film that turns by θ about its middle in a step is shorter by the factor cos(θ/2) on straight
-lines, so that with a large angle it shrinks past what it would hit.  Such a step is refused where
-something else is within reach.
-
+A film that turns by θ about its middle in a step is shorter by the factor cos(θ/2) half way along
+straight lines, so that with a large angle it shrinks past what it would hit.  Such a step is
+refused where something else is within reach.
 """
 
 from __future__ import annotations
@@ -156,7 +156,8 @@ class LargeTurns:
         # Without a second body or an obstacle there is nothing to turn past.
         if count < 2:
             return ""
-        # Each point of a body counts on one rank; all ranks have those of obstacles.
+        # Points of each body and obstacle.  Each point of a body counts on one rank; all ranks have
+        # those of obstacles.
         own, _ = self._mesh.own_points()
         body = self._mesh.body[own]
         self._points = [own[body == k] for k in range(count)]
@@ -210,7 +211,8 @@ class LargeTurns:
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
-        # The box round the other one, of all ranks together.
+        # The box round the other one, of all ranks together: greatest coordinates, then the least
+        # ones with the opposite sign.
         corners = np.concatenate(
             [ends.max(axis=0, initial=-np.inf), -ends.min(axis=0, initial=np.inf)]
         )

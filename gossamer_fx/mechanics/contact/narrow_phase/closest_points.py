@@ -20,11 +20,13 @@ from gossamer_fx.mechanics.contact.stencils import gaps_of
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
-    """Return the squared distances of contact pairs, and the parameters of their closest points.
-    The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
-    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Boundaries have no parameters: zeros.
-    Returns s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside
-    spheres and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-]."""
+    """Return the squared distances s (n,) [m²] of contact pairs at points x (m, 3) [m], and the
+    parameters (u, v) (n, 2) [-] of their closest points.
+
+    Of boundaries s is what the module says.  The closest points of two edges are at u and v of
+    their lengths; the one on a triangle is corner 0 + u (corner 1 - corner 0) + v (corner 2 -
+    corner 0).  Boundaries have no parameters: zeros.
+    """
     c = library()
     count = len(pairs)
     squared_distance = np.empty(count)
@@ -85,15 +87,15 @@ class PairDistances:
         return found
 
     def make_exact(self, rows: Any) -> None:
-        """Compute the gaps [m] of some contact pairs, of which lower bounds were known."""
+        """Replace the lower bounds of the gaps [m] of some pairs by the gaps; `rows`: indices, a
+        mask (n,) or a slice."""
         geometry = self._compute(rows)
         radius = self.candidates.radius[rows]
         self.gap[rows] = gaps_of(geometry, self._squared_distance[rows], radius)
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
-        """Return squared distance and parameters of the closest points of some contact pairs.
-        Returns squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along
-        the two sides."""
+        """Return squared distances s (k,) and parameters (k, 2) of the closest points of some pairs
+        (mask (n,)), as the function of this name.  What is not known is computed; `gap` stays."""
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):
             self._compute(missing)

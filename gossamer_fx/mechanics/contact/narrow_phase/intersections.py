@@ -1,4 +1,4 @@
-"""Edges that intersect triangles, decided exactly, and what is refused before the first step.
+"""Edges that intersect triangles, decided exactly, and initial states that contact refuses.
 
 The sign of a volume says on which side of a plane a point lies.  Layers that are pressed together
 lie on each other to round-off, where double precision may give any sign; there the volume is
@@ -78,7 +78,7 @@ def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32A
 
 
 def intersects_exactly(ends: Array, corners: Array) -> bool:
-    """Return whether an edge intersects a triangle, decided in exact fractions. An edge that only
+    """Return whether an edge intersects a triangle, decided in exact fractions.  An edge that only
     touches the triangle does not intersect it. `ends`: of the edge (2, 3) [m]; `corners`: of the
     triangle (3, 3) [m]."""
     below = sign_of_volume(np.vstack([corners, ends[:1]]))
@@ -227,4 +227,5 @@ def _count_and_first(
 
 
 def _point(x: Array) -> str:
+    """Return a point (3,) as messages show it."""
     return f"({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g})"
