@@ -645,6 +645,9 @@ SCENES: dict[str, Case] = {
     "an edge load on the film": lambda at: with_film(
         lambda sail: gx.loads.EdgeLoad(sail, "film", force=Z)
     ),
+    "an edge load in space that follows": lambda at: with_film(
+        lambda sail: gx.loads.EdgeLoad(sail, "left", force=Z, following=True)
+    ),
     "fixed twice": lambda at: (
         lambda sail: (
             run(sail, gx.Fixed(sail, "left"), gx.Fixed(sail, "left", name="b")).time == 2e-4

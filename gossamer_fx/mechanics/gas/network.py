@@ -502,7 +502,7 @@ class GasNetwork(ScalarUnknowns):
             "chambers": chambers,
             "supplied": self._supplied,
             "mass supplied": self._mass_supplied.tolist(),
-            "heat supplied": self._heat_supplied,
+            "heat supplied": list(self._heat_supplied),
             "flows": self._flows,
             "open": [passage.was_open for passage, _ in self._switches],
         }

@@ -68,6 +68,11 @@ class EdgeLoad:
             (self.force is None) != (self.normal_force is None),
             f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
         )
+        check(
+            self.normal_force is not None or not self.following,
+            f"EdgeLoad on '{self.edges}': following=True turns a normal_force; a force stays in "
+            "space, so leave following out.",
+        )
         # The normal of an edge in its sheet is defined on the rim only.
         most_sheets = 2
         if self.normal_force is not None:
