@@ -379,7 +379,8 @@ class ContactSet:
 
     def stiffen(self) -> bool:
         """Stiffen all pairs if those with energy are nearly closed in the accepted state of an
-        equilibrium: supports or obstacles press them, whose forces are not known before."""
+        equilibrium: supports or obstacles press them, whose forces are not known before.  Return
+        whether they were stiffened; not if the stiffness is given."""
         if self.pair_stiffness.given is not None:
             return False
         own_sums = np.array([self.stored_energy(), self.history.stiffness.sum()])
@@ -502,9 +503,9 @@ class ContactSet:
         return self.points.at(self.system.q1, self._end_time)
 
     def inadmissible(self) -> str:
-        """Report what passed through something else in the step, or all but did. Returns a clause
-        that names two bodies and a point [m] near which they meet, or a body that turns too far;
-        empty if the step is admissible.  The same on every rank."""
+        """Report what passed through something else in the step, or all but did: a clause that
+        names two bodies and a point [m] near which they meet, or a body that turns too far; empty
+        if the step is admissible.  The same on every rank."""
         comm = self.system.comm
         x1 = self.end_points()
         # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
