@@ -52,7 +52,7 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     pair_starts,
 )
-from gossamer_fx.mechanics.contact.stencils import is_boundary
+from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 
 if TYPE_CHECKING:
@@ -74,9 +74,6 @@ MIN_STATIC_WAY = 0.05
 # Scaled distance beyond the range of a pair up to which a run tape records it: when the step is
 # made again, its points differ by round-off.
 SCALED_MARGIN = 1e-6
-
-# No length: divisions by smaller ones are meaningless.
-TINY = 1e-300
 
 
 class ContactSet:
