@@ -380,7 +380,7 @@ class _Points:
         X = self._strained(self.vectors(q))
         n = len(X)
         θ1 = self._end(X)
-        # In a reversed step both are those of the step.
+        # In a reversed step both are those that `exchange_ends` has stored.
         moment, slope = self._exchanged or self._moment(θ1)
         G = self._direction(X, θ1).reshape(n, 9)
         gradient = dihedral_angle.gradient(X).reshape(n, 9)

@@ -113,9 +113,8 @@ class ContactHistory(HistoryVariables):
         self.stiffness = self.stiffness[which]
 
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
-        """Return which contact pairs have energy already, and their stiffness. Returns a mask (n,)
-        of those that have energy, and their stiffness (n,) [J]; the stiffness of the others has no
-        meaning."""
+        """Return the mask (n,) of the pairs that have energy already, and their stiffness (n,) [J];
+        that of the others has no meaning."""
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
         row = np.searchsorted(self.identifier, identifier)
@@ -257,8 +256,8 @@ class StepDistances:
         )
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
-        """Return which contact pairs are near at the start, may be at the end, or would pass
-        through. Returns mask (n,) of the candidate pairs."""
+        """Return the mask (n,) of the candidates that are near at the start, may be near at the
+        end, or would pass through."""
         start = self.start.gap
         end = self.end.gap
         is_near = start < NEAR_AT_START * activation_distance
@@ -268,9 +267,8 @@ class StepDistances:
         return is_near
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
-        """Return which contact pairs take no part in the step though they are near at its end or
-        would pass through. `active`: mask (n,) of the pairs that take part in the step. Returns
-        mask (n,) of the candidate pairs."""
+        """Return the mask (n,) of the candidates that are near at the end of the step or would pass
+        through, but are not among those that take part, `active` (mask (n,))."""
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True

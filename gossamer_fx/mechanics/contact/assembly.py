@@ -312,10 +312,9 @@ class BlockAssembly:
 def _unrolled(
     columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
 ) -> tuple[Int64Array, Array]:
-    """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows. A block is a 3
-    x 3 part of the matrix, and a row of blocks stands for three scalar rows. The blocks of a row of
-    blocks are consecutive. `columns`: the first column (k,) of each block. Returns columns and
-    values [N/m]."""
+    """Return columns (9 k,) and values (9 k,) [N/m] of k blocks in the order of scalar rows, of
+    which a row of blocks is three.  `columns`: first column (k,) of each block; `first`, `counts`:
+    index of the first block of each row of blocks, and how many it has, which are consecutive."""
     total = len(columns)
     # In a row of n blocks entry (c, d) of a block is 3 n entries behind its entry (c - 1, d).
     start = np.repeat(first, counts)

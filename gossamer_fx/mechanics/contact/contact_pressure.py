@@ -31,11 +31,14 @@ def nodes_of(body: Body, contact_set: ContactSet) -> Int64Array:
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the contact pressure on the points of bodies that this rank knows, as the mean of the
-    last accepted step; collective. It is the sum of the sizes of all pairs' forces on a point, over
-    the area of the stress-free shape for which the point stands: pressures on both sides of a film
-    add up.  The area of cables and beams is length times diameter.  After a restart, until the next
-    step, it is that of the state alone. Returns pressure (n,) [N/m²] of the n points of bodies."""
+    """Return the contact pressure (n,) [N/m²] on the points of bodies that this rank knows, as the
+    mean of the last accepted step; collective.
+
+    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
+    shape for which the point stands: pressures on both sides of a film add up.  The area of cables
+    and beams is length times diameter.  After a restart, until the next step, it is that of the
+    state alone.
+    """
     contact_set.stored_energy()
     points = contact_set.points
     end = contact_set.x0

@@ -52,7 +52,7 @@ from gossamer_fx.mechanics.contact.potential import (
     energy_of_pairs,
     pair_starts,
 )
-from gossamer_fx.mechanics.contact.stencils import is_boundary
+from gossamer_fx.mechanics.contact.stencils import TINY, is_boundary
 from gossamer_fx.mechanics.contact.step_forces import StepForces
 
 if TYPE_CHECKING:
@@ -74,9 +74,6 @@ MIN_STATIC_WAY = 0.05
 # Scaled distance beyond the range of a pair up to which a run tape records it: when the step is
 # made again, its points differ by round-off.
 SCALED_MARGIN = 1e-6
-
-# No length: divisions by smaller ones are meaningless.
-TINY = 1e-300
 
 
 class ContactSet:
@@ -379,7 +376,8 @@ class ContactSet:
 
     def stiffen(self) -> bool:
         """Stiffen all pairs if those with energy are nearly closed in the accepted state of an
-        equilibrium: supports or obstacles press them, whose forces are not known before."""
+        equilibrium: supports or obstacles press them, whose forces are not known before.  Return
+        whether they were stiffened; not if the stiffness is given."""
         if self.pair_stiffness.given is not None:
             return False
         own_sums = np.array([self.stored_energy(), self.history.stiffness.sum()])
@@ -502,9 +500,9 @@ class ContactSet:
         return self.points.at(self.system.q1, self._end_time)
 
     def inadmissible(self) -> str:
-        """Report what passed through something else in the step, or all but did. Returns a clause
-        that names two bodies and a point [m] near which they meet, or a body that turns too far;
-        empty if the step is admissible.  The same on every rank."""
+        """Report what passed through something else in the step, or all but did: a clause that
+        names two bodies and a point [m] near which they meet, or a body that turns too far; empty
+        if the step is admissible.  The same on every rank."""
         comm = self.system.comm
         x1 = self.end_points()
         # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What

@@ -431,9 +431,8 @@ DrawnSurface = tuple[Array, Indices, Indices]  # points (n, 3), triangles (t, 3)
 
 
 def grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
-    """Return a square grid of lines on a plane. `point`: of the plane, (3,) [m]; `normal`: unit
-    vector (3,); `near`: points (n, 3) [m], in the middle of which the grid is drawn. Returns ends
-    of the lines (k, 3) [m], no triangles, and the lines (l, 2) as indices of these points."""
+    """Return a square grid of lines on a plane with a point (3,) [m] and a unit normal (3,), in the
+    middle of the points `near` (n, 3) [m]."""
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
     # Projected onto the plane.
     middle = middle - (middle - point) @ normal * normal

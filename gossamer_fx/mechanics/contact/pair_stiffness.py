@@ -203,7 +203,7 @@ class PairStiffness:
 
     def stiffen(self, mean_energy: float) -> bool:
         """Stiffen pairs of an equilibrium if their mean energy over their stiffness [-] says that
-        they are nearly closed."""
+        they are nearly closed; return whether they were stiffened."""
         if mean_energy < CLOSED_ENERGY or self._stiffening >= MAX_STIFFENING:
             return False
         self._stiffening *= STIFFENING

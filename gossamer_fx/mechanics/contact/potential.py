@@ -105,10 +105,8 @@ class PairResponse:
 def activate(
     candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
 ) -> ActivePairs:
-    """Return n contact pairs with the numbers of their energy, which reaches up to an activation
-    distance. With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
-    Returns the pairs with offset and width of the squared distance [m²], of planes [m], and the
-    stiffness zero."""
+    """Return n candidates as active pairs, with the width and offset that let their energy reach up
+    to the activation distance (n,) [m].  Their stiffness is zero and `start` is None."""
     count = len(candidates)
     width = np.empty(count)
     offset = np.empty(count)
@@ -129,9 +127,9 @@ def activate(
 
 
 def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
-    """Return the column `start` of contact pairs: what the energy rule needs from the start of a
-    step. Returns (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The
-    distance of boundaries is not used."""
+    """Return the column `start` (n, 4) of contact pairs, which the energy rule needs from the start
+    of a step: u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
+    boundaries is not used.  `squared_distance` and `parameters`: of `closest_points` at x."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)

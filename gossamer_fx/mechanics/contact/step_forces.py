@@ -210,7 +210,6 @@ class StepForces:
         return np.concatenate(passed)
 
     def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
-        """Return what both tables of pairs do in a step to x1, if it is the last residual's.
-        Returns a `PairState` of each pair between bodies (n,), and of each pair with an obstacle
-        (k,); None: no residual was computed for this end."""
+        """Return the `PairState` of each pair between bodies (n,) and of each pair with an obstacle
+        (k,) in a step to x1; None: the last residual was computed for another end."""
         return self._last_states if np.array_equal(x1, self._last_end) else None

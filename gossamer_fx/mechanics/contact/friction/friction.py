@@ -57,10 +57,10 @@ class Friction:
         self._groups: list[FrictionPairs] = []
 
     def _block_row_of_points(self) -> Int64Array:
-        """Return the block row, a vector of three unknowns, that moves each point; -1 where none
-        does. A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each
-        of its vectors is one block row. Returns (m,) numbers of block rows; those of boundaries and
-        solids of obstacles are -1, too."""
+        """Return the block row (m,), a vector of three unknowns, that moves each point of a body or
+        a frame; -1 where none does, and for boundaries and solids of obstacles.  A frame, the
+        origin and axes of an obstacle, is fixed in its rigid body, so that each of its vectors is
+        one block row."""
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)
         block_row[: self._points.body_count] = np.arange(self._points.body_count)
@@ -237,9 +237,9 @@ class Friction:
         return np.hstack([points, first[:, None] + np.arange(FRAME_SIZE)]).astype(np.int32)
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
-        """Return how the four points of contact pairs with obstacles follow the unknowns that
-        friction couples. Returns weights (n, 4, 8) [-]: a point of a body follows itself, one of an
-        obstacle the vectors of its rigid body, and is zero where nothing moves it."""
+        """Return the weights (n, 4, 8) [-] of points (n, 8), those of a pair with an obstacle and
+        of its frame, in the four of the pair: a point of a body is itself, one of an obstacle a sum
+        of the vectors of its rigid body; zero where nothing moves it."""
         own = points[:, :4]
         is_of_body = own < self._points.body_count
         weights = np.zeros((*own.shape, 4 + FRAME_SIZE))

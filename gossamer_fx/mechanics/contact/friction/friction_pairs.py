@@ -427,8 +427,8 @@ class FrictionPairs:
         return np.where(presses, pressure, 0.0), derivative, forces
 
     def _forces(self, stress: Array, sliding: Sliding) -> Array:
-        """Return the friction forces on the k points of each pair: a stress times the gradient of
-        sliding. `stress`: S (n, 2) [N] in the two directions of sliding. Returns (n, k, 3) [N]."""
+        """Return the friction forces (n, k, 3) [N] on the k points of each pair: the stress S (n,
+        2) [N] times the gradient of sliding in the middle of the step."""
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]

@@ -234,9 +234,9 @@ class CollisionMesh:
         return np.concatenate([self.known.points.number, of_obstacles])
 
     def own_points(self) -> tuple[Int64Array, Int64Array]:
-        """Return for which points this rank keeps history variables: those of bodies that it owns,
-        and all points of obstacles. Returns their indices (k,) among the points that are known, and
-        their numbers (k,) on all ranks."""
+        """Return the points of which this rank stores history variables, those of bodies that it
+        owns and all of obstacles: their indices (k,) among the points that it knows, and their
+        numbers (k,) over all ranks."""
         is_own = np.ones(self.points.count, dtype=bool)
         is_own[: self.points.body_count] = self.shared.is_own
         own = np.flatnonzero(is_own)
@@ -354,10 +354,9 @@ class CollisionMesh:
         return area
 
     def body_densities(self, system: ContactAssembly) -> Array:
-        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective. A
-        body has the same density everywhere: its mass over its area in the stress-free shape, that
-        of cables and beams being length times diameter. Returns densities (k,); infinite for
-        obstacles."""
+        """Return the mass per area (k,) [kg/m²] of each body and obstacle, in their order; infinite
+        for obstacles; collective.  A body has the same density everywhere: its mass over its area
+        in the stress-free shape, that of cables and beams being length times diameter."""
         mass = self.body_masses(system)
         density = np.full(len(self.names), np.inf)
         own = self.shared.is_own

@@ -44,9 +44,12 @@ def find_violations(
     approach: Array,
     among: MaskArray,
 ) -> np.ndarray:
-    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1. `approach`: by
-    how much pairs can come closer in the step (n,) [m]; `among`: mask (n,) of the pairs that are
-    asked for. Returns indices (k,) of the pairs, ascending; empty if none loses its gap."""
+    """Return the indices (k,), ascending, of the pairs that do not keep a tenth of their gap from
+    x0 to x1, or of the activation distance if that is less (`KEPT_GAP`).
+
+    `gap`: at x0 (n,) [m]; `approach`: by how much pairs can come closer in the step (n,) [m];
+    `among`: mask (n,) of the pairs that are asked for; boundaries are left out in any case.
+    """
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
     rows = np.flatnonzero(can_come_near & ~is_boundary(candidates.kind) & among)
@@ -64,11 +67,13 @@ def find_violations(
 def find_collisions(
     pairs: PairTable, x0: Array, x1: Array, radius: Array, gap: Array, min_gap: Array
 ) -> np.ndarray:
-    """Return the contact pairs that come nearer than their least gap on the way, or may. Additive
-    continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental potential
-    contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767. `min_gap`: to
-    be kept on the way (n,) [m]. Returns indices (k,) of the pairs; also of those for which
-    `MAX_ADVANCES` evaluations could not decide."""
+    """Return the indices (k,) of the pairs that come nearer than `min_gap` (n,) [m] on the straight
+    way from x0, where their gap is `gap` (n,) [m], to x1; also of those for which `MAX_ADVANCES`
+    evaluations could not decide.
+
+    Source: additive continuous collision detection, Li, Kaufman & Jiang, "Codimensional incremental
+    potential contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
+    """
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
@@ -144,13 +149,15 @@ class LargeTurns:
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
-        """Report a body or obstacle that turns too far past another one in a step; collective. A
-        deformable body turns by the rotation that brings all its points nearest to where they are
-        at the end of the step, an obstacle on a rigid body by that of the rigid body.  A body turns
-        too far if its rotation relative to the other one is more than `MAX_TURN` [rad], its
-        rotation in space is more than half of that, and it may meet the other one on its way.  Two
-        obstacles are not compared. `distances`: gaps of the contact pairs that may touch, and the m
-        points of the contact that this rank knows, (m, 3) [m], at the start of the step."""
+        """Report a body or obstacle that turns too far past another one in a step, as a clause that
+        is empty if there is none; collective.
+
+        A deformable body turns by the rotation that brings all its points nearest to where they are
+        at the end of the step, an obstacle on a rigid body by that of the rigid body.  It turns too
+        far if its rotation relative to the other one is more than `MAX_TURN`, its rotation in space
+        is more than half of that, and it may meet the other one on its way.  Two obstacles are not
+        compared.  `distances`: gaps and points at the start of the step; `x1`: points at its end.
+        """
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
         # Without a second body or an obstacle there is nothing to turn past.

@@ -41,8 +41,8 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
-    """Return by how much contact pairs can come closer on straight lines, at most. Returns bounds
-    (n,) [m]; infinite for boundaries."""
+    """Return by how much (n,) [m] contact pairs can come closer at most while their points move
+    straight from x0 to x1 (m, 3) [m]; infinite for boundaries."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     points = len(x0)

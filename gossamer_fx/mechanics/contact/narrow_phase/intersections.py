@@ -31,10 +31,9 @@ UNSURE = 2
 def find_intersections(
     surface: CollisionPrimitives, x: Array, edges: Int32Array | None = None
 ) -> Int32Array:
-    """Return the pairs of an edge and a triangle that intersect and are not connected. Signs that
-    round-off makes uncertain are computed again in exact fractions. `edges`: numbers (q,) of the
-    edges that are asked for; None: all. Returns numbers (k, 2) of edge and triangle; empty if
-    nothing intersects."""
+    """Return the pairs of an edge and a triangle that intersect and are not connected, as their
+    numbers (k, 2).  Signs that round-off makes uncertain are computed again in exact fractions.
+    `x`: the points (m, 3) [m]; `edges`: numbers (q,) of those that are asked for; None: all."""
     if edges is None:
         edges = np.arange(len(surface.edges), dtype=np.int32)
     if not len(edges) or not len(surface.triangles):
@@ -51,9 +50,8 @@ def find_intersections(
 
 
 def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
-    """Return for pairs of edges and triangles whether they intersect, as far as doubles can decide.
-    `near`: numbers (k, 2) of edge and triangle. Returns (k,): 0, `INTERSECTS`, or `UNSURE` where a
-    sign is within round-off."""
+    """Return for pairs of edges and triangles, given by their numbers `near` (k, 2), whether they
+    intersect: 0, `INTERSECTS`, or `UNSURE` where a sign is within round-off, (k,)."""
     # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     check_indices("The points of edges", surface.edges, len(x))
@@ -208,10 +206,9 @@ def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
 def _count_and_first(
     mesh: CollisionMesh, x: Array, is_wrong: MaskArray
 ) -> tuple[int, tuple[str, Array]]:
-    """Return how many points of bodies are wrong on all ranks, and the first one; collective.
-    `is_wrong`: mask of the points of bodies (n,) that this rank knows. Returns their number, each
-    point counted once, and name of the body and position (3,) [m] of the one with the lowest
-    number; an empty name and zeros if there is none."""
+    """Return how many points of bodies are wrong on all ranks, each counted once, and name of the
+    body and position (3,) [m] of the one with the lowest number; collective.  An empty name and
+    zeros if there is none.  `is_wrong`: mask (n,) of the points of bodies that this rank knows."""
     wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
     first: list[tuple[int, str, Array]] = []
     if len(wrong):
