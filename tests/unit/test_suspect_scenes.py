@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import folded_in_plane
+from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleBoundary, ObstacleSolid
 from gossamer_fx.mechanics.gas.enclosure import label_components
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
@@ -66,11 +69,65 @@ def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
     sail = film(comm)
     centre = (0.5, 0.5, 0.0)
     around = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), name="bus")
-    with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the box 'bus'"):
+    with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the obstacle 'bus'"):
         compiled(gx.Contact(sail, around, distance=DISTANCE))
     room = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), inside=True)
     beside = gx.contact.Box(centre=(0.5, 0.5, 0.5), sizes=(3.0, 3.0, 0.5))
     compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Faces(Obstacle):
+    """An obstacle of the test: triangles between points [m]."""
+
+    points: np.ndarray
+    triangles: tuple[tuple[int, int, int], ...]
+
+    def parts(self) -> tuple[list[ObstacleBoundary], list[ObstacleSolid]]:
+        pairs = {tuple(sorted(pair)) for t in self.triangles for pair in combinations(t, 2)}
+        corners = tuple(self._at(point) for point in self.points)
+        return [], [ObstacleSolid(corners, tuple(sorted(pairs)), self.triangles)]
+
+
+def square_torus(around: int = 12) -> Faces:
+    """A ring of square section about the z axis of (0.5, 0.5), from 2 to 3 m from it."""
+    angles = 2 * np.pi * np.arange(around) / around
+    section = [(2.0, -0.5), (3.0, -0.5), (3.0, 0.5), (2.0, 0.5)]
+    points = [
+        (0.5 + r * np.cos(angle), 0.5 + r * np.sin(angle), z)
+        for angle in angles
+        for r, z in section
+    ]
+    triangles = []
+    for i, k in product(range(around), range(4)):
+        a, b = 4 * i + k, 4 * i + (k + 1) % 4
+        c, d = (a + 4) % (4 * around), (b + 4) % (4 * around)
+        # Their orders of corners differ on purpose.
+        triangles += [(a, b, c), (d, c, b)] if i % 2 else [(b, a, c), (c, d, b)]
+    return Faces(points=np.array(points), triangles=tuple(triangles), name="ring")
+
+
+@pytest.mark.mpi
+def test_a_film_may_lie_in_the_hole_of_a_ring_or_near_an_open_face(comm) -> None:
+    compiled(gx.Contact(film(comm), square_torus(), distance=DISTANCE))
+    corners = np.array([(-1.0, -1.0, 0.3), (2.0, -1.0, -0.3), (2.0, 2.0, -0.2), (-1.0, 2.0, 0.4)])
+    for side in (-1.0, 1.0):
+        face = Faces(
+            points=np.add(corners, (0, 0, side)), triangles=((0, 1, 2), (3, 2, 0)), name="face"
+        )
+        compiled(gx.Contact(film(comm), face, distance=DISTANCE))
+
+
+@pytest.mark.mpi
+def test_a_film_within_a_ring_is_refused(comm) -> None:
+    sail = gx.Membrane(
+        sheet(comm, 4, 4, 0.2, 0.2),
+        LAW,
+        displacement=lambda X: np.tile([[2.9], [0.4], [0.0]], X.shape[1]),
+        name="film",
+    )
+    with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the obstacle 'ring'"):
+        compiled(gx.Contact(sail, square_torus(), distance=DISTANCE))
 
 
 # ---- plates --------------------------------------------------------------------------------------

@@ -186,7 +186,11 @@ class Plate(Membrane):
         self.bending = self._bending_about(rest)
 
     def _take_shape(self, geometry: Geometry) -> None:
-        """Take the nodes of a mesh of order 2 as the stress-free shape.  Collective."""
+        """Take the nodes of a mesh of order 2 as the stress-free shape, `shape`.  Collective.
+
+        Its tied strain from the plane triangles goes to `_strain_of_shape`, which
+        `strain_from_mesh` subtracts, so that the shape has no strain.
+        """
         self.shape = fem.Function(self.space, name="shape")
         # Nodes of a cell have the same order in both.
         self.shape.x.array.reshape(-1, 3)[cell_nodes(self.space)] = geometry.x[geometry.dofmap]

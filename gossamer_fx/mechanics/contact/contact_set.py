@@ -124,7 +124,9 @@ class ContactSet:
         self._accepted_pairs: ActivePairs | None = None
         self._pairs_restored = history.restored
         # Of the present step: its times [s], velocities (m, 3) [m/s], which candidates are active,
-        # distances of all candidates at x0, and at both ends as last solved for.
+        # distances of all candidates at x0, and at both ends as last solved for.  `_start_time` is
+        # that of x0: `system.time` is still the old one when terms commit, and an equilibrium sets
+        # it back by one duration before each pseudo-step.
         self._start_time = 0.0
         self._end_time = 0.0
         self._v: Array = np.zeros((0, 3))

@@ -214,7 +214,7 @@ class Orifice(PassiveOpening):
             or callable(self.area)
             or 0 <= self.area < math.inf,
             f"{what}: area is {self.area!r} m²; "
-            "give a positive number, a function of time, or a ring.",
+            "give a number ≥ 0, a function of time, a Ring or a FilmArea.",
         )
         check(
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,

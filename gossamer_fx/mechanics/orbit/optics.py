@@ -176,13 +176,13 @@ class Accommodation:
     wall_temperature: Annotated[float, positive("K")] = 300.0
 
 
-def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
+def flow_coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
     """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
     side.
 
-    n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall =
-    √(T_w/T) of wall and air.  With x = s c, the pressure and shear coefficients of Schaaf & Chambre
-    are
+    n points into the surface, u = U/|U|, c = n·u (negative on the lee), which is cos θ of the angle
+    θ between n and u, s = |U|/√(2kT/m), wall = √(T_w/T) of wall and air.  With x = s c, the
+    pressure and shear coefficients of Schaaf & Chambre are
 
         c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²)
                  + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
@@ -287,8 +287,8 @@ def flow_force(
     c = maths.dot(a, U) / (area * speed)
     s = speed / thermal
     # The normal of `coefficients` points into the surface: -a for the front, a for the back.
-    into_front, shear_front = coefficients(-c, s, σn, σt, wall, maths)
-    into_back, shear_back = coefficients(c, s, σn, σt, wall, maths)
+    into_front, shear_front = flow_coefficients(-c, s, σn, σt, wall, maths)
+    into_back, shear_back = flow_coefficients(c, s, σn, σt, wall, maths)
     normal = two_sided * into_back - into_front
     shear = shear_front + two_sided * shear_back
     # ½U² (A n + B u) times the area, with the lengths of a and U multiplied out.

@@ -79,8 +79,8 @@ class Loads(Differentiable, CompiledTerms["Load"]):
             load.forget()
 
     def supplied(self) -> float:
-        """Work [J] of the loads in the present step; collective for loads that follow the body, in
-        statics."""
+        """Work [J] of the loads in the present step, this rank's share; collective for loads that
+        follow the body, in statics."""
         work = 0.0
         # Change (n,) [m] of this rank's coordinates in the step.
         Δq = self._system.q1.array_r - self._system.q0.array_r

@@ -296,7 +296,12 @@ def _parsed(text: bytes) -> ElementTree.Element:
 
 
 def _values(file: BinaryIO, start: int, element: ElementTree.Element) -> npt.NDArray:
-    """The values (n,) or (n, k) of an array in an open VTU file."""
+    """The values (n,) or (n, k) of an array in an open VTU file.
+
+    `start`: position behind the head of the file, from which offsets count.  The array is one zlib
+    block, as `_block` writes it: its head has the number of blocks (1, or 0 without values, and
+    nothing follows), the bytes of a block, those of the last block, and the bytes when compressed.
+    """
     kind = np.dtype(_TYPES[element.attrib["type"]])
     components = int(element.attrib["NumberOfComponents"])
     file_size = file.seek(0, os.SEEK_END)

@@ -328,10 +328,11 @@ def _shades(corners: Array, normals: Array) -> Array:
 
 
 def _palette(colours: Colouring) -> Colours:
-    """Colours (kinds + 2, 256, 3) by brightness, as bytes; the last two kinds are lines and solids.
+    """Colours (kinds + 3, 256, 3) by brightness, as bytes: the rows of `colours.table`, the last of
+    which is of what has no value, then lines and solids.
 
-    They go from black to the colour at 1 - gloss, then half-way on to white; numbers have one
-    colour at any brightness.
+    They go from black to the colour at 1 - gloss, then half-way on to white; colours of numbers are
+    the same at any brightness.
     """
     brightness = np.linspace(0, 1, 256)[:, None]
     base = np.array([*colours.table, _INK, _SOLID_COLOUR])[:, None]

@@ -64,6 +64,9 @@ class StepSolver(Carrier, Protocol):
         """Advance the system by one step of length h [s], and commit it; returns the number of
         Newton iterations.  Collective.
 
+        A step calls `system.begin_step(h)`, `system.set_inertia(c, offset)`,
+        `newton.solve(increment, y)` and `system.commit(v1)`, in this order.
+
         Raises:
             NotConverged: the step failed; the state is unchanged, and a shorter step may be tried.
             Inadmissible: the solution cannot be accepted; the state is unchanged.

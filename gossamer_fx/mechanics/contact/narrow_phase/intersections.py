@@ -2,9 +2,10 @@
 
 The sign of a volume says on which side of a plane a point lies.  Layers that are pressed together
 lie on each other to round-off, where double precision may give any sign; there the volume is
-computed in fractions.  An edge that only touches a triangle does not intersect it.
+computed in fractions.  An edge that only touches a triangle, or lies in its plane, does not
+intersect it.
 
-At the start no layers may intersect or coincide, and no point may be inside a box.
+At the start no layers may intersect or coincide, and no point may be inside an obstacle.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from gossamer_fx.mechanics.contact.kernels.library import library
 # Of `enum intersection` in kernels/contact.h.
 INTERSECTS = 1
 UNSURE = 2
+
+# Direction of rays that tell inside from outside: along no axis or diagonal, so that rays from the
+# nodes of regular meshes do not meet edges of regular surfaces.
+RAY = np.array([0.53771, 0.31877, 0.78058])
 
 
 def find_intersections(
@@ -171,36 +176,62 @@ def refuse_coincident(
 
 
 def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
-    """Raise `InputError` where points of bodies are inside a box at the start; collective.
+    """Raise `InputError` where points of bodies are inside a box, or another obstacle with a closed
+    surface of triangles, at the start; collective.
 
-    The surface of a box keeps points apart on both sides, so that a body within it would be taken
-    for one that is kept there.  Spheres and cylinders are a radius round a point or an axis:
+    Such a surface keeps points apart on both sides, so that a body within it would be taken for one
+    that is kept there.  Spheres and cylinders are a radius round a point or an axis:
     `refuse_coincident` finds their points.
 
     Raises:
-        InputError: names a body, the box, the number of such points and the first of them.
+        InputError: names a body, the obstacle, the number of such points and the first of them.
     """
     triangles = mesh.surface.triangles
-    is_of_box = triangles[:, 0] >= mesh.points.body_count
+    is_of_obstacle = triangles[:, 0] >= mesh.points.body_count
     owner = mesh.body[triangles[:, 0]]
     of_bodies = x[: mesh.points.body_count]
-    for box in np.unique(owner[is_of_box]):
-        corners = x[triangles[is_of_box & (owner == box)]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        heights = np.einsum("pk,tk->pt", of_bodies, normals)
-        heights -= np.einsum("tk,tk->t", corners[:, 0], normals)
-        # The height of the middle over each face tells which side is inside.
-        middle = corners.reshape(-1, 3).mean(axis=0)
-        inside_sign = np.sign(((middle - corners[:, 0]) * normals).sum(axis=1))
-        is_inside = (heights * inside_sign > 0).all(axis=1)
-        count, first_inside = _count_and_first(mesh, x, is_inside)
+    for obstacle in np.unique(owner[is_of_obstacle]):
+        surface = triangles[is_of_obstacle & (owner == obstacle)]
+        if not _is_closed(surface):
+            continue
+        count, first_inside = _count_and_first(mesh, x, _are_inside(of_bodies, x[surface]))
         if count:
             name, point = first_inside
             raise InputError(
-                f"Contact: {count} points of '{name}' and others are inside the box "
-                f"'{mesh.names[box]}' at the start, the first at {_point(point)} m; move one of "
-                "them, or give the box inside=True to keep bodies within it."
+                f"Contact: {count} points of '{name}' and others are inside the obstacle "
+                f"'{mesh.names[obstacle]}' at the start, the first at {_point(point)} m; move one "
+                "of them, or give a box inside=True to keep bodies within it."
             )
+
+
+def _is_closed(triangles: Array) -> bool:
+    """Whether two of the triangles (t, 3), numbers of corners, meet at each of their edges."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, triangles_at = np.unique(edges, axis=0, return_counts=True)
+    return bool((triangles_at == 2).all())
+
+
+def _are_inside(points: Array, corners: Array) -> MaskArray:
+    """Which points (n, 3) [m] are inside a closed surface of triangles with corners (t, 3, 3) [m]:
+    a ray from there crosses it an odd number of times.
+
+    Source: Möller & Trumbore, J. Graphics Tools 2 (1997) 21.
+    """
+    is_inside: MaskArray = np.zeros(len(points), dtype=bool)
+    for corner, second, third in corners:
+        a, b = second - corner, third - corner
+        across = np.cross(RAY, b)
+        determinant = a @ across
+        if determinant == 0:  # parallel to the ray, which does not cross it
+            continue
+        r = points - corner
+        # The ray meets the plane of the triangle at corner + u a + v b, `distance` from its start.
+        u = r @ across / determinant
+        turned = np.cross(r, a)
+        v = turned @ RAY / determinant
+        distance = turned @ b / determinant
+        is_inside ^= (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
+    return is_inside
 
 
 def _count_and_first(
