@@ -18,6 +18,7 @@ from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 from tests.small_scenes import run_until
 
 COMM = MPI.COMM_SELF
@@ -47,6 +48,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "curve": curve,
         "law": law,
         "film": gx.Membrane(mesh, law),
+        "tube": gx.Membrane(flat_tube(COMM, 0.2, 0.05, cells=4, compartments=2), law, name="tube"),
         "plate": gx.Plate(mesh, stiff),
         "creased": gx.Membrane(creased_strip(COMM, 2, 1, 0.1, 0.1), law, name="creased"),
         "cable": gx.Cable(curve, gx.CableLaw(1e4, 0.01)),

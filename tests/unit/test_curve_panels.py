@@ -19,7 +19,7 @@ from gossamer_fx.records.fields.units import with_decimals
 from gossamer_fx.records.plot import page
 from gossamer_fx.records.plot.curve_panels import (
     LINES,
-    _extent,
+    _in_bands,
     _line_colours,
     _lines,
     _probes,
@@ -33,7 +33,7 @@ TENDONS = {f"tendon {k}": k * (1 + T) for k in range(1, 13)}  # N
 
 def test_many_parts_are_drawn_as_a_band_with_their_mean() -> None:
     """Twelve tendons from 1 to 12 N, at the end from 2 to 24 N."""
-    curves = _extent(TENDONS)
+    curves = _in_bands(TENDONS)
     axes = Figure().subplots()
     _lines(T, curves, _line_colours(curves), "Tension", "N", axes)
     (band,) = axes.collections
@@ -46,7 +46,7 @@ def test_many_parts_are_drawn_as_a_band_with_their_mean() -> None:
 
 
 def test_a_family_becomes_a_band_and_other_parts_keep_their_curves() -> None:
-    curves = _extent(TENDONS | {"boom": 100 + T, "mast": 200 + T})
+    curves = _in_bands(TENDONS | {"boom": 100 + T, "mast": 200 + T})
     assert list(curves) == [
         "largest of 12 tendon",
         "mean of 12 tendon",
@@ -58,9 +58,9 @@ def test_a_family_becomes_a_band_and_other_parts_keep_their_curves() -> None:
     colours = _line_colours(curves)
     assert len(set(colours.values())) == 3
     # Few parts stay what they are, and too many others become one band.
-    assert _extent({"a 1": T, "a 2": T}) == {"a 1": T, "a 2": T}
+    assert _in_bands({"a 1": T, "a 2": T}) == {"a 1": T, "a 2": T}
     names = [f"part {letter}" for letter in "abcdefgh"]
-    assert next(iter(_extent(dict.fromkeys(names, T)))) == "largest of 8"
+    assert next(iter(_in_bands(dict.fromkeys(names, T)))) == "largest of 8"
 
 
 def test_numbers_at_an_axis_need_no_addition() -> None:

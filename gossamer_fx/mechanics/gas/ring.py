@@ -98,8 +98,13 @@ class Ring:
         body: the film.
         edges: name of a group of curves of its mesh.
 
+    Raises:
+        InputError: the mesh has no such group of curves.
+
     Example:
-        >>> ring = gx.gas.Ring(film, "ring 1")
+        >>> from gossamer_fx.meshes.tube import flat_tube
+        >>> tube = gx.Membrane(flat_tube(comm, 0.2, 0.05, cells=4, compartments=2), law)
+        >>> ring = gx.gas.Ring(tube, "ring 1")
         >>> opening = gx.Orifice(tank, gx.gas.Ambient(), area=ring, discharge_coefficient=0.8)
     """
 

@@ -272,7 +272,7 @@ class RingArea:
         InputError: when called, the film is not in the scene, or the edges form no closed line.
 
     Example:
-        >>> area = gx.probes.RingArea(gx.gas.Ring(film, "ring 1"))
+        >>> area = gx.probes.RingArea(gx.gas.Ring(tube, "ring 1"))
     """
 
     def __init__(self, ring: Ring) -> None:
