@@ -9,7 +9,7 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.optics import Rows, coefficients
+from gossamer_fx.mechanics.orbit.optics import Rows, flow_coefficients
 
 EARTH = 6378137.0  # equatorial radius [m], WGS 84
 
@@ -28,7 +28,9 @@ def drag_area(
     """
     wall = math.sqrt(how.wall_temperature / air.temperature)
     # A pushes against the outer normal, B along the flow.
-    A, B = coefficients(cosines, speed / air.thermal_speed, how.normal, how.tangential, wall, Rows)
+    A, B = flow_coefficients(
+        cosines, speed / air.thermal_speed, how.normal, how.tangential, wall, Rows
+    )
     return float(np.sum(areas * (A * cosines + B)))
 
 
