@@ -147,7 +147,7 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
 def test_optics_of_mcinnes() -> None:
     # μPa by angle of incidence [deg], of McInnes' non-perfect sail; seven decimals.
     known = {0: (8.287832, 0.0), 30: (6.210109, 0.341425), 60: (2.059537, 0.341425)}
-    mirrored, both, along = JPL_SAIL.flow_coefficients()
+    mirrored, both, along = JPL_SAIL.coefficients()
     for degrees, (normal, tangential) in known.items():
         c = math.cos(math.radians(degrees))
         s = math.sin(math.radians(degrees))
@@ -158,9 +158,9 @@ def test_optics_of_mcinnes() -> None:
     ideal = {0: 9.126, 15: 8.514674, 30: 6.8445, 45: 4.563, 60: 2.2815, 75: 0.611326}
     for degrees, pressure in ideal.items():
         c = math.cos(math.radians(degrees))
-        measured = 1e6 * PRESSURE * c * (MIRROR.flow_coefficients()[0] * c)
+        measured = 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c)
         assert measured == pytest.approx(pressure, abs=5.1e-7)
-        measured = MIRROR.flow_coefficients()[1:]
+        measured = MIRROR.coefficients()[1:]
         assert measured == (0, 0)
 
 
@@ -172,9 +172,9 @@ def test_lit_from_the_back_the_sides_change_places() -> None:
         lambertian=0.55,
         other_side=Optics(0.88, 0.94, emissivity=0.05, lambertian=0.79),
     )
-    assert JPL_SAIL.flow_coefficients(back=True) == swapped.flow_coefficients()
+    assert JPL_SAIL.coefficients(back=True) == swapped.coefficients()
     black = Optics(reflectivity=0.0, emissivity=0.9)
-    assert black.flow_coefficients() == (0, 0, 1)
+    assert black.coefficients() == (0, 0, 1)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, 1.4, 2.0, 3.1])
