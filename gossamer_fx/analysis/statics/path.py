@@ -468,11 +468,9 @@ class _PathNewton(Newton):
         right[-1] = 1.0
         self._moved.zeroEntries()
         self._composite.join(self._moved, right, self._F)
+        # Before the solution uses its factors: one that lacks workspace is repeated with more.
+        factorisation.set_up(self._preconditioner)
         self.ksp.solve(self._F, self._x)
-        # A factorisation that lacks workspace is repeated with more.
-        while factorisation.enlarge(self._preconditioner):
-            J.assemble()
-            self.ksp.solve(self._F, self._x)
         dq, dy = self._composite.split(self._x)
         return dq.copy(), float(dy[-1])
 
