@@ -112,9 +112,10 @@ class CoarseSpace:
         self._solver = self._new_solver()
         self._r = self._P.createVecRight()
         self._z = self._P.createVecRight()
-        # To the vector of all coarse unknowns that each rank has.
-        self._gather, self._all_r = PETSc.Scatter.toAll(self._r)
-        self._all_z = self._all_r.duplicate()
+        if self._to_large_patches is None:
+            # To the vector of all coarse unknowns that each rank has.
+            self._gather, self._all_r = PETSc.Scatter.toAll(self._r)
+            self._all_z = self._all_r.duplicate()
 
     def _new_solver(self) -> PETSc.PC:
         """A factorisation of the coarse matrix, or a V-cycle if it is large."""
