@@ -29,7 +29,7 @@ Cost.  An application is one product with A, one solve with L and one coarse sol
 is most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
 
 Limits.  L needs a diagonal without zeros, so that Lagrange multipliers are eliminated first
-(`solvers.condensed_ties`, `solvers.eliminated_joints`), or the matrix is factorised.
+(`solvers.condensed_constraints`, `solvers.eliminated_joints`), or the matrix is factorised.
 """
 
 from __future__ import annotations

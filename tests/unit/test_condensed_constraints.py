@@ -14,8 +14,8 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solve.solvers import condensed_ties, two_level
-from gossamer_fx.solve.solvers.condensed_ties import CondensedTies
+from gossamer_fx.solve.solvers import condensed_constraints, two_level
+from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -103,7 +103,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     exact, and the condensed solution is that of the whole system, multipliers included."""
     run = simulation(make, comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
-    assert isinstance(context, CondensedTies)
+    assert isinstance(context, CondensedConstraints)
     monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
@@ -112,7 +112,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     zero = system.numbering.vector()
     system.predict(zero)
     system.set_increment(zero, None)
-    exact = condensed_ties.for_constraints(system, 60)
+    exact = condensed_constraints.for_constraints(system, 60)
     A = system.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)

@@ -155,7 +155,7 @@ def _marks(system: System, unknowns: Indices) -> dict[int, float]:
     return {int(unknown): float(mark) for unknown, mark in zip(unknowns, found, strict=True)}
 
 
-class CondensedTies:
+class CondensedConstraints:
     """The preconditioner (3), as PETSc's Python preconditioner.
 
     In the code `near` are the unknowns on which the rows of K that differ from those of A depend;
@@ -321,14 +321,16 @@ class CondensedTies:
         self._gather.add(self._own_G.T @ residual, z)
 
 
-def for_constraints(system: System, max_iterations: int) -> CondensedTies | EliminatedJoints | None:
+def for_constraints(
+    system: System, max_iterations: int
+) -> CondensedConstraints | EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
     preconditioner: films and cables whose ties are condensed, or films with few other unknowns.
     None if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective."""
     if not system.active_sets:
         ties = Ties(system)
         if _leaves_films_only(system, ties):
-            return CondensedTies(system, ties)
+            return CondensedConstraints(system, ties)
     few = eliminated_unknowns(system)
     if few is None:
         return None
