@@ -83,7 +83,26 @@ def plane(comm):
     ]
 
 
-SCENES = (chain, plane)
+def braced(comm):
+    """A film that turns about a corner, tied to a beam along its edge and to a rigid body beside
+    the opposite corner; the ground holds the corner of both film and beam."""
+    film = gx.Membrane(sheet(comm, 7, 7), LAW, name="film")
+    section = gx.sections.tube(0.01, 5e-4, E=1e9, nu=0.3, density=1500.0)
+    beam = gx.Beam(line(comm, [(0, 0, 0), (0, 1, 0)], 3), section, name="beam")
+    hub = gx.RigidBody(0.01, (1e-5, 2e-5, 2e-5), position=(1.1, 0.95, 0.1), comm=comm, name="hub")
+    corner = film.port_at((1.0, 1.0, 0.0))
+    items = [film, beam, hub]
+    items.append(gx.constraints.BallJoint(corner, hub.port_at((1.0, 1.0, 0.0)), name="to hub"))
+    for k in (0, 1, 3):
+        point = (0.0, k / 3, 0.0)
+        joint = gx.constraints.BallJoint(film.port_at(point), beam.port_at(point), name=f"tie {k}")
+        items.append(joint)
+    origin = film.port_at((0.0, 0.0, 0.0))
+    items.append(gx.constraints.BallJoint(origin, gx.Ground((0.0, 0.0, 0.0)), name="nail"))
+    return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
+
+
+SCENES = (chain, plane, braced)
 
 
 def simulation(make, comm, monkeypatch=None, **options):

@@ -305,6 +305,11 @@ class CondensedConstraints:
         is_gone = np.isin(self._rows, self._condensation.gone)
         self._gone_rows = np.flatnonzero(is_gone)
         self._other_rows = np.flatnonzero(~is_gone)
+        count = len(self._gone_rows)
+        diagonal = np.searchsorted(self._near, self._rows[self._gone_rows])
+        self._unit_rows = csr_matrix(
+            (np.ones(count), (np.arange(count), diagonal)), shape=(count, len(self._near))
+        )
         self._is_kept = ~np.isin(self._near, self._condensation.gone)
 
     def _whole_blocks(self, unknowns: Indices) -> Indices:
@@ -416,9 +421,7 @@ class CondensedConstraints:
         matrix.copy(K, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._add(K, AE[self._other_rows], others)
         self._add(K, self._columns_of(self._E_middle) @ of_changed, self._near)
-        self._add(K, -self._A[self._gone_rows], gone)
-        for row in gone:
-            K.setValue(int(row), int(row), 1.0, addv=PETSc.InsertMode.ADD_VALUES)
+        self._add(K, self._unit_rows - self._A[self._gone_rows], gone)
         K.assemble()
         self._inner.setUp()
         pc.setFailedReason(self._inner.getFailedReason())
