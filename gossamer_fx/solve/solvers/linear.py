@@ -280,7 +280,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    those of ties are condensed, and few of others are eliminated
+    those of ties, beams and rigid bodies are condensed, and few of others are eliminated
     (`condensed_constraints.for_constraints`), with many the matrix is factorised, too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
@@ -296,13 +296,18 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
     if system.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
-        from gossamer_fx.solve.solvers.condensed_constraints import for_constraints
+        from gossamer_fx.solve.solvers import condensed_constraints
 
-        context = for_constraints(system, MAX_KSP_ITERATIONS)
+        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
+            # Scalar unknowns need a preconditioner of their own.
+            is_alone = ksp.getPC().handle == pc.handle
+            if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
+                ksp.setType("python")
+                ksp.setPythonContext(condensed_constraints.CondensedSolver(context))
             return
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")
