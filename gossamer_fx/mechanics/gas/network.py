@@ -334,9 +334,8 @@ class GasNetwork(ScalarUnknowns):
             swept_gradients.append(of_swept)
         rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
         # Zero columns are left out: the solver spends one solve on each of the others.
-        for k, row in enumerate(rows):
-            if by_V[k].any() or by_W[k].any():
-                H[k] = row
+        for k in np.flatnonzero(by_V.any(axis=1) | by_W.any(axis=1)):
+            H[k] = rows[k]
         return G, H, C
 
     def commit(self) -> None:
