@@ -172,7 +172,7 @@ def test_a_powder_fills_a_vessel_to_its_vapour_pressure():
     )
     # The wall holds the temperature: its conductance is far above that of the flow.
     wall = gx.gas.WallHeat(vessel, 1e3, temperature=300.0)
-    run = run_of(powder, wall, dt=0.05)
+    run = run_of(powder, wall, dt=0.1)
     state = run.chamber("tank")
     rate = 0.5e-5 * VAPOUR.R * 300.0 / (0.01 * math.sqrt(2 * math.pi * VAPOUR.R * 300.0))
     for t in (5.0, 20.0, 60.0):
