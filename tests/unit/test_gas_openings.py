@@ -418,7 +418,7 @@ def test_filling_through_a_pipe_conserves_and_ends_at_rest():
 @pytest.mark.parametrize("h", [1e-4, 0.05, 20.0])
 def test_the_balance_in_c_is_that_in_python(h):
     """Choked, subsonic, laminar and reversed flows between three tanks, a reservoir and a vacuum:
-    rates, residual, derivatives and solution at volumes that have changed."""
+    residual, derivatives and solution at volumes that have changed."""
     a, b, c = tank(5e5, "a"), tank(2e5, "b", 0.02), tank(1.9999e5, "c", 0.005)
     orifices = [
         gx.Orifice(a, b, area=2e-6, name="choked"),
@@ -438,10 +438,6 @@ def test_the_balance_in_c_is_that_in_python(h):
     V = network.volumes * (1.02, 0.99, 1.05)
     W = V - network.volumes
     y = guess * (1.01, 0.98, 1.03, 0.99, 1.02, 1.0)
-    found = in_c.rates(y, V)
-    expected = in_python.rates(y, V)
-    for name in ("openings", "mass", "energy", "mass_supplied", "energy_supplied"):
-        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-13, abs=1e-18)
     scale = in_c.scales(y, V, V)
     difference = in_c.residual(y, V, W) - in_python.residual(y, V, W)
     assert abs(difference / scale).max() <= 1e-14 * (1 + abs(in_c.residual(y, V, W) / scale).max())

@@ -337,7 +337,7 @@ def _unrolled(
     columns: Int64Array, first: Int64Array, counts: Int64Array
 ) -> tuple[Int64Array, Int64Array]:
     """Return the columns (9 k,) of k blocks in the order of scalar rows, of which a row of blocks
-    is three, and the entry of the blocks (9 k,) that each place in this order has.  `columns`:
+    is three, and the entries (9 k,) of the blocks in this order.  `columns`:
     first column (k,) of each block; `first`, `counts`: index of the first block of each row of
     blocks, and how many it has, which are consecutive."""
     total = len(columns)

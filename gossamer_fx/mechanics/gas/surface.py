@@ -207,10 +207,10 @@ class FilmSurface:
         of_triangles = np.zeros((len(self._sides), len(x) // 3, 3))
         of_triangles[self._chambers, self._nodes] = np.add.reduceat(summands, self._row_starts)
         if self._comm.size > 1:
-            for of_chamber in of_triangles:
-                self._vector.array[:] = of_chamber.ravel()
+            for c in range(len(self._sides)):
+                self._vector.array[:] = of_triangles[c].ravel()
                 self._vector.scatter_reverse(la.InsertMode.add)
-                of_chamber[:] = self._vector.array.reshape(-1, 3)
+                of_triangles[c] = self._vector.array.reshape(-1, 3)
         count = self._owned.stop - self._owned.start
         found = of_triangles.reshape(len(self._sides), -1)[:, :count]
         for side, of_chamber in zip(self._sides, found, strict=True):

@@ -99,31 +99,6 @@ static gas_flow flow_of(const gas_network *net, ptrdiff_t opening, const double 
     return flow;
 }
 
-void gas_rates(const gas_network *net, const double *y, const double *V, double *mass,
-               double *energy, double *openings, double *supplied)
-{
-    const ptrdiff_t n = net->chamber_count;
-    memset(mass, 0, (size_t)n * sizeof *mass);
-    memset(energy, 0, (size_t)n * sizeof *energy);
-    supplied[0] = supplied[1] = 0;
-    for (ptrdiff_t i = 0; i < net->opening_count; ++i) {
-        gas_state ends[2];
-        const gas_flow flow = flow_of(net, i, y, V, ends);
-        openings[i] = flow.mass;
-        for (int side = 0; side < 2; ++side) {
-            const int32_t k = net->ends[2 * i + side];
-            const double sign = side == 0 ? -1 : 1;
-            if (k >= 0) {
-                mass[k] += sign * flow.mass;
-                energy[k] += sign * flow.energy;
-            } else {
-                supplied[0] -= sign * flow.mass;
-                supplied[1] -= sign * flow.energy;
-            }
-        }
-    }
-}
-
 /* The residual without the flows: `gas_residual` of a network with closed openings. */
 static void closed_residual(const gas_network *net, const double *y, const double *V,
                             const double *W, double *residual)

@@ -36,12 +36,6 @@ typedef struct {
     double *work;             /* (6 n n + 10 n) */
 } gas_network;
 
-/* Set the rates of the network: mass [kg/s] (n) and energy [W] (n) into the chambers, mass from the
-   first to the second end of each opening (m), and `supplied` (2), mass and energy from
-   boundaries. */
-void gas_rates(const gas_network *network, const double *y, const double *V, double *mass,
-               double *energy, double *openings, double *supplied);
-
 /* Set the excess of energy [J], then mass [kg], in each chamber over its balance, (2 n). */
 void gas_residual(const gas_network *network, const double *y, const double *V, const double *W,
                   double *residual);
