@@ -213,10 +213,10 @@ class FilmSurface:
                 of_triangles[c] = self._vector.array.reshape(-1, 3)
         count = self._owned.stop - self._owned.start
         found = of_triangles.reshape(len(self._sides), -1)[:, :count]
-        for side, of_chamber in zip(self._sides, found, strict=True):
+        for c, side in enumerate(self._sides):
             for loop, sign in zip(side.loops, side.signs, strict=True):
                 # Every rank knows the gradients of a whole loop, and adds those of its nodes.
-                loop.add_own(of_chamber, self._owned.start, sign * loop.gradients[at])
+                loop.add_own(found[c], self._owned.start, sign * loop.gradients[at])
         return found
 
     # ---- one chamber -----------------------------------------------------------------------------
