@@ -556,6 +556,7 @@ class CondensedSolver:
         pc = self._krylov.getPC()
         pc.setType("python")
         pc.setPythonContext(self)
+        self._complete: PETSc.PC | None = None  # a factorisation of A, in hard steps
         # Diagonal^(-1/2).
         self._scale = K.createVecLeft()
         self._work = K.createVecLeft()
@@ -574,6 +575,10 @@ class CondensedSolver:
         """Solve (1) for a residual r to the relative tolerance of `ksp`; called by PETSc, after the
         set-up of the preconditioner.  Collective."""
         if not self._condensed.is_factorised:
+            # Factors take much memory and are seldom needed.
+            if self._complete is not None:
+                self._complete.destroy()
+                self._complete = None
             self._iterate(ksp, r, z)
         if self._condensed.is_factorised:
             self._factorise(ksp, r, z)
@@ -595,16 +600,15 @@ class CondensedSolver:
 
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) by a factorisation.  Collective."""
-        # A new object each time, as its factors take much memory and are seldom needed.
-        complete = PETSc.PC().create(z.comm)
-        factorisation.choose(complete)
-        complete.setOperators(ksp.getOperators()[0])
-        self._condensed.problem = factorisation.set_up(complete)
+        if self._complete is None:
+            self._complete = PETSc.PC().create(z.comm)
+            factorisation.choose(self._complete)
+        self._complete.setOperators(ksp.getOperators()[0])
+        self._condensed.problem = factorisation.set_up(self._complete)
         reason = KSP_REASON.DIVERGED_PCSETUP_FAILED
         if not self._condensed.problem:
-            complete.apply(r, z)
+            self._complete.apply(r, z)
             reason = KSP_REASON.CONVERGED_ITS
-        complete.destroy()
         ksp.setIterationNumber(ksp.getIterationNumber() + 1)
         ksp.setConvergedReason(reason)
 
