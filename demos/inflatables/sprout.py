@@ -451,8 +451,7 @@ def main(
     # Paths (n, 3) [m] of the tips.
     left, right = (np.column_stack([series[f"{k} tip {i} [m]"] for i in "xyz"]) for k in SIDES)
     spans = np.linalg.norm(right - left, axis=1)
-    late = series.time >= run.time / 2
-    duration = float(np.ptp(series.time[late]))
+    late = np.linspace(run.time / 2, run.time, 500)
     rings = [series[name] for name in case.probes if name.endswith("[mm2]")]
     diameter = float(given.get("diameter", DIAMETER))  # type: ignore[arg-type]
     half_open = 1e6 * math.pi * diameter**2 / 8
@@ -468,9 +467,9 @@ def main(
         "mass_error": abs(run.mass_error),
         "angular_momentum_drift": drift,
         "span": float(spans[-1]),
-        "span_mean": float(np.trapezoid(spans[late], series.time[late])) / duration,
+        "span_mean": float(np.interp(late, series.time, spans).mean()),
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
-        "opened": first_time(series.time, np.min(rings, axis=0), half_open),
+        "opened": first_time(series.time, np.min(rings, axis=0, initial=math.inf), half_open),
         "spin": float(spin[-1]),
         "time": run.time,
         **dissipation(run),
@@ -661,6 +660,7 @@ def hung_film(
     return film, cables
 
 
+@check_arguments
 def deployed(
     comm: MPI.Comm,
     length: float = 1.5,

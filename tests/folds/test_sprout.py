@@ -86,9 +86,11 @@ def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     assert found["pressure_right_2"] == pytest.approx(1000.0, rel=0.05)
 
 
-def test_a_direction_that_is_not_an_axis_is_refused() -> None:
+def test_words_that_are_not_known_are_refused() -> None:
     with pytest.raises(gx.InputError, match="down is 'down'; give '-x' or"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")
+    with pytest.raises(gx.InputError, match="attachment is 'glued'; give 'hung' or"):
+        sprout.deployed(MPI.COMM_WORLD, attachment="glued")
 
 
 def test_the_deployed_tubes_bear_the_film(comm) -> None:
