@@ -25,7 +25,7 @@ from demos.studies.engine.study import NOT_REGULAR, Measure, Study, Trial, searc
 # States at rest: how the film is attached, how the roots are, and the lengths of cells [m].
 AT_REST: dict[str, tuple[Attachment, Roots, list[float]]] = {
     "as built": ("tied", "flat", [0.06, 0.034, 0.02, 0.012]),
-    "a tube with a flat root": ("none", "flat", [0.06, 0.03, 0.012, 0.008, 0.006, 0.004]),
+    "a tube with a flat root": ("none", "flat", [0.06, 0.012, 0.008, 0.004]),
     "cut for round tubes": ("tied", "round", [0.016, 0.0107, 0.0071]),
     "hung": ("hung", "round", [0.016, 0.0107, 0.0071]),
 }
