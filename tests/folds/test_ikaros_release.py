@@ -43,8 +43,8 @@ def test_arms_that_are_let_out_slowly_lag_by_the_angle_of_the_closed_form(
 
 def test_the_spin_of_the_flight_needs_mass_at_the_edges_of_the_sail() -> None:
     """Rigid arms.  Known masses, evenly spread, have 43 % and 25 % more than the 7.4 and 2.5 rpm of
-    the flight; a hub of 70 kg m² and 30 % of the trapezoids at their outer edges are within a tenth if "a
-    little over 5 m" are 5.5 m."""
+    the flight.  A hub of 70 kg m² and 30 % of the trapezoids at their outer edges are within a
+    tenth if "a little over 5 m" are 5.5 m."""
 
     def spins(arms: Arms) -> list[float]:
         momentum = ikaros_release.START * arms.inertia(0)
