@@ -506,6 +506,8 @@ def draw(
     figure = new_figure(12.0, 6.4)
     above, below = figure.subfigures(2, 1, height_ratios=(1.0, 1.4))
     for axes, state, shape in zip(above.subplots(1, len(looks)), looks, shapes, strict=True):
+        circle = np.linspace(0.0, 2 * math.pi, 60)
+        axes.plot(HUB_RADIUS * np.cos(circle), HUB_RADIUS * np.sin(circle), color=GREY)
         for k in range(4):
             arm = turned(shape, math.pi / 2 * k)
             axes.plot(arm[:, 0], arm[:, 1], color=BLUE, linewidth=1)
