@@ -29,6 +29,7 @@ def test_a_steady_spin_bears_the_centrifugal_force_and_conserves_the_angular_mom
     )
 
 
+@pytest.mark.mpi(1)
 @pytest.mark.parametrize("rate", [3.5e-5, 3.5e-3])
 def test_arms_that_are_let_out_slowly_lag_by_the_angle_of_the_closed_form(
     comm, rate: float

@@ -250,6 +250,7 @@ def test_what_cannot_fly_is_refused() -> None:
         Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("name", ["sun", "moment"])
 def test_functions_of_the_user_are_the_same_on_all_ranks(comm, name: str) -> None:
     """On one rank one that is not finite."""
