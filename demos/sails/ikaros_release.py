@@ -20,7 +20,7 @@ radius by the angle φ at the rim, where its tension T slows the hub down:
     4 T R sin φ = -I_hub ω',    T = ω² Σ m r,    ω' = -8 Σ m r v ω/I:    sin φ = 2 I_hub v/(I R ω)
 
 with the radius R of the hub, and I_hub with all that is wound.  Beyond v = I R ω/(2 I_hub), some
-1.1 m/s, no arm stands out steadily: that is the rate of the demo `ikaros_arms`, where they turn the
+1.1 m/s, no arm stands out steadily: about the rate of the demo `ikaros_arms`, where they turn the
 hub backwards.
 
 Where the values come from:
