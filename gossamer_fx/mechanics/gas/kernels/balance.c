@@ -273,10 +273,10 @@ int gas_solve(const gas_network *net, const double *V, const double *W, const do
             square = scaled_residual(net, trial, V, W, scale, error);
             if (square < square_before) break;
         }
-        /* From nearly the same y the iteration would fail again: the volumes are far off. */
-        const int is_better = square < square_before;
-        if (!is_better && !all_within(error, size, net->acceptable)) return 0;
-        /* At round-off no trial is better: the last one is taken. */
+        /* No trial is better: y is the solution to round-off, or the volumes are far off, and from
+           nearly the same y the iteration would fail again. */
+        if (!(square < square_before))
+            return square_before <= net->acceptable * net->acceptable;
         memcpy(y, trial, (size_t)size * sizeof *y);
     }
     return all_within(error, size, net->acceptable);
