@@ -47,10 +47,17 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import area_vectors, flat_triangles, triangles
 from demos.common.flight_picture import FlightPicture
-from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
+from demos.orbit.windmill import (
+    DISTANCE,
+    FLIGHT,
+    OPTICS,
+    PRESSURE_AT_AU,
+    days_of_braking,
+    round_the_sun,
+    torque_of_light,
+)
 from demos.sails import ikaros
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.optics import Rows, light_force
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.meshes.sails import trapezoids
 
@@ -63,8 +70,6 @@ FILM_DENSITY = 1420.0  # of polyimide [kg/m³]
 # Row and columns of the cells of a trapezoid; with these they are 5 % of the sail.
 CELL_ROW = 6
 CELL_COLUMNS = 3
-# Pressure of sunlight at 1 au on a black face [Pa].
-PRESSURE_AT_AU = 4.56e-6
 # The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
 SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
 # Sun angles at the start and the end of the day [rad]: the axis of spin stays, the direction of the
@@ -278,7 +283,7 @@ def change_over_a_day(
         search.find(at=angle)
         corners = triangles(search.system, film)
         heights.append(corners[:, :, 2].mean(axis=1))
-        torques.append(windmill(comm, corners))
+        torques.append(torque_of_light(comm, corners))
     areas = np.linalg.norm(area_vectors(corners), axis=1)
     of_mass = masses(film) * np.linalg.norm(corners.mean(axis=1)[:, :2], axis=1)
     centrifugal = comm.allreduce(float(of_mass.sum())) * (rpm * RPM) ** 2
@@ -339,17 +344,6 @@ def sail_of(search: gx.Equilibrium) -> Any:
     return next(body for body in search.system.bodies if body.name == "sail")
 
 
-def windmill(comm: MPI.Comm, corners: Array) -> float:
-    """Torque of sunlight [N m] about z on triangles (n, 3, 3) [m]; light travels along z."""
-    areas = area_vectors(corners)
-    along_z = np.array([0.0, 0.0, 1.0])
-    forces = light_force(
-        areas, along_z, OPTICS.coefficients(), OPTICS.coefficients(back=True), Rows
-    )
-    torques = np.cross(corners.mean(axis=1), forces)
-    return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))
-
-
 def figures(search: gx.Equilibrium) -> dict[str, float]:
     """What a designer asks of a steady spin.  Collective.
 
@@ -396,7 +390,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         "slack tethers": slack_tethers(search),
         "J": J,
         "spin change": (hub + flat_J) / (hub + J) - 1,
-        "torque": windmill(comm, corners),
+        "torque": torque_of_light(comm, corners),
         "iterations": search.result.iterations,
         "residual": search.result.residual,
         "unknowns": system.numbering.size,
