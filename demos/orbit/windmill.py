@@ -269,5 +269,7 @@ if __name__ == "__main__":
         # As in flight.
         print_figures(results[5.2e-3])
         for name, torque in sensitivities().items():
-            height = abs(FLIGHT) / max(torque, 1e-12)
-            print(f"{name:42} {1e-3 * torque:9.2e} N m/mm, {1e3 * height:9.3g} mm for the flight's")
+            needed = "none"
+            if torque > ROUND_OFF:
+                needed = f"{1e3 * abs(FLIGHT) / torque:.3g} mm"
+            print(f"{name}: {1e-3 * torque:.2e} N m/mm, the flight's torque with {needed}")

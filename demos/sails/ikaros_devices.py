@@ -13,7 +13,7 @@ momentum of the flat sail leaves, and the windmill torque of sunlight: a device 
 tilted turns a part of the pressure into the plane.
 
 Then the sail flies round the Sun: the whole plate for some turns, and for a day a rigid body that
-has the surfaces of the deformed sail.
+has the surfaces of the deformed sail, or with `flexible=86400` a reduced plate.
 
 Where the values come from:
     7.5 µm polyimide; cells of 25 µm; 15 kg in all
@@ -35,7 +35,7 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -57,9 +57,11 @@ from demos.orbit.windmill import (
     torque_of_light,
 )
 from demos.sails import ikaros
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.analysis.reduction.reduced_membrane import ReducedMembrane
+from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.meshes.sails import trapezoids
+from gossamer_fx.records.outputs.output import Output
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]
 INNER = 2  # rows of the hole
@@ -218,13 +220,14 @@ def sun_pressure(distance: float = DISTANCE, sun_angle: float = 0.0) -> float:
 
 def steady(comm: MPI.Comm, build: Build, rpm: float, sunlit: bool = True) -> gx.Equilibrium:
     """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
-    search = spinning_sail(comm, build, rpm, sun_pressure() if sunlit else 0.0, SEARCH)
+    pressure = sun_pressure() if sunlit else 0.0
+    search = spinning_sail(sail(comm, build), build, rpm, pressure, SEARCH)
     search.find()
     return search
 
 
 def spinning_sail(
-    comm: MPI.Comm,
+    film: gx.Membrane,
     build: Build,
     rpm: float,
     pressure: float | Callable[[float], float],
@@ -233,11 +236,11 @@ def spinning_sail(
     """The open sail in axes that turn with a spin [rpm], before the search for its equilibrium.
 
     Args:
+        film: the sail, or a reduced one.
         pressure: of sunlight [Pa]; a number, 0 for none, or a function of the time that is given
             to `find`.
         method: how the equilibrium is searched.
     """
-    film = sail(comm, build)
     hub, items = parts(film, build)
     items.append(gx.loads.Centrifugal(film, (0.0, 0.0, rpm * RPM)))
     items.append(gx.constraints.FixedJoint(hub.frame(), gx.ground_frame()))
@@ -275,7 +278,7 @@ def change_over_a_day(
 
     # The change is a thousandth, which the usual tolerance of 1e-4 would not resolve.
     method = replace(SEARCH, tolerance=1e-6)
-    search = spinning_sail(comm, build, rpm, pressure, method)
+    search = spinning_sail(sail(comm, build), build, rpm, pressure, method)
     film = sail_of(search)
     heights = []
     torques = []
@@ -422,14 +425,23 @@ def torque_probe(orbit: gx.orbit.Orbit) -> Any:
 
 
 def fly_plate(
-    search: gx.Equilibrium, build: Build, rpm: float, sun_angle: float, turns: float, steps: int
+    search: gx.Equilibrium,
+    build: Build,
+    rpm: float,
+    sun_angle: float,
+    turns: float,
+    steps: int,
+    outputs: Sequence[Output] = (),
 ) -> dict[str, float]:
-    """Fly the whole sail from its steady spin, `steps` steps a turn.
+    """Fly the whole or reduced sail from its steady spin, `steps` steps a turn.
 
     Returns:
         torque: mean windmill torque of sunlight [N m] over the flight.
         rms height: of the sail at the end [mm]
-        energy_error, iterations per step, rejected steps, seconds.
+        energy_error, iterations per step, rejected steps, seconds; and of a reduced sail
+        spin change: by the angular momentum along its direction at the start [rpm].
+        drift of the axis: angle between the angular momentum at the start and the end [rad].
+        outside: energy outside of the basis over the stored energy, `OutsideBasis`.
     """
     film = sail_of(search)
     hub, items = parts(film, build)
@@ -440,11 +452,22 @@ def fly_plate(
     period = 60 / rpm
     series = gx.Series({"torque": torque_probe(orbit)})
     run = gx.Simulation(
-        gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series]
+        gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series, *outputs]
     )
+    of_reduced = {}
+    if isinstance(film, ReducedMembrane):
+        before = momentum_of_reduced(run, film, hub)
+        run.run(until=turns * period)
+        size, turned = change_of(before, momentum_of_reduced(run, film, hub))
+        of_reduced = {
+            "spin change": size / moments(search)[1] / RPM,
+            "drift of the axis": turned,
+            "outside": gx.reduction.OutsideBasis(film)(run),
+        }
     run.run(until=turns * period)
     corners = triangles(run.system, film)
     return {
+        **of_reduced,
         # The first value is of no step.
         "torque": float(series["torque"][1:].mean()),
         "rms height": 1e3 * rms_height(film.comm, corners),
@@ -453,6 +476,59 @@ def fly_plate(
         "rejected": run.substeps,
         "seconds": run.seconds,
     }
+
+
+def reduced_steady(
+    search: gx.Equilibrium,
+    build: Build,
+    rpm: float,
+    sun_angle: float,
+    modes: int,
+    cells: int | None,
+    turns: float,
+    steps: int,
+) -> gx.Equilibrium:
+    """The steady spin of a sail that is reduced to the shapes of its first turns in sunlight, and
+    to that of its steady spin without light, which stands for other sun angles."""
+    film = sail_of(search)
+    shapes = gx.reduction.Snapshots(film)
+    fly_plate(search, build, rpm, sun_angle, turns, steps, outputs=[shapes])
+    dark = spinning_sail(film, build, rpm, 0.0, SEARCH)
+    dark.find()
+    shapes.positions.append(dark.system.state[film].positions().copy())
+    reduced = gx.reduction.reduce(film, [shapes], modes=modes, cells=cells)
+    found = spinning_sail(reduced, build, rpm, sun_pressure(), SEARCH)
+    found.find()
+    return found
+
+
+def momentum_of_reduced(run: gx.Simulation, film: ReducedMembrane, hub: gx.RigidBody) -> Array:
+    """Angular momentum (3,) [N m s] of hub, reduced sail and tips about their centre of mass; that
+    of the whole run has the orbit's in it."""
+    # The coefficients of the modes are as points with the mass of the sail; only the first, that of
+    # uniform displacement, has a momentum.
+    size = film.basis.size
+    coefficients = [Port(film, (0,), weights=(1.0,), vectors=(k,)) for k in range(size)]
+    points = [*coefficients, *ikaros.tip_ports(film), hub.port()]
+    mass = np.array([film.basis.mass] * size + [ikaros.TIP] * 4 + [ikaros.HUB_MASS])
+    moved = mass.copy()
+    moved[1:size] = 0.0
+    state = run.system.state
+    x = state.vectors(points)
+    v = state.rates(points)
+    momentum: Array = np.cross(x, mass[:, None] * v).sum(axis=0)
+    momentum -= np.cross(moved @ x, moved @ v) / moved.sum()
+    return momentum + angular_momentum(
+        run, hub.frame(), ikaros.HUB_INERTIA[0], ikaros.HUB_INERTIA[2]
+    )
+
+
+def change_of(before: Array, after: Array) -> tuple[float, float]:
+    """Change of the length of a vector (3,), and the angle [rad] by which it has turned."""
+    size_before = float(np.linalg.norm(before))
+    size_after = float(np.linalg.norm(after))
+    sine = float(np.linalg.norm(np.cross(before, after)))
+    return size_after - size_before, math.atan2(sine, float(before @ after))
 
 
 def moments(search: gx.Equilibrium) -> tuple[float, float]:
@@ -535,11 +611,8 @@ def fly_frozen(
     before = angular_momentum(run, frame, about_diameter, about_axis)
     run.run(until=until)
     after = angular_momentum(run, frame, about_diameter, about_axis)
-    size_before = float(np.linalg.norm(before))
-    size_after = float(np.linalg.norm(after))
-    torque = (size_after - size_before) / run.time
-    sine = float(np.linalg.norm(np.cross(before, after)))
-    turned = math.atan2(sine, float(before @ after))
+    change, turned = change_of(before, after)
+    torque = change / run.time
     return {
         "torque": torque,
         "mean torque of the probe": float(series["torque about the axis [N m]"][1:].mean()),
@@ -577,11 +650,17 @@ def main(
     steps: int = 30,
     until: float = 86400.0,
     dt: float = 10.0,
+    flexible: float = 0.0,
+    modes: int = 20,
+    cells: int | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
     """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time
-    [s].
+    [s]; and a reduced sail, which bends and swings, until the time `flexible` [s].
+
+    The reduced sail has `modes` modes of these turns and strains in `cells` cells, None for all.
+    Tapes and creases have to be left out of its build: `tape=0`, `crease=0`.
 
     With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is
     shorter by cos 30°, and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1
@@ -596,6 +675,10 @@ def main(
     rigid = fly_frozen(search, rpm, sun_angle, until, dt, output)
     found |= {f"whole sail: {name}": value for name, value in whole.items()}
     found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
+    if flexible:
+        reduced = reduced_steady(search, build, rpm, sun_angle, modes, cells, turns, steps)
+        flown = fly_plate(reduced, build, rpm, sun_angle, flexible * rpm / 60, steps)
+        found |= {f"reduced sail: {name}": value for name, value in flown.items()}
     day = change_over_a_day(comm, build, rpm)
     found |= {f"over the day: {name}": value for name, value in day.items()}
     found["torque over the flight's"] = found["torque"] / FLIGHT
