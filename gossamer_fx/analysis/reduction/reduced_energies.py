@@ -189,7 +189,7 @@ class ReducedCoordinates(Coordinates):
         self._modes = values
         self._comm = space.mesh.comm
         self._owned = space.dofmap.index_map.size_local
-        self._matrices: dict[fem.Form, la.MatrixCSR] = {}
+        self._matrix: la.MatrixCSR | None = None
         self.end: Array = np.zeros((values.shape[1], 3))
         self.change: Array = self.end
 
@@ -215,27 +215,24 @@ class ReducedCoordinates(Coordinates):
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         """Add the projected matrix ΦᵀKΦ of the sum K of bilinear forms to a block of A, on rank 0.
         Collective."""
-        K: Array = np.zeros(0)
+        # Forms of a film are sums over its cells, so that all have one pattern; an entry outside of
+        # it would raise an error.
+        found = False
         for form in forms:
+            if self._matrix is None:
+                self._matrix = fem.create_matrix(form)
+            if not found:
+                self._matrix.set_value(np.float64(0))
+            found = True
             # Only this rank's own cells are assembled: the ranks' shares add up after the
             # projection.
-            matrix = self._matrix(form)
-            matrix.set_value(np.float64(0))
-            fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
-            part = projected(matrix, self._modes)
-            K = K + part if K.size else part
-        if not K.size:
+            fem.assemble_matrix(self._matrix, form)  # type: ignore[arg-type]
+        if not found:
             return
         size = 3 * self._modes.shape[1]
-        total = self._comm.reduce(K.reshape(size, size))
+        total = self._comm.reduce(projected(self._matrix, self._modes).reshape(size, size))
         if total is not None:
             add_full_block(A, block, total)
-
-    def _matrix(self, form: fem.Form) -> la.MatrixCSR:
-        """The sparse matrix of a form, created on the first call: its pattern does not change."""
-        if form not in self._matrices:
-            self._matrices[form] = fem.create_matrix(form)
-        return self._matrices[form]
 
 
 def projected(matrix: la.MatrixCSR, modes: Array) -> Array:
