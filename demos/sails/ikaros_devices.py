@@ -74,6 +74,9 @@ CELL_ROW = 6
 CELL_COLUMNS = 3
 # The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
 SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
+# Shapes of a reduced sail: shares of the pressure of sunlight, the last 1, and height of modes [m].
+SHARES_OF_LIGHT = (0.0, -1.0, 2.0, 1.0)
+MODE_HEIGHT = 0.05
 # Sun angles at the start and the end of the day [rad]: the axis of spin stays, the direction of the
 # light turns with the motion round the Sun.
 DAY = (math.radians(1.0), math.radians(1.94))
@@ -479,27 +482,25 @@ def fly_plate(
 
 
 def reduced_steady(
-    search: gx.Equilibrium,
-    build: Build,
-    rpm: float,
-    sun_angle: float,
-    modes: int,
-    cells: int | None,
-    turns: float,
-    steps: int,
+    comm: MPI.Comm, build: Build, rpm: float, modes: int, cells: int | None
 ) -> gx.Equilibrium:
-    """The steady spin of a sail that is reduced to the shapes of its first turns in sunlight, and
-    to that of its steady spin without light, which stands for other sun angles."""
-    film = sail_of(search)
+    """The steady spin of a reduced sail, of which nothing has flown: its shapes are steady spins
+    under several pressures of sunlight, and the lowest `modes` modes of vibration about that in
+    sunlight.  It has `cells` cells with strains, None for all."""
+    film = sail(comm, build)
+    pressure = sun_pressure()
+    search = spinning_sail(film, build, rpm, lambda share: share * pressure, SEARCH)
     shapes = gx.reduction.Snapshots(film)
-    fly_plate(search, build, rpm, sun_angle, turns, steps, outputs=[shapes])
-    dark = spinning_sail(film, build, rpm, 0.0, SEARCH)
-    dark.find()
-    shapes.positions.append(dark.system.state[film].positions().copy())
-    reduced = gx.reduction.reduce(film, [shapes], modes=modes, cells=cells)
-    found = spinning_sail(reduced, build, rpm, sun_pressure(), SEARCH)
-    found.find()
-    return found
+    for share in SHARES_OF_LIGHT:
+        search.find(at=share)
+        shapes.positions.append(search.system.state[film].positions().copy())
+    found = gx.analysis.modes(search, modes, spin=(0.0, 0.0, rpm * RPM))
+    swinging = gx.analysis.ModeShapes(film, search, modes=found, height=MODE_HEIGHT)
+    count = len(SHARES_OF_LIGHT) - 1 + modes
+    reduced = gx.reduction.reduce(film, [shapes, swinging], modes=count, cells=cells)
+    steady_spin = spinning_sail(reduced, build, rpm, pressure, SEARCH)
+    steady_spin.find()
+    return steady_spin
 
 
 def momentum_of_reduced(run: gx.Simulation, film: ReducedMembrane, hub: gx.RigidBody) -> Array:
@@ -659,7 +660,7 @@ def main(
     """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time
     [s]; and a reduced sail, which bends and swings, until the time `flexible` [s].
 
-    The reduced sail has `modes` modes of these turns and strains in `cells` cells, None for all.
+    The reduced sail has `modes` modes of vibration, and strains in `cells` cells, None for all.
     Tapes and creases have to be left out of its build: `tape=0`, `crease=0`.
 
     With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is
@@ -676,7 +677,7 @@ def main(
     found |= {f"whole sail: {name}": value for name, value in whole.items()}
     found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
     if flexible:
-        reduced = reduced_steady(search, build, rpm, sun_angle, modes, cells, turns, steps)
+        reduced = reduced_steady(comm, build, rpm, modes, cells)
         flown = fly_plate(reduced, build, rpm, sun_angle, flexible * rpm / 60, steps)
         found |= {f"reduced sail: {name}": value for name, value in flown.items()}
     day = change_over_a_day(comm, build, rpm)

@@ -84,7 +84,7 @@ def test_with_all_modes_it_is_the_plate(rest) -> None:
     assert run.totals.stored["plate bending"] > 0
     error = np.abs(reduced.basis.values @ shapes[1] - shapes[0]).max()
     # The cubic energy of a rest curvature returns what the gradient in the middle of a step misses
-    # along other invariants: a difference of third order in the step.
+    # by other forces, with a difference of second order in the step.
     assert error < (1e-9 if rest is None else 1e-5)
 
 
