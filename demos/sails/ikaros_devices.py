@@ -457,7 +457,7 @@ def fly_plate(
     run = gx.Simulation(
         gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series, *outputs]
     )
-    of_reduced = {}
+    of_reduced: dict[str, float] = {}
     if isinstance(film, ReducedMembrane):
         before = momentum_of_reduced(run, film, hub)
         run.run(until=turns * period)
@@ -652,13 +652,13 @@ def main(
     until: float = 86400.0,
     dt: float = 10.0,
     flexible: float = 0.0,
-    modes: int = 20,
+    modes: int = 10,
     cells: int | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time
-    [s]; and a reduced sail, which bends and swings, until the time `flexible` [s].
+    """Find the steady spin, fly the whole sail for some turns, 0 for none, and its frozen shape
+    until a time [s]; and a reduced sail, which bends and swings, until the time `flexible` [s].
 
     The reduced sail has `modes` modes of vibration, and strains in `cells` cells, None for all.
     Tapes and creases have to be left out of its build: `tape=0`, `crease=0`.
@@ -672,7 +672,9 @@ def main(
     """
     search = steady(comm, build, rpm)
     found = figures(search)
-    whole = fly_plate(search, build, rpm, sun_angle, turns, steps)
+    whole: dict[str, float] = {}
+    if turns:
+        whole = fly_plate(search, build, rpm, sun_angle, turns, steps)
     rigid = fly_frozen(search, rpm, sun_angle, until, dt, output)
     found |= {f"whole sail: {name}": value for name, value in whole.items()}
     found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
