@@ -59,7 +59,7 @@ from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 
 @dataclass(frozen=True, eq=False)
-class Bending:
+class ModalBending:
     """The numbers of (1): `stiffness` B (r, r) [N/m]; `rest` A (r, r, r) [N/m²], None without rest
     curvature; `constant` [J]."""
 
@@ -123,7 +123,7 @@ def bending_energy(film: Membrane, x: Expr) -> ufl.Form:
     return energy
 
 
-def bending_of_modes(basis: Basis) -> Bending | None:
+def bending_of_modes(basis: Basis) -> ModalBending | None:
     """The numbers of (1) for the modes of a film; None if it does not bend.  Collective."""
     film = basis.film
     modes = basis.values
@@ -155,7 +155,7 @@ def bending_of_modes(basis: Basis) -> Bending | None:
             x.x.array.reshape(-1, 3)[:, 2] = modes[:, k]
             # The derivative along φ_i e_1 and φ_j e_2 is 6 A_ijk.
             rest[1:, 1:, k] = second_derivatives()[1:, 0, 1:, 1] / 6
-    return Bending((stiffness + stiffness.T) / 2, rest, constant)
+    return ModalBending((stiffness + stiffness.T) / 2, rest, constant)
 
 
 class BendingsOfModes(CompiledTerms["BendingOfModes"]):
@@ -215,5 +215,5 @@ class BendingOfModes:
 
     name: str
     body: Body
-    bending: Bending
+    bending: ModalBending
     compiler: ClassVar[Compiler] = BendingsOfModes

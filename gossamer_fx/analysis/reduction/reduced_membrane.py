@@ -17,7 +17,7 @@ from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
 from gossamer_fx.analysis.reduction.basis import Basis, make_basis
-from gossamer_fx.analysis.reduction.bending import Bending, BendingOfModes, bending_of_modes
+from gossamer_fx.analysis.reduction.bending import BendingOfModes, ModalBending, bending_of_modes
 from gossamer_fx.analysis.reduction.reduced_energies import (
     ReducedCoordinates,
     ReducedEnergy,
@@ -88,7 +88,9 @@ class ReducedMembrane(Membrane):
         port_nodes: global nodes of the film to which ports are attached.
     """
 
-    def __init__(self, made_from: Basis, over: Sample, bending: Bending | None, name: str) -> None:
+    def __init__(
+        self, made_from: Basis, over: Sample, bending: ModalBending | None, name: str
+    ) -> None:
         film = made_from.film
         part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)

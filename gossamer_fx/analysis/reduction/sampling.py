@@ -42,7 +42,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.analysis.reduction.basis import Basis
-from gossamer_fx.analysis.reduction.bending import Bending
+from gossamer_fx.analysis.reduction.bending import ModalBending
 from gossamer_fx.analysis.reduction.points import own_cells, points_and_areas
 from gossamer_fx.analysis.reduction.reduced_energies import projected
 from gossamer_fx.core.forms.backend import evaluate
@@ -97,7 +97,7 @@ def every_cell(film: Membrane) -> Sample:
     return Sample(cells, np.ones(len(cells)), 0.0)
 
 
-def sample_cells(basis: Basis, most: int, bending: Bending | None, seed: int = 0) -> Sample:
+def sample_cells(basis: Basis, most: int, bending: ModalBending | None, seed: int = 0) -> Sample:
     """Sample at most `most` cells of each rank with positive weights, for the energy of a basis'
     examples; all cells if there are no more.  `bending` of the modes, which is not sampled, makes
     motions stiffer.  Collective.
@@ -266,7 +266,7 @@ class CellEnergies:
     """Forces f_e and stiffness k_e of each own cell of a film, about given coefficients of its
     modes; those of its strains, without bending."""
 
-    def __init__(self, basis: Basis, bending: Bending | None) -> None:
+    def __init__(self, basis: Basis, bending: ModalBending | None) -> None:
         film = basis.film
         space = film.space
         self._film = film
