@@ -227,6 +227,14 @@ def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded, cells, error) -
     exact = 0.1 * (1e-3 * SIDE**2 - 2.0 * mass)
     # The film moves as a whole; its bulging turns the pressure slightly.
     assert measured == pytest.approx(exact, rel=error)
+    resultant = COMM.allreduce(
+        sum(c.resultants().get("pressure", np.zeros((2, 3))) for c in run.system.compiled)
+    )
+    assert resultant[0, 2] == pytest.approx(1e-3 * SIDE**2, rel=error)
+    # Its moment about the origin is that of the force in the middle of the film; the weights of
+    # sampled cells are fitted to the area, not to its lever.
+    moment = 1e-3 * SIDE**3 / 2
+    assert resultant[1, :2] == pytest.approx([moment, -moment], rel=10 * error)
     assert abs(run.energy_error) < 1e-10
 
 
