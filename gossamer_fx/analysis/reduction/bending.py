@@ -95,9 +95,10 @@ class ModalBending:
         return forces
 
     def rest_stiffness(self, c: Array) -> Array:
-        """Second derivatives (3r, 3r) [N/m] of the cubic part."""
+        """Second derivatives (3r, 3r) [N/m] of the cubic part, which there is."""
+        assert self.rest is not None
         size = c.size
-        vectors = np.tensordot(self.rest, c, axes=(1, 0))
+        vectors: Array = np.einsum("ijk,jx->ikx", self.rest, c, optimize=True)
         blocks = 6 * cross_matrices(vectors.reshape(-1, 3)).reshape(len(c), len(c), 3, 3)
         return blocks.swapaxes(1, 2).reshape(size, size)
 

@@ -215,20 +215,18 @@ class ReducedCoordinates(Coordinates):
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         """Add the projected matrix ΦᵀKΦ of the sum K of bilinear forms to a block of A, on rank 0.
         Collective."""
+        all_forms = list(forms)
+        if not all_forms:
+            return
         # Forms of a film are sums over its cells, so that all have one pattern; an entry outside of
         # it would raise an error.
-        found = False
-        for form in forms:
-            if self._matrix is None:
-                self._matrix = fem.create_matrix(form)
-            if not found:
-                self._matrix.set_value(np.float64(0))
-            found = True
+        if self._matrix is None:
+            self._matrix = fem.create_matrix(all_forms[0])
+        self._matrix.set_value(np.float64(0))
+        for form in all_forms:
             # Only this rank's own cells are assembled: the ranks' shares add up after the
             # projection.
             fem.assemble_matrix(self._matrix, form)  # type: ignore[arg-type]
-        if not found:
-            return
         size = 3 * self._modes.shape[1]
         total = self._comm.reduce(projected(self._matrix, self._modes).reshape(size, size))
         if total is not None:
