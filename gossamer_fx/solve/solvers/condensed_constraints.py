@@ -135,7 +135,8 @@ class Condensation:
         equations = [each for part in system.comm.allgather(own_equations) for each in part]
         involved = np.unique([i for multiplier, row in equations for i in (multiplier, *row)])
         marks_of_involved = _marks(system, involved)
-        self._marks = dict(zip(involved.tolist(), marks_of_involved.tolist(), strict=True))
+        marks = [float(mark) for mark in marks_of_involved]
+        self._marks = {int(unknown): mark for unknown, mark in zip(involved, marks, strict=True)}
         self.rules: dict[int, Rule] = {}
         gone: list[Indices] = [self._eliminate(equations)]
         places_of_turns: list[Indices] = [NONE]
@@ -310,7 +311,7 @@ class CondensedConstraints:
         all_rows = np.union1d(np.concatenate(numbering.comm.allgather(touched)), changed)
         is_own = (all_rows >= numbering.start) & (all_rows < numbering.start + numbering.size_local)
         self._rows = self._whole_blocks(all_rows[is_own])
-        near = set(_columns(A, self._rows).tolist())
+        near = {int(unknown) for unknown in _columns(A, self._rows)}
         self._find_near(near)
         size = numbering.block_size
         self._row_set = _index_set(self._rows, size)
@@ -361,7 +362,13 @@ class CondensedConstraints:
         for each, is_near in near_frames:
             directors = np.searchsorted(self._near, each.directors[is_near])
             multipliers = np.searchsorted(self._near, each.multipliers[is_near])
-            self._frames.append(Frames(directors, multipliers, each.products))
+            self._frames.append(
+                Frames(
+                    directors.astype(PETSc.IntType),
+                    multipliers.astype(PETSc.IntType),
+                    each.products,
+                )
+            )
         position = {int(unknown): k for k, unknown in enumerate(self._near)}
         # Rows, columns and values.  Slaves and multipliers of ties have no column.
         of_V: list[tuple[int, int, float]] = []
@@ -437,9 +444,9 @@ class CondensedConstraints:
 
     def _condense(self, matrix: PETSc.Mat) -> None:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
+        self._turn()
         self._A = self._rows_of(matrix)
         self._own_A = self._A[self._changed_rows]
-        self._turn()
         # K = A + A (R - 1) + (L - 1)ᵀ A R, with the unit matrix where R has no columns.
         AE = self._A @ self._E
         others = self._rows[self._other_rows]
@@ -470,10 +477,10 @@ class CondensedConstraints:
         start = self._gather(system.q0)[0]
         α = system.rule.alpha
         self._E, self._G = self._at(end)
-        self._E_middle, self._H = self._at((1 - α) * start + α * end)
+        self._E_middle, H = self._at((1 - α) * start + α * end)
         self._own_E = self._E[self._changed_near]
         self._own_E_middle = self._E_middle[self._changed_near]
-        self._own_H = self._H[self._changed_near]
+        self._own_H = H[self._changed_near]
 
     def _at(self, q: Array) -> tuple[csr_matrix, csr_matrix]:
         """R - 1 and G for unknowns q (n,) near."""
