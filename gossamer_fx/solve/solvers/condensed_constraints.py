@@ -444,18 +444,18 @@ class CondensedConstraints:
 
     def _condense(self, matrix: PETSc.Mat) -> None:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
-        self._turn()
+        E, E_middle = self._turn()
         self._A = self._rows_of(matrix)
         self._own_A = self._A[self._changed_rows]
         # K = A + A (R - 1) + (L - 1)ᵀ A R, with the unit matrix where R has no columns.
-        AE = self._A @ self._E
+        AE = self._A @ E
         others = self._rows[self._other_rows]
         gone = self._rows[self._gone_rows]
         of_changed = self._own_A + AE[self._changed_rows]
         K = self.K
         matrix.copy(K, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._add(K, AE[self._other_rows], others)
-        self._add(K, self._columns_of(self._E_middle) @ of_changed, self._near)
+        self._add(K, self._columns_of(E_middle) @ of_changed, self._near)
         self._add(K, self._unit_rows - self._A[self._gone_rows], gone)
         K.assemble()
         self.inner.setUp()
@@ -470,17 +470,19 @@ class CondensedConstraints:
         starts, columns, values = self._scalar_part.getValuesCSR()
         return csr_matrix((values, columns, starts), shape=(len(self._rows), len(self._near)))
 
-    def _turn(self) -> None:
-        """Compute R, L, G and H for the directors of the present iterate.  Collective."""
+    def _turn(self) -> tuple[csr_matrix, csr_matrix]:
+        """Compute G and H for the directors of the present iterate; returns R - 1 and L - 1.
+        Collective."""
         system = self._system
         end = self._gather(system.q1)[0]
         start = self._gather(system.q0)[0]
         α = system.rule.alpha
-        self._E, self._G = self._at(end)
-        self._E_middle, H = self._at((1 - α) * start + α * end)
-        self._own_E = self._E[self._changed_near]
-        self._own_E_middle = self._E_middle[self._changed_near]
+        E, self._G = self._at(end)
+        E_middle, H = self._at((1 - α) * start + α * end)
+        self._own_E = E[self._changed_near]
+        self._own_E_middle = E_middle[self._changed_near]
         self._own_H = H[self._changed_near]
+        return E, E_middle
 
     def _at(self, q: Array) -> tuple[csr_matrix, csr_matrix]:
         """R - 1 and G for unknowns q (n,) near."""
