@@ -25,10 +25,12 @@ Where the values come from:
     blow                 chosen: 0.05 m/s at the rim, where the spin has 25 m/s.  The closed form
                          is for slopes whose squares are far below the strain of the spin, 1e-4;
                          with `blow=1.0` waves of n = 2 and 4 are 3 and 10 % faster
-    folded start         chosen: 2 mm off the axis, a tip released after 20 ms; air of 100 Pa
+    folded start         chosen, of the disc of 1 m: 2 mm off the axis, a tip released after 20 ms;
+                         air of 100 Pa.  Masses, times and rates of other discs are similar, with
+                         the same speed of the tips
 
     ./gossamer demo disc_waves
-    ./gossamer demo disc_waves folded
+    ./gossamer demo disc_waves folded 1.0
     ./gossamer run demos/sails/disc_waves.py diameter=2.0 rev=4.0 --output out/waves
     ./gossamer report out/waves
 """
@@ -65,8 +67,7 @@ NUMBERS = (1, 2, 3, 4)  # of waves around the axis
 PARTS = 400
 # The disc that opens is a hexagon of film: its sides are nearer.
 AT_OPENED = 0.7
-# Arguments of its start that is not symmetric, and of its air [kg/m³].
-DISTURBED = {"offset": 2e-3, "stuck": 0.02, "air": 1.2e-3}
+AIR = 1.2e-3  # density at 100 Pa [kg/m³]
 
 # Values for some numbers of waves, by quantity.
 Curves = dict[str, list[float]]
@@ -288,11 +289,28 @@ def main(
     return {**found, "energy_error": abs(run.energy_error), "steps": run.step}
 
 
+def similar(diameter: float) -> dict[str, float]:
+    """Arguments of `spin_deployment.build` for a disc of a diameter [m], with a start that is not
+    symmetric."""
+    return {
+        "diameter": diameter,
+        "rev": 8.0 / diameter,
+        "tip": 2e-3 * diameter**2,
+        "inertia": 1.25e-4 * diameter**4,
+        "offset": 2e-3 * diameter,
+        "stuck": 0.02 * diameter,
+        "air": AIR,
+        "damping": 1e-4 * diameter,
+        "dt": 4e-4 * diameter,
+        "largest": 4e-3 * diameter,
+    }
+
+
 def folded(
     output: str | Path | None = None,
+    diameter: float = 1.0,
     until: float = 8.0,
     opened: float = 0.5,
-    diameter: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: Any,
 ) -> dict[str, float]:
@@ -301,23 +319,24 @@ def folded(
 
     Args:
         output: folder.
-        until: end of the run [s].
-        opened: time [s] from which waves are counted; the film is straight before it.
         diameter: of the disc [m].
+        until: end of the run of a disc of 1 m [s]; of others in proportion to the diameter.
+        opened: time from which waves are counted, in the same way; the film is straight before it.
         comm: the communicator.
-        given: arguments of `spin_deployment.build`, which replace those of `DISTURBED`.
+        given: arguments of `spin_deployment.build`, which replace those of `similar`.
 
     Returns:
         figures of `spin_figures`, and for each number n of waves ω/Ω and the amplitude [mm] forward
         and backward, next to ω/Ω of the closed forms of a disc and of slack film.
     """
     numbers = (0, *NUMBERS)
-    given = {"largest": 4e-3, **DISTURBED, **given}
-    case = spin_deployment.build(comm, diameter=diameter, until=until, ring=AT_OPENED, **given)
+    arguments = similar(diameter) | given
+    end = until * diameter
+    case = spin_deployment.build(comm, until=end, ring=AT_OPENED, **arguments)
     # Pictures are denser at first, where the roll opens fast.
     parts = (0.0, 0.0125, 0.025, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
     run, series = run_case(case, output, "folded_disc", parts, spin_deployment.VIEW)
-    counted = series.time >= opened
+    counted = series.time >= opened * diameter
     time = series.time[counted]
     spin = series["spin of the sail [rad/s]"][counted]
     mean_spin = (spin[1:] + spin[:-1]) / 2
@@ -379,7 +398,8 @@ def draw(turned: Array, heights: Array, numbers: Sequence[int], curves: Curves, 
 
 
 if __name__ == "__main__":
-    if "folded" in sys.argv[1:]:
-        print_figures(folded(output="out/folded_waves"), UNITS)
+    if sys.argv[1:2] == ["folded"]:
+        diameters = map(float, sys.argv[2:])
+        print_figures(folded("out/folded_waves", *diameters), UNITS)
     else:
         print_figures(main(output="out/disc_waves"))
