@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
-import numpy as np
-
 import gossamer_fx as gx
 from gossamer_fx.build.fold.fold_map import Folded, FoldMap
 from gossamer_fx.extend import (
@@ -17,7 +15,6 @@ from gossamer_fx.extend import (
     check,
     check_arguments,
     not_negative,
-    positive,
 )
 from gossamer_fx.mechanics.bodies.properties import Property
 
@@ -41,9 +38,8 @@ class InflatableTube:
         dead_volume: of each compartment [m³], see `Chamber`.
         outside: gas outside; default vacuum.
         clamp: group of the mesh that is fixed; None: the tube is free.
-        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a
-            satellite, or the mass [kg] of a bar along the flat end, which is made.
-        rod_width: side of the square section of such bars [m].
+        caps: rigid bodies to which ends of the tube are fixed, e.g. a satellite, by the group of
+            the end.
         folds: map with which the tube starts folded; default flat.
         origin: position of the folded shape [m], see `FoldMap.start`.
         turn: its rotation vector [rad].
@@ -80,8 +76,7 @@ class InflatableTube:
         dead_volume: float = 1e-6,
         outside: gx.gas.Ambient | None = None,
         clamp: str | None = "inlet",
-        caps: Mapping[str, Annotated[float, positive("kg")] | gx.RigidBody] | None = None,
-        rod_width: Annotated[float, positive("m")] = 2e-3,
+        caps: Mapping[str, gx.RigidBody] | None = None,
         folds: FoldMap | None = None,
         origin: Vector = (0.0, 0.0, 0.0),
         turn: Vector = (0.0, 0.0, 0.0),
@@ -143,8 +138,10 @@ class InflatableTube:
                 set_angle_ratio=set_angle_ratio,
                 yield_angle=yield_angle,
             )
-        # After `start`, since a bar lies along the end of the folded tube.
-        self.caps = [self._cap(end, what, rod_width) for end, what in (caps or {}).items()]
+        self.caps = [
+            gx.RigidRegion(self.film, end, rigid_body=body, name=f"{name} {end} cap")
+            for end, body in (caps or {}).items()
+        ]
         self.contact: gx.Contact | None = None
         if contact_distance:
             self.contact = gx.Contact(
@@ -154,50 +151,10 @@ class InflatableTube:
                 name=f"{name} contact",
             )
 
-    def _cap(self, end: str, what: float | gx.RigidBody, side: float) -> gx.RigidRegion:
-        """Fix the nodes of an end to a rigid body, or to a bar of a mass [kg] along the end, with a
-        square section of a side [m].  Collective."""
-        body = what if isinstance(what, gx.RigidBody) else self._bar(end, float(what), side)
-        return gx.RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
-
-    def _bar(self, end: str, mass: float, side: float) -> gx.RigidBody:
-        """Make a rigid bar of a mass [kg] along the nodes of an end, where the tube starts: its
-        first axis along their line, its centre at their mean, its length their extent, its square
-        section of a side [m].  Collective."""
-        comm = self.film.comm
-        nodes = self.film.nodes(end)
-        x = self.film.initial_state()[0].reshape(-1, 3)
-        if self.start is not None:
-            x = self.start.positions()
-        # Owned nodes only, so that shared ones do not count twice in the mean.
-        own = x[nodes[nodes < self.film.block.index_map.size_local]]
-        x = np.concatenate(comm.allgather(own))
-        middle = x.mean(axis=0)
-        # Of the singular vectors of points on a line the first is along it.
-        along = np.linalg.svd(x - middle)[2]
-        length = float(np.ptp((x - middle) @ along[0]))
-        # Moments of inertia [kg m²] of a cuboid about its own axis and across it.
-        axis = mass * side**2 / 6
-        across = mass * (length**2 + side**2) / 12
-        return gx.RigidBody(
-            mass,
-            (axis, across, across),
-            position=tuple(middle),
-            # Singular vectors may be left-handed; an attitude is a rotation.
-            attitude=along.T * np.sign(np.linalg.det(along)),
-            comm=comm,
-            name=f"{self.name} {end} bar",
-        )
-
     def inlet(self, source: gx.Tank | gx.gas.Ambient, area: Opening) -> gx.Orifice:
         """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
         is a number or a function of time [s]."""
         return self._orifice(source, self.chambers[0], area, "inlet")
-
-    def vent(self, outside: gx.gas.Ambient, area: Opening) -> gx.Orifice:
-        """The hole from the last compartment to the surroundings, with an opening [m²] that is a
-        number or a function of time [s]."""
-        return self._orifice(self.chambers[-1], outside, area, "vent")
 
     def _orifice(self, first: Any, second: Any, area: Any, what: str) -> gx.Orifice:
         """An orifice between two volumes, of which the name says what it is."""

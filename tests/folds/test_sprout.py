@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.inflatables import sprout, sprout_deployed
+from demos.inflatables import sprout
 
 SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
 
@@ -86,33 +86,35 @@ def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     assert found["pressure_right_2"] == pytest.approx(1000.0, rel=0.05)
 
 
-def test_a_direction_that_is_not_an_axis_is_refused() -> None:
+def test_words_that_are_not_known_are_refused() -> None:
     with pytest.raises(gx.InputError, match="down is 'down'; give '-x' or"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")
+    with pytest.raises(gx.InputError, match="attachment is 'glued'; give 'hung' or"):
+        sprout.deployed(MPI.COMM_WORLD, attachment="glued")
 
 
 def test_the_deployed_tubes_bear_the_film(comm) -> None:
     """Deflection of the tips, moment at the root and tension are those of the design by closed
     forms."""
-    held = sprout_deployed.build(comm, cell=0.016, film_cell=0.1, held=True)
-    alone = sprout_deployed.build(comm, cell=0.016, held=True, with_film=False)
+    held = sprout.deployed(comm, cell=0.016, film_cell=0.1, held=True)
+    alone = sprout.deployed(comm, cell=0.016, held=True, attachment="none")
     for satellite in (held, alone):
         result = satellite.statics.find()
         assert result.within_tolerance
         assert result.regular
-    deflection = sprout_deployed.tip_deflection(held, alone)
+    deflection = sprout.tip_deflection(held, alone)
     assert deflection == pytest.approx(held.shape.deflection, rel=0.08)
-    first, second = sprout_deployed.mean_tensions(held)
-    assert (first + second) / 2 == pytest.approx(sprout_deployed.TENSION, rel=0.3)
+    first, second = sprout.mean_tensions(held)
+    assert (first + second) / 2 == pytest.approx(sprout.TENSION, rel=0.3)
     mode = gx.analysis.modes(alone.statics, 1)[0]
-    exact = sprout_deployed.beam_frequency(alone.figure, sprout_deployed.FILM_THICKNESS)
+    exact = sprout.beam_frequency(alone.figure, sprout.THICKNESS)
     assert mode.frequency == pytest.approx(exact, rel=0.06)
 
 
 def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
     """The three forces on the cords add up to nothing, and meet in one point."""
     figure = sprout.Figure(1.5, 0.03, (0.0, 0.0))
-    shape = sprout_deployed.cut(figure, 12.5e-6, 8e-3, 1e4)
+    shape = sprout.cut(figure, 12.5e-6, 8e-3, 1e4)
     assert np.abs(shape.forces.sum(axis=0)).max() < 1e-14
     x, y = shape.corners.T
     moments = x * shape.forces[:, 1] - y * shape.forces[:, 0]
@@ -122,9 +124,28 @@ def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
 def test_a_flat_root_is_a_hinge() -> None:
     """Across its plane a tube with a flat root has a hundredth of the frequency of a clamped one,
     at most."""
-    flat = sprout_deployed.build(
-        MPI.COMM_WORLD, cell=0.016, held=True, with_film=False, round_ends=False
-    )
+    flat = sprout.deployed(MPI.COMM_WORLD, cell=0.016, held=True, attachment="none", roots="flat")
     flat.statics.find()
-    exact = sprout_deployed.beam_frequency(flat.figure, sprout_deployed.FILM_THICKNESS)
+    exact = sprout.beam_frequency(flat.figure, sprout.THICKNESS)
     assert gx.analysis.modes(flat.statics, 1)[0].frequency < 0.01 * exact
+
+
+def test_a_film_cut_for_flat_tubes_closes_the_v(comm) -> None:
+    """Round tubes are narrower, so that such a film pulls them together; one that is cut for round
+    tubes leaves the angle as it is."""
+    half_angles = {}
+    for roots, cell in (("flat", 0.03), ("round", 0.016)):
+        satellite = sprout.deployed(
+            comm,
+            length=0.4,
+            pressure=8100.0,
+            cell=cell,
+            film_cell=0.06,
+            held=True,
+            attachment="tied",
+            roots=roots,
+        )
+        satellite.statics.find()
+        half_angles[roots] = satellite.half_angle()
+    assert half_angles["round"] == pytest.approx(30.0, abs=0.4)
+    assert half_angles["flat"] < 27.0
