@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from gossamer_fx.extend import check_arguments
+from gossamer_fx.extend import Range, check_arguments
 
-from .arrays import Cells, Length, Order, check_cells
+from .arrays import Length, Order, check_cells
+
+# gmsh makes no sphere of fewer.
+MIN_CELLS = 4
 
 
 @check_arguments
-def sphere(comm: MPI.Intracomm, radius: Length, cells: Cells, order: Order = 1) -> Mesh:
+def sphere(
+    comm: MPI.Intracomm, radius: Length, cells: Annotated[int, Range(MIN_CELLS)], order: Order = 1
+) -> Mesh:
     """Make a closed sphere about the origin; normals point outwards.  Group: "film".  Collective.
 
     Args:
         radius: [m].
-        cells: edges of triangles on the equator, about.
+        cells: edges of triangles on the equator, about; at least 4.
         order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).
 
     Raises:
-        InputError: the radius is not positive, there are no cells, or the order is another one.
+        InputError: the radius is not positive, there are fewer cells, or the order is another one.
     """
     check_cells("sphere", cells**2)
 

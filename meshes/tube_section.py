@@ -60,8 +60,8 @@ def cylinder(
     Raises:
         InputError: a length is not positive, there are no edges, or the order is another one.
     """
-    check_cells("cylinder", 2 * around * along)
     quarter = max(round(around / 4), 1)
+    check_cells("cylinder", 8 * quarter * along)
 
     def build(model: Any) -> None:
         geo = model.geo

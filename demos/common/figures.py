@@ -60,14 +60,16 @@ def triangles(system: Any, film: gx.Membrane) -> Array:
 def corners_at(film: gx.Membrane, positions: Array) -> Array:
     """Corners (n, 3, 3) [m] of the triangles that this rank owns, for positions of the nodes (owned
     and ghost)."""
-    owned = film.space.mesh.topology.index_map(2).size_local
-    corners: Array = positions[film.space.dofmap.list[:owned, :3]]
+    # A reduced film has the positions of the film that was reduced.
+    space = film.full.space
+    owned = space.mesh.topology.index_map(2).size_local
+    corners: Array = positions[space.dofmap.list[:owned, :3]]
     return corners
 
 
 def flat_triangles(film: gx.Membrane) -> Array:
     """Corners (n, 3, 3) [m], in the mesh, of the triangles that this rank owns."""
-    return corners_at(film, film.space.tabulate_dof_coordinates())
+    return corners_at(film, film.full.space.tabulate_dof_coordinates())
 
 
 def area_vectors(corners: Array) -> Array:

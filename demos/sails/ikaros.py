@@ -409,15 +409,26 @@ def arm_inertia(
     """Moment of inertia [kg m²] of hub, wound strips and arms of which the length `out` [m] stands
     out from the hub.
 
-    A half strip has at the distance s from the middle of its trapezoid the mass ρ (a - max(s, b))
-    ds, with the half edges (a, b); its wound part lies at the radius of the hub.
+    A half strip has the masses of `half_strip`; its wound part lies at the radius of the hub.
+    """
+    s, mass = half_strip(PETALS, half_edges, parts)
+    r = radius + np.clip(s - (half_edges[0] - out), 0.0, None)
+    return float(hub + mass @ r**2 + 4 * TIP * (radius + out) ** 2)
+
+
+def half_strip(
+    mass: float, half_edges: tuple[float, float], parts: int = 4000
+) -> tuple[Array, Array]:
+    """Distances s (parts,) [m] from the middle of a folded trapezoid, and masses (parts,) [kg] of a
+    half strip there, together `mass`.
+
+    With the half edges (a, b) it has the mass ρ (a - max(s, b)) ds at the distance s.
     """
     a, b = half_edges
     # Midpoint rule along the half strip.
     s = (np.arange(parts) + 0.5) / parts * a
-    mass = 8 * PETALS / (4 * (a**2 - b**2)) * (a - np.maximum(s, b)) * a / parts
-    r = radius + np.clip(s - (a - out), 0.0, None)
-    return float(hub + mass @ r**2 + 4 * TIP * (radius + out) ** 2)
+    density = 2 * mass / (a**2 - b**2) * (a - np.maximum(s, b))
+    return s, density * a / parts
 
 
 def main(

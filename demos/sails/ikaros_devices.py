@@ -13,7 +13,7 @@ momentum of the flat sail leaves, and the windmill torque of sunlight: a device 
 tilted turns a part of the pressure into the plane.
 
 Then the sail flies round the Sun: the whole plate for some turns, and for a day a rigid body that
-has the surfaces of the deformed sail.
+has the surfaces of the deformed sail, or with `flexible=86400` a reduced plate.
 
 Where the values come from:
     7.5 µm polyimide; cells of 25 µm; 15 kg in all
@@ -35,7 +35,7 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,12 +47,21 @@ import gossamer_fx as gx
 from demos.common.deployment import print_figures
 from demos.common.figures import area_vectors, flat_triangles, triangles
 from demos.common.flight_picture import FlightPicture
-from demos.orbit.windmill import DISTANCE, FLIGHT, OPTICS, days_of_braking, round_the_sun
+from demos.orbit.windmill import (
+    DISTANCE,
+    FLIGHT,
+    OPTICS,
+    PRESSURE_AT_AU,
+    days_of_braking,
+    round_the_sun,
+    torque_of_light,
+)
 from demos.sails import ikaros
-from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.orbit.optics import Rows, light_force
+from gossamer_fx.analysis.reduction.reduced_membrane import ReducedMembrane
+from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.meshes.sails import trapezoids
+from gossamer_fx.records.outputs.output import Output
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]
 INNER = 2  # rows of the hole
@@ -63,10 +72,11 @@ FILM_DENSITY = 1420.0  # of polyimide [kg/m³]
 # Row and columns of the cells of a trapezoid; with these they are 5 % of the sail.
 CELL_ROW = 6
 CELL_COLUMNS = 3
-# Pressure of sunlight at 1 au on a black face [Pa].
-PRESSURE_AT_AU = 4.56e-6
 # The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
 SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
+# Shapes of a reduced sail: shares of the pressure of sunlight, the last 1, and height of modes [m].
+SHARES_OF_LIGHT = (0.0, -1.0, 2.0, 1.0)
+MODE_HEIGHT = 0.05
 # Sun angles at the start and the end of the day [rad]: the axis of spin stays, the direction of the
 # light turns with the motion round the Sun.
 DAY = (math.radians(1.0), math.radians(1.94))
@@ -213,13 +223,14 @@ def sun_pressure(distance: float = DISTANCE, sun_angle: float = 0.0) -> float:
 
 def steady(comm: MPI.Comm, build: Build, rpm: float, sunlit: bool = True) -> gx.Equilibrium:
     """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
-    search = spinning_sail(comm, build, rpm, sun_pressure() if sunlit else 0.0, SEARCH)
+    pressure = sun_pressure() if sunlit else 0.0
+    search = spinning_sail(sail(comm, build), build, rpm, pressure, SEARCH)
     search.find()
     return search
 
 
 def spinning_sail(
-    comm: MPI.Comm,
+    film: gx.Membrane,
     build: Build,
     rpm: float,
     pressure: float | Callable[[float], float],
@@ -228,11 +239,11 @@ def spinning_sail(
     """The open sail in axes that turn with a spin [rpm], before the search for its equilibrium.
 
     Args:
+        film: the sail, or a reduced one.
         pressure: of sunlight [Pa]; a number, 0 for none, or a function of the time that is given
             to `find`.
         method: how the equilibrium is searched.
     """
-    film = sail(comm, build)
     hub, items = parts(film, build)
     items.append(gx.loads.Centrifugal(film, (0.0, 0.0, rpm * RPM)))
     items.append(gx.constraints.FixedJoint(hub.frame(), gx.ground_frame()))
@@ -270,7 +281,7 @@ def change_over_a_day(
 
     # The change is a thousandth, which the usual tolerance of 1e-4 would not resolve.
     method = replace(SEARCH, tolerance=1e-6)
-    search = spinning_sail(comm, build, rpm, pressure, method)
+    search = spinning_sail(sail(comm, build), build, rpm, pressure, method)
     film = sail_of(search)
     heights = []
     torques = []
@@ -278,7 +289,7 @@ def change_over_a_day(
         search.find(at=angle)
         corners = triangles(search.system, film)
         heights.append(corners[:, :, 2].mean(axis=1))
-        torques.append(windmill(comm, corners))
+        torques.append(torque_of_light(comm, corners))
     areas = np.linalg.norm(area_vectors(corners), axis=1)
     of_mass = masses(film) * np.linalg.norm(corners.mean(axis=1)[:, :2], axis=1)
     centrifugal = comm.allreduce(float(of_mass.sum())) * (rpm * RPM) ** 2
@@ -339,17 +350,6 @@ def sail_of(search: gx.Equilibrium) -> Any:
     return next(body for body in search.system.bodies if body.name == "sail")
 
 
-def windmill(comm: MPI.Comm, corners: Array) -> float:
-    """Torque of sunlight [N m] about z on triangles (n, 3, 3) [m]; light travels along z."""
-    areas = area_vectors(corners)
-    along_z = np.array([0.0, 0.0, 1.0])
-    forces = light_force(
-        areas, along_z, OPTICS.coefficients(), OPTICS.coefficients(back=True), Rows
-    )
-    torques = np.cross(corners.mean(axis=1), forces)
-    return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))
-
-
 def figures(search: gx.Equilibrium) -> dict[str, float]:
     """What a designer asks of a steady spin.  Collective.
 
@@ -396,7 +396,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         "slack tethers": slack_tethers(search),
         "J": J,
         "spin change": (hub + flat_J) / (hub + J) - 1,
-        "torque": windmill(comm, corners),
+        "torque": torque_of_light(comm, corners),
         "iterations": search.result.iterations,
         "residual": search.result.residual,
         "unknowns": system.numbering.size,
@@ -428,14 +428,23 @@ def torque_probe(orbit: gx.orbit.Orbit) -> Any:
 
 
 def fly_plate(
-    search: gx.Equilibrium, build: Build, rpm: float, sun_angle: float, turns: float, steps: int
+    search: gx.Equilibrium,
+    build: Build,
+    rpm: float,
+    sun_angle: float,
+    turns: float,
+    steps: int,
+    outputs: Sequence[Output] = (),
 ) -> dict[str, float]:
-    """Fly the whole sail from its steady spin, `steps` steps a turn.
+    """Fly the whole or reduced sail from its steady spin, `steps` steps a turn.
 
     Returns:
         torque: mean windmill torque of sunlight [N m] over the flight.
         rms height: of the sail at the end [mm]
-        energy_error, iterations per step, rejected steps, seconds.
+        energy_error, iterations per step, rejected steps, seconds; and of a reduced sail
+        spin change: by the angular momentum along its direction at the start [rpm].
+        drift of the axis: angle between the angular momentum at the start and the end [rad].
+        outside: energy outside of the basis over the stored energy, `OutsideBasis`.
     """
     film = sail_of(search)
     hub, items = parts(film, build)
@@ -446,11 +455,22 @@ def fly_plate(
     period = 60 / rpm
     series = gx.Series({"torque": torque_probe(orbit)})
     run = gx.Simulation(
-        gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series]
+        gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series, *outputs]
     )
+    of_reduced: dict[str, float] = {}
+    if isinstance(film, ReducedMembrane):
+        before = momentum_of_reduced(run, film, hub)
+        run.run(until=turns * period)
+        size, turned = change_of(before, momentum_of_reduced(run, film, hub))
+        of_reduced = {
+            "spin change": size / moments(search)[1] / RPM,
+            "drift of the axis": turned,
+            "outside": gx.reduction.OutsideBasis(film)(run),
+        }
     run.run(until=turns * period)
     corners = triangles(run.system, film)
     return {
+        **of_reduced,
         # The first value is of no step.
         "torque": float(series["torque"][1:].mean()),
         "rms height": 1e3 * rms_height(film.comm, corners),
@@ -459,6 +479,57 @@ def fly_plate(
         "rejected": run.substeps,
         "seconds": run.seconds,
     }
+
+
+def reduced_steady(
+    comm: MPI.Comm, build: Build, rpm: float, modes: int, cells: int | None
+) -> gx.Equilibrium:
+    """The steady spin of a reduced sail, of which nothing has flown: its shapes are steady spins
+    under several pressures of sunlight, and the lowest `modes` modes of vibration about that in
+    sunlight.  It has `cells` cells with strains, None for all."""
+    film = sail(comm, build)
+    pressure = sun_pressure()
+    search = spinning_sail(film, build, rpm, lambda share: share * pressure, SEARCH)
+    shapes = gx.reduction.Snapshots(film)
+    for share in SHARES_OF_LIGHT:
+        search.find(at=share)
+        shapes.positions.append(search.system.state[film].positions().copy())
+    found = gx.analysis.modes(search, modes, spin=(0.0, 0.0, rpm * RPM))
+    swinging = gx.analysis.ModeShapes(film, search, modes=found, height=MODE_HEIGHT)
+    count = len(SHARES_OF_LIGHT) - 1 + modes
+    reduced = gx.reduction.reduce(film, [shapes, swinging], modes=count, cells=cells)
+    steady_spin = spinning_sail(reduced, build, rpm, pressure, SEARCH)
+    steady_spin.find()
+    return steady_spin
+
+
+def momentum_of_reduced(run: gx.Simulation, film: ReducedMembrane, hub: gx.RigidBody) -> Array:
+    """Angular momentum (3,) [N m s] of hub, reduced sail and tips about their centre of mass; that
+    of the whole run has the orbit's in it."""
+    # The coefficients of the modes are as points with the mass of the sail; only the first, that of
+    # uniform displacement, has a momentum.
+    size = film.basis.size
+    coefficients = [Port(film, (0,), weights=(1.0,), vectors=(k,)) for k in range(size)]
+    points = [*coefficients, *ikaros.tip_ports(film), hub.port()]
+    mass = np.array([film.basis.mass] * size + [ikaros.TIP] * 4 + [ikaros.HUB_MASS])
+    moved = mass.copy()
+    moved[1:size] = 0.0
+    state = run.system.state
+    x = state.vectors(points)
+    v = state.rates(points)
+    momentum: Array = np.cross(x, mass[:, None] * v).sum(axis=0)
+    momentum -= np.cross(moved @ x, moved @ v) / moved.sum()
+    return momentum + angular_momentum(
+        run, hub.frame(), ikaros.HUB_INERTIA[0], ikaros.HUB_INERTIA[2]
+    )
+
+
+def change_of(before: Array, after: Array) -> tuple[float, float]:
+    """Change of the length of a vector (3,), and the angle [rad] by which it has turned."""
+    size_before = float(np.linalg.norm(before))
+    size_after = float(np.linalg.norm(after))
+    sine = float(np.linalg.norm(np.cross(before, after)))
+    return size_after - size_before, math.atan2(sine, float(before @ after))
 
 
 def moments(search: gx.Equilibrium) -> tuple[float, float]:
@@ -541,11 +612,8 @@ def fly_frozen(
     before = angular_momentum(run, frame, about_diameter, about_axis)
     run.run(until=until)
     after = angular_momentum(run, frame, about_diameter, about_axis)
-    size_before = float(np.linalg.norm(before))
-    size_after = float(np.linalg.norm(after))
-    torque = (size_after - size_before) / run.time
-    sine = float(np.linalg.norm(np.cross(before, after)))
-    turned = math.atan2(sine, float(before @ after))
+    change, turned = change_of(before, after)
+    torque = change / run.time
     return {
         "torque": torque,
         "mean torque of the probe": float(series["torque about the axis [N m]"][1:].mean()),
@@ -583,11 +651,17 @@ def main(
     steps: int = 30,
     until: float = 86400.0,
     dt: float = 10.0,
+    flexible: float = 0.0,
+    modes: int = 10,
+    cells: int | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time
-    [s].
+    """Find the steady spin, fly the whole sail for some turns, 0 for none, and its frozen shape
+    until a time [s]; and a reduced sail, which bends and swings, until the time `flexible` [s].
+
+    The reduced sail has `modes` modes of vibration, and strains in `cells` cells, None for all.
+    Tapes and creases have to be left out of its build: `tape=0`, `crease=0`.
 
     With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is
     shorter by cos 30°, and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1
@@ -598,10 +672,16 @@ def main(
     """
     search = steady(comm, build, rpm)
     found = figures(search)
-    whole = fly_plate(search, build, rpm, sun_angle, turns, steps)
+    whole: dict[str, float] = {}
+    if turns:
+        whole = fly_plate(search, build, rpm, sun_angle, turns, steps)
     rigid = fly_frozen(search, rpm, sun_angle, until, dt, output)
     found |= {f"whole sail: {name}": value for name, value in whole.items()}
     found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
+    if flexible:
+        reduced = reduced_steady(comm, build, rpm, modes, cells)
+        flown = fly_plate(reduced, build, rpm, sun_angle, flexible * rpm / 60, steps)
+        found |= {f"reduced sail: {name}": value for name, value in flown.items()}
     day = change_over_a_day(comm, build, rpm)
     found |= {f"over the day: {name}": value for name, value in day.items()}
     found["torque over the flight's"] = found["torque"] / FLIGHT

@@ -18,6 +18,7 @@ from gossamer_fx.mechanics.control.attitude import (
     position_gradient,
     rotation,
 )
+from gossamer_fx.mechanics.terms.loads import PointLoads
 
 
 def controlled(
@@ -153,6 +154,24 @@ def test_the_error_of_an_angle_is_the_short_way_round() -> None:
     torques = control.law(np.radians([-179.0, 10.0, 179.0]), np.zeros(3))
     # The errors of the three angles, each brought into (-180°, 180°].
     assert torques == pytest.approx(2.0 * np.radians([-11.0, -10.0, 6.0]), rel=1e-12)
+
+
+def test_another_gain_of_a_compiled_scene_leaves_the_control_as_it_was() -> None:
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
+    control = gx.control.AttitudeControl(
+        hub.frame(), (0.1, 0.0, 0.0), stiffness=1.0, damping=2.0, name="steering"
+    )
+    changed, other = (gx.Simulation(gx.Scene(control), gx.Midpoint(dt=0.1)) for _ in range(2))
+    [loads] = changed.system.compiled_as(PointLoads)
+    [term] = changed.system.terms_of(control)
+    loads.set_number(term, "stiffness", np.full(3, 3.0))
+    assert loads.get_number(term, "stiffness").tolist() == [3.0, 3.0, 3.0]
+    assert control.stiffness.tolist() == [1.0, 1.0, 1.0]
+    for run in (changed, other):
+        run.run(until=0.1)
+    ω = [gx.probes.AngularVelocity(hub.frame(), "x")(run) for run in (changed, other)]
+    # The first step of all three: h K_p target/I, less the damping.
+    assert ω[0] == pytest.approx(3 * ω[1], rel=0.05)
 
 
 def test_a_point_has_no_attitude() -> None:

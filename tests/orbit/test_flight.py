@@ -166,7 +166,8 @@ def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None
 
 
 def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
-    orbit = Orbit(Elements(A, 0.2, i=1.0))
+    # The perigee is within the Earth.
+    orbit = Orbit(Elements(A, 0.2, i=1.0), radius=5e6)
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), position=(0.0, 0.0, 0.5), velocity=(0.02, 0, 0))
     sail = film()
     strings = [
@@ -240,11 +241,30 @@ def test_what_cannot_fly_is_refused() -> None:
             Orbit(Elements(A), **wrong)
     with pytest.raises(gx.InputError, match="start"):
         Orbit(((7e6, 0, 0),))
+    for start in (Elements(7e6, 0.2), ((6e6, 0.0, 0.0), (0.0, 7e3, 0.0))):
+        with pytest.raises(gx.InputError, match=r"radius of 6.37814e\+06 m; give another"):
+            Orbit(start)
     body = gx.PointMass(1.0)
     with pytest.raises(gx.InputError, match="Midpoint"):
         gx.Simulation(gx.Scene(body, Orbit(Elements(A))), gx.GeneralizedAlpha(dt=1.0))
     with pytest.raises(gx.InputError, match="not in the scene"):
         Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["sun", "moment"])
+def test_functions_of_the_user_are_the_same_on_all_ranks(comm, name: str) -> None:
+    """On one rank one that is not finite."""
+
+    def given(t: float) -> tuple[float, float, float]:
+        return (1.0, 0.0, float(comm.rank) if comm.size > 1 else math.nan)
+
+    functions = {"sun": (1.0, 0.0, 0.0), "moment": (1.0, 0.0, 0.0), name: given}
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub", comm=comm)
+    orbit = Orbit(Elements(A), epoch="2026-01-01", sun=functions["sun"])
+    magnet = gx.orbit.MagneticDipole(hub.frame(), orbit, moment=functions["moment"])
+    with pytest.raises(gx.InputError, match=f"its {name} at t = 0.5 s"):
+        gx.Simulation(gx.Scene(hub, orbit, magnet), gx.Midpoint(dt=1.0)).run(until=1.0)
 
 
 @pytest.mark.slow

@@ -39,6 +39,24 @@ def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
     assert (folder / "windmill.png").exists()
 
 
+def test_heights_of_edges_make_the_windmill_torque() -> None:
+    found = windmill.sensitivities()
+    mirrored, both, _ = windmill.OPTICS.coefficients()
+    pressure = windmill.PRESSURE_AT_AU / windmill.DISTANCE**2 * (mirrored + both)
+    outer = windmill.OUTER
+    inner = windmill.INNER
+    # Over a turned petal ∂w/∂θ is its distance from the axis over that of the outer edge.
+    turned = pressure * 8 / 3 * (outer**3 - inner**3) / outer
+    assert found["petals turned about their radius"] == pytest.approx(turned, rel=1e-6)
+    # ∫ sin(πs/a) s ds over an outer edge of half the length a is 2 a²/π, with one wave.
+    waves = pressure * 4 * 2 * outer**2 / math.pi
+    assert found["outer edge S-shaped, seams closed"] == pytest.approx(waves, rel=2e-3)
+    assert found["three such waves"] == pytest.approx(waves / 3, rel=2e-2)
+    # Even about the middle of the edge, or without height at the edges: second order only.
+    for name in ("dome", "waves inside, seams and edges flat"):
+        assert found[name] < 1e-6 * turned
+
+
 def test_a_deorbit_sail_falls_as_the_formula(folder: Path) -> None:
     result = deorbit.main(hours=0.5, dt=30.0, tilt=math.radians(1), output=folder)
     # 2 %: the formula takes the density as constant over the fall.

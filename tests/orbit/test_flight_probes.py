@@ -102,7 +102,10 @@ def test_the_weight_of_a_body_without_mesh_has_a_resultant() -> None:
 
 def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     def flight(**options: object) -> tuple[gx.Simulation, gx.orbit.Orbit]:
-        orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1, i=0.5), gravity="J2", sun=(1.0, 0, 0))
+        # Its perigee is within the Earth.
+        orbit = gx.orbit.Orbit(
+            gx.orbit.Elements(A, 0.1, i=0.5), gravity="J2", sun=(1.0, 0, 0), radius=6e6
+        )
         sail = film(0.3)
         scene = gx.Scene(
             gx.orbit.SolarPressure(sail, orbit), gx.orbit.Drag(sail, orbit, atmosphere=AIR)

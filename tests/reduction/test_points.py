@@ -14,9 +14,6 @@ from gossamer_fx.analysis.reduction.points import (
     mode_gradients,
     own_cells,
     points_and_areas,
-    project,
-    strain_operator,
-    stress_derivatives,
 )
 from gossamer_fx.core.forms.backend import evaluate, interpolation_points
 from gossamer_fx.core.forms.compilation import compile_expression
@@ -29,6 +26,66 @@ from gossamer_fx.meshes.sheet import sheet
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
 # A film that is three times as thick on one half: areas and stresses scale with it.
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}
+
+
+# (a, c, k): component k of a stress (S11, S22, S12) is S_ac.
+STRESS_COMPONENTS = (
+    (0, 0, 0),
+    (1, 1, 1),
+    (0, 1, 2),
+    (1, 0, 2),
+)
+
+
+def strain_operator(F: np.ndarray) -> np.ndarray:
+    """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients ∂x_i/∂X_a, of index
+    3 a + i, where the frame vectors have the images F (2, 3, q)."""
+    B = np.zeros((3, 2, 3, F.shape[2]))
+    # δE11 = F_1·δF_1 and δE22 = F_2·δF_2
+    B[0, 0] = F[0]
+    B[1, 1] = F[1]
+    # 2 δE12 = F_2·δF_1 + F_1·δF_2
+    B[2, 0] = F[1]
+    B[2, 1] = F[0]
+    return B.reshape(3, 6, -1)
+
+
+def stress_derivatives(
+    B_mean: np.ndarray, D: np.ndarray, B: np.ndarray, S: np.ndarray
+) -> np.ndarray:
+    """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
+    gradients.
+
+        T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + S_ac 1) dA
+
+    It is the derivative of the forces S_ab F_mean_b dA by the gradients F_c of the iterate: a
+    material part with D = ∂S/∂E (3, 3, q), and the geometric part of S (3, q), both times dA [N/m ·
+    m²].  S is also times the weight of the iterate in F_mean.  B and B_mean (3, 6, q) are
+    derivatives of the strains at F and at F_mean.
+    """
+    DB = np.einsum("klq,ljq->kjq", D, B)
+    T = np.einsum("kiq,kjq->qij", B_mean, DB)
+    T = T.reshape(-1, 2, 3, 2, 3)
+    # The geometric stiffness S_ac 1 acts on each coordinate alone.
+    for i in range(3):
+        for a, c, k in STRESS_COMPONENTS:
+            T[:, a, i, c, i] += S[k]
+    return T
+
+
+def project(T: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """The stiffness K (3r, 3r) [N/m] of modes with gradients G (q, 2, r), Σ G_aᵀ T_ac G_c over the
+    points; row 3 i + k is component k of the coefficient of mode i."""
+    q, _, r = G.shape
+    K: np.ndarray = np.zeros((r, 9 * r))
+    for a in range(2):
+        # Σ_c T_ac G_c at each point, then one product of full matrices over all points.
+        T_a = np.ascontiguousarray(T[:, a].swapaxes(2, 3))
+        TG = T_a.reshape(q, 9, 2) @ G
+        K += G[:, a].T @ TG.reshape(q, 9 * r)
+    # K has the order (mode, coordinate, coordinate, mode).
+    by_mode = K.reshape(r, 3, 3, r).swapaxes(2, 3)
+    return by_mode.reshape(3 * r, 3 * r)
 
 
 def strains(F: np.ndarray) -> np.ndarray:

@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import bent_tube
+from gossamer_fx.mechanics.bodies.rigid_body import fitted
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
@@ -199,6 +201,18 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     assert grown == pytest.approx(0.05 * T, abs=1e-9)
     assert abs(run.energy_error) < 1e-10
     assert last.supplied > 0
+
+
+@pytest.mark.parametrize("directors", [1, 2])
+def test_slanted_lines_and_planes_have_as_many_directors_as_dimensions(directors):
+    """Round-off gives them an extent across, of 1e-8 of that along them."""
+    random = np.random.default_rng(1)
+    for _ in range(100):
+        along = random.uniform(-1, 1, (20, directors)) @ random.normal(size=(directors, 3))
+        x = random.normal(size=3) + along
+        frame, _, coordinates = fitted(MPI.COMM_SELF, x, np.zeros_like(x))
+        assert len(frame) == 1 + directors
+        np.testing.assert_allclose(frame[0] + coordinates @ frame[1:], x, atol=1e-13)
 
 
 def test_what_cannot_be_one_piece_is_refused(comm):

@@ -366,6 +366,7 @@ WRONG_SIZES = [
     (sails.trapezoids, {"n": 2}),
     (sails.trapezoids, {"outer": 1}),
     (tube_section.cylinder, {"around": 2.0}),
+    (sphere, {"cells": 3}),
 ]
 
 
@@ -379,6 +380,12 @@ def test_sizes_of_meshes_are_positive(generator, given):
         for bad in (type(value)(0), type(value)(-1)):
             with pytest.raises(InputError, match=rf"\b{name} (is|has) .*; give"):
                 generator(MPI.COMM_SELF, **given | {name: bad})
+
+
+def test_cells_count_as_they_are_made() -> None:
+    """One cell around is made as four."""
+    with pytest.raises(InputError, match=r"cylinder has about 2.4e\+07 cells"):
+        tube_section.cylinder(MPI.COMM_SELF, 1.0, 1.0, around=1, along=3_000_000)
 
 
 @pytest.mark.parametrize("generator, wrong", WRONG_SIZES)

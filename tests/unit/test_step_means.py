@@ -160,6 +160,20 @@ def test_the_tension_of_a_line_is_the_mean_of_the_step(make: Any, tmp_path: Path
     assert gx.fields.line_values(run, part, at="end").tension == pytest.approx(at_end(run))
 
 
+@pytest.mark.mpi(1)
+def test_a_restored_tether_has_the_mean_tension_of_the_step_before() -> None:
+    part, items, mean = tether()
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=DT))
+    run.run(until=DT)
+    tension = gx.probes.Tension(part)
+    before = tension(run)
+    run.history.commit()
+    run.run(until=2 * DT)
+    assert tension(run) > 1.1 * before
+    run.history.rollback()
+    assert tension(run) == before == pytest.approx(mean, rel=1e-7)
+
+
 @pytest.mark.mpi
 def test_the_work_of_the_mean_tension_is_the_change_of_energy() -> None:
     mass = gx.PointMass(1.0, position=(0.3, 0.0, 0.0), comm=COMM, name="mass")

@@ -30,6 +30,7 @@ import ufl
 from dolfinx import fem, la
 
 from gossamer_fx.analysis.reduction.basis import scalar_mass_times
+from gossamer_fx.analysis.reduction.bending import bending_energy
 from gossamer_fx.analysis.reduction.reduced_membrane import ReducedMembrane
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
@@ -105,7 +106,7 @@ class _Estimate:
         self._modes = film.basis.values
         self._n = index_map.size_local
         self._x = fem.Function(full.space)
-        energy = full.density(full.measure(self._x)) * full.dx
+        energy = full.density(full.measure(self._x)) * full.dx + bending_energy(full, self._x)
         force = ufl.derivative(energy, self._x, ufl.TestFunction(full.space))
         self._energy = compile_form(energy)
         self._force = compile_form(force)

@@ -17,10 +17,10 @@ of small matrices there by NumPy costs more in calls than in arithmetic.
 
 Idea.  In a run (`Points`) the kernel of `points.c` computes strains, forces N and products T G (see
 `reduced_energies`) at the points; the law is evaluated by `terms.law_kernel`, as that of a full
-film.  Python multiplies with the gradients of the modes, before and after, as full matrices.  The
-sampling of cells (`sampling`) takes all points at once by NumPy: arrays of many points have the
-points as their last index where a loop over components is outside, so that NumPy works on long
-rows.
+film.  Python multiplies with the gradients of the modes, before and after, as full matrices.
+
+Limits.  These are the strains of a `Membrane`.  Those of a plate, `forms.tied_strain`, are not of
+the form (1) at one point: a reduced plate takes forms on the mesh of its sampled cells.
 """
 
 from __future__ import annotations
@@ -40,14 +40,6 @@ from gossamer_fx.core.forms.compilation import compile_expression
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, PointLaw, PointValues
-
-# (a, c, k): component k of a stress (S11, S22, S12) is S_ac.
-STRESS_COMPONENTS = (
-    (0, 0, 0),
-    (1, 1, 1),
-    (0, 1, 2),
-    (1, 0, 2),
-)
 
 
 def own_cells(film: Membrane) -> Indices:
@@ -94,55 +86,6 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
         count = min(3, r - first)
         found[..., first : first + count] = values[:, :count].swapaxes(1, 2)
     return found
-
-
-def strain_operator(F: Array) -> Array:
-    """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients ∂x_i/∂X_a, of index
-    3 a + i, where the frame vectors have the images F (2, 3, q)."""
-    B = np.zeros((3, 2, 3, F.shape[2]))
-    # δE11 = F_1·δF_1 and δE22 = F_2·δF_2
-    B[0, 0] = F[0]
-    B[1, 1] = F[1]
-    # 2 δE12 = F_2·δF_1 + F_1·δF_2
-    B[2, 0] = F[1]
-    B[2, 1] = F[0]
-    return B.reshape(3, 6, -1)
-
-
-def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
-    """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
-    gradients.
-
-        T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + S_ac 1) dA
-
-    It is the derivative of the forces S_ab F_mean_b dA by the gradients F_c of the iterate: a
-    material part with D = ∂S/∂E (3, 3, q), and the geometric part of S (3, q), both times dA [N/m ·
-    m²].  S is also times the weight of the iterate in F_mean.  B and B_mean (3, 6, q) are
-    derivatives of the strains at F and at F_mean.
-    """
-    DB = np.einsum("klq,ljq->kjq", D, B)
-    T = np.einsum("kiq,kjq->qij", B_mean, DB)
-    T = T.reshape(-1, 2, 3, 2, 3)
-    # The geometric stiffness S_ac 1 acts on each coordinate alone.
-    for i in range(3):
-        for a, c, k in STRESS_COMPONENTS:
-            T[:, a, i, c, i] += S[k]
-    return T
-
-
-def project(T: Array, G: Array) -> Array:
-    """The stiffness K (3r, 3r) [N/m] of modes with gradients G (q, 2, r), Σ G_aᵀ T_ac G_c over the
-    points; row 3 i + k is component k of the coefficient of mode i."""
-    q, _, r = G.shape
-    K: Array = np.zeros((r, 9 * r))
-    for a in range(2):
-        # Σ_c T_ac G_c at each point, then one product of full matrices over all points.
-        T_a = np.ascontiguousarray(T[:, a].swapaxes(2, 3))
-        TG = T_a.reshape(q, 9, 2) @ G
-        K += G[:, a].T @ TG.reshape(q, 9 * r)
-    # K has the order (mode, coordinate, coordinate, mode).
-    by_mode = K.reshape(r, 3, 3, r).swapaxes(2, 3)
-    return by_mode.reshape(3 * r, 3 * r)
 
 
 # The C functions of these points.

@@ -32,7 +32,7 @@ from gossamer_fx.analysis.reduction.points import (
 )
 from gossamer_fx.core.algebra.numbering import NumberedBlock
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
@@ -52,7 +52,7 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
         self._system = system
         self._forces = []
         for term in terms:
-            forces = ModeForces(term, coordinates_of(system, term), system.rule)
+            forces = ModeForces(term, coordinates_of(system, term.body), system.rule)
             self._forces.append((term.body, forces))
 
     def begin_step(self, t: float) -> None:
@@ -80,13 +80,8 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
         """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix, on rank
         0. Collective."""
         for body, force in self._forces:
-            block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
-            # PETSc takes ten times as long to enter a full block number by number.
-            if A.getType() == PETSc.Mat.Type.SEQDENSE:
-                A.getDenseArray()[block.owned, block.owned] += K
-            else:
-                A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
+            add_full_block(A, self._system.block(body), K)
 
     def _on_rank_zero(self, values: Array) -> Array:
         """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the
@@ -103,9 +98,18 @@ class ReducedEnergies(CompiledTerms["ReducedEnergy"]):
         return np.zeros((0, 0))
 
 
-def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
+def add_full_block(A: PETSc.Mat, block: NumberedBlock, K: Array) -> None:
+    """Add a full matrix K [N/m] of the unknowns of a body that this rank owns to its block of A."""
+    # PETSc takes ten times as long to enter a full block number by number.
+    if A.getType() == PETSc.Mat.Type.SEQDENSE:
+        A.getDenseArray()[block.owned, block.owned] += K
+    else:
+        A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
+
+
+def coordinates_of(system: Assembly, body: Body) -> ReducedCoordinates:
     """The coordinates of a reduced film in a system."""
-    coordinates = system.coordinates[term.body]
+    coordinates = system.coordinates[body]
     # Its body is a reduced film, which makes such coordinates.
     assert isinstance(coordinates, ReducedCoordinates)
     return coordinates
@@ -177,7 +181,7 @@ class ReducedCoordinates(Coordinates):
 
     Forms see functions on the mesh as for any body.  An assembled force b becomes Φᵀb, a matrix K
     becomes ΦᵀKΦ.  Every rank has the coefficients (r, 3) [m] of q1, `end`, and of the increment δ
-    of the iteration, `change`: strains follow from them; no form uses δ.
+    of the iteration, `change`, from which the strains at points follow.
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
@@ -185,18 +189,17 @@ class ReducedCoordinates(Coordinates):
         self._modes = values
         self._comm = space.mesh.comm
         self._owned = space.dofmap.index_map.size_local
-        self._matrices: dict[fem.Form, la.MatrixCSR] = {}
+        self._matrix: la.MatrixCSR | None = None
         self.end: Array = np.zeros((values.shape[1], 3))
         self.change: Array = self.end
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function on the mesh [m] from the 3r coefficients of the modes on rank 0; of the
-        increment only the coefficients are stored.  Collective."""
+        """Set a function on the mesh [m] from the 3r coefficients of the modes on rank 0.
+        Collective."""
         c = coefficients(self._comm, unknowns)
         if function is self.δ:
             self.change = c
-            return
-        if function is self.q1:
+        elif function is self.q1:
             self.end = c
         # Φ is known at ghosts: nothing has to be communicated.
         function.x.array[:] = (self._modes @ c).ravel()
@@ -212,34 +215,36 @@ class ReducedCoordinates(Coordinates):
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         """Add the projected matrix ΦᵀKΦ of the sum K of bilinear forms to a block of A, on rank 0.
         Collective."""
-        n, r = self._modes.shape
-        K: Array = np.zeros((r, 3, r, 3))
-        found = False
-        for form in forms:
-            found = True
+        all_forms = list(forms)
+        if not all_forms:
+            return
+        # Forms of a film are sums over its cells, so that all have one pattern; an entry outside of
+        # it would raise an error.
+        if self._matrix is None:
+            self._matrix = fem.create_matrix(all_forms[0])
+        self._matrix.set_value(np.float64(0))
+        for form in all_forms:
             # Only this rank's own cells are assembled: the ranks' shares add up after the
             # projection.
-            matrix = self._matrix(form)
-            matrix.set_value(np.float64(0))
-            fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
-            blocks = matrix.data.reshape(-1, *matrix.block_size)
-            # A sparse matrix for each pair of components, as SciPy has no fast product of blocks
-            for i, j in np.ndindex(3, 3):
-                part = csr_matrix((blocks[:, i, j], matrix.indices, matrix.indptr))
-                part.resize(n, n)
-                K[:, i, :, j] += self._modes.T @ (part @ self._modes)
-        if not found:
-            return
-        size = 3 * r
-        total = self._comm.reduce(K.reshape(size, size))
+            fem.assemble_matrix(self._matrix, form)  # type: ignore[arg-type]
+        size = 3 * self._modes.shape[1]
+        total = self._comm.reduce(projected(self._matrix, self._modes).reshape(size, size))
         if total is not None:
-            A.setValues(block.rows, block.rows, total, addv=PETSc.InsertMode.ADD_VALUES)
+            add_full_block(A, block, total)
 
-    def _matrix(self, form: fem.Form) -> la.MatrixCSR:
-        """The sparse matrix of a form, created on the first call: its pattern does not change."""
-        if form not in self._matrices:
-            self._matrices[form] = fem.create_matrix(form)
-        return self._matrices[form]
+
+def projected(matrix: la.MatrixCSR, modes: Array) -> Array:
+    """ΦᵀKΦ (r, 3, r, 3) of a matrix K with blocks of three components, and modes Φ (n, r) at the
+    owned and ghost nodes; this rank's share."""
+    n, r = modes.shape
+    K = np.zeros((r, 3, r, 3))
+    blocks = matrix.data.reshape(-1, *matrix.block_size)
+    # A sparse matrix for each pair of components, as SciPy has no fast product of blocks
+    for i, j in np.ndindex(3, 3):
+        part = csr_matrix((blocks[:, i, j], matrix.indices, matrix.indptr))
+        part.resize(n, n)
+        K[:, i, :, j] = modes.T @ (part @ modes)
+    return K
 
 
 def coefficients(comm: MPI.Intracomm, unknowns: Array) -> Array:

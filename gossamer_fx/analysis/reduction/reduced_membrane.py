@@ -1,8 +1,8 @@
 """A reduced film: a film whose shape is a combination of modes.
 
-`reduce` makes it from recorded motions: 1. check that the film has strains and mass only;
-2. compute the modes (`basis`); 3. choose the cells over which strains are integrated (`sampling`);
-4. make the body.
+`reduce` makes it from recorded motions: 1. check that the film has strains, bending and mass only;
+2. compute the modes (`basis`) and their bending energy (`bending`); 3. choose the cells over which
+strains are integrated (`sampling`); 4. make the body.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dolfinx import mesh as dmesh
 from dolfinx.common import IndexMap
 
 from gossamer_fx.analysis.reduction.basis import Basis, make_basis
+from gossamer_fx.analysis.reduction.bending import BendingOfModes, ModalBending, bending_of_modes
 from gossamer_fx.analysis.reduction.reduced_energies import (
     ReducedCoordinates,
     ReducedEnergy,
@@ -28,15 +29,19 @@ from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.tied_strain import tied_strain
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block, Port, Vector
 from gossamer_fx.core.model.state import InitialState, State
 from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import global_node, global_nodes
+from gossamer_fx.mechanics.bodies.plate import Plate
+from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 from gossamer_fx.mechanics.terms.masses import KineticEnergy
 from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
 
 
 class WeightedMeasure:
@@ -78,17 +83,21 @@ class ReducedMembrane(Membrane):
     Attributes:
         basis: the modes.
         sample: the sampled cells, with the error of sampling.
+        bending: of the modes of a plate, see `reduction.bending`; None of a film without it.
         outside: share of the initial shape that the modes do not represent, see `Basis.project`.
         port_nodes: global nodes of the film to which ports are attached.
     """
 
-    def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
+    def __init__(
+        self, made_from: Basis, over: Sample, bending: ModalBending | None, name: str
+    ) -> None:
         film = made_from.film
         part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
         self._full = film
         self.basis = made_from
         self.sample = over
+        self.bending = bending
         self._modes = _modes_at_nodes(self.space, made_from, parents)
         self._restrict(parents)
         # One node, on rank 0
@@ -107,9 +116,9 @@ class ReducedMembrane(Membrane):
         weights[self.sample.cells] = self.sample.weights
         sampled = self.space.mesh
         self._weights = weights[parents][: sampled.topology.index_map(2).size_local]
-        weight = _in_cells(sampled, weights[parents])
-        self.dx = WeightedMeasure(self.dx, weight)
-        self.mass_dx = WeightedMeasure(self.mass_dx, weight)
+        self._weight = _in_cells(sampled, weights[parents])
+        self.dx = WeightedMeasure(self.dx, self._weight)
+        self.mass_dx = WeightedMeasure(self.mass_dx, self._weight)
         for name, value in vars(film.constants).items():
             # Properties that vary from cell to cell are functions; others were set with the law.
             if isinstance(value, fem.Function):
@@ -126,6 +135,14 @@ class ReducedMembrane(Membrane):
 
     def _orient(self) -> None:
         """The axes of the law are those of the film, see `_restrict`: the sample has no groups."""
+
+    def surface_measure(self, degree: int) -> WeightedMeasure:
+        return WeightedMeasure(super().surface_measure(degree), self._weight)
+
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        if self._full.bends:
+            return tied_strain(self.mesh.domain, x, self._frame)
+        return super().strain_from_mesh(x)
 
     @property
     def full(self) -> Membrane:
@@ -153,18 +170,23 @@ class ReducedMembrane(Membrane):
         size = self.basis.size
         modes = tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(size))
         yield AttachedKineticEnergy([modes], self.basis.mass * np.eye(size)[None])
-        yield ReducedEnergy(
-            self.name,
-            self,
-            self.measure,
-            self.density,
-            self.dx,
-            self.law.quadratic,
-            self.pieces,
-            c_law=self.law.c_law(self.constants, self.comm),
-            modes=self._modes,
-            weights=self._weights,
-        )
+        # What both kinds of stored energy take.
+        stored: dict[str, Any] = {
+            "name": self.name,
+            "body": self,
+            "measure": self.measure,
+            "density": self.density,
+            "dx": self.dx,
+            "quadratic": self.law.quadratic,
+            "pieces": self.pieces,
+            "c_law": self.law.c_law(self.constants, self.comm),
+        }
+        if self.bending is None:
+            yield ReducedEnergy(**stored, modes=self._modes, weights=self._weights)
+            return
+        # The strains of a plate are not those of `points`.
+        yield StoredEnergy(**stored)
+        yield BendingOfModes(f"{self.name} bending", self, self.bending)
 
     def describe(self, node: int) -> str:
         return "its modes"
@@ -208,18 +230,23 @@ class ReducedMembrane(Membrane):
 
 
 def check_reducible(film: Membrane) -> None:
-    """Check that a film has strains and mass only, which is what a reduced film can have."""
+    """Check that a film has strains, bending and mass only, which is what a reduced film can
+    have."""
     check(
         film.thermal is None,
         f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; "
         "leave thermal out.",
     )
-    start = InitialState([film], film.comm)
-    has_own_terms = type(film).terms is not Membrane.terms
     check(
-        not has_own_terms
-        and all(isinstance(term, KineticEnergy | StoredEnergy) for term in film.terms(start)),
-        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); "
+        getattr(film, "shape", None) is None,
+        f"reduce: the mesh of '{film.name}' is curved; give a plate with plane triangles.",
+    )
+    start = InitialState([film], film.comm)
+    has_own_terms = type(film).terms not in (Membrane.terms, Plate.terms)
+    known = KineticEnergy | StoredEnergy | QuadraticEnergy | TripleProductEnergy
+    check(
+        not has_own_terms and all(isinstance(term, known) for term in film.terms(start)),
+        f"reduce: '{film.name}' has more than strains, bending and mass (creases, contact); "
         "those cannot be reduced.",
     )
 
@@ -278,7 +305,8 @@ def reduce(
     law and name of the film, and replaces it in a new scene.  Collective.
 
     Args:
-        body: the film; it may not have bending stiffness, creases or contact.
+        body: the film, or a plate on a flat mesh, whose bending is not sampled; it may not have
+            creases or contact.
         motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
@@ -286,7 +314,7 @@ def reduce(
 
     Raises:
         InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film
-            has more than strains and mass.
+            has more than strains, bending and mass.
 
     Example:
         >>> shapes = gx.reduction.Snapshots(film)
@@ -303,6 +331,7 @@ def reduce(
     )
     shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)
+    bending = bending_of_modes(basis)
     # Without sampling the strains are integrated over all cells, each with the weight one.
-    sample = every_cell(body) if cells is None else sample_cells(basis, cells)
-    return ReducedMembrane(basis, sample, body.name)
+    sample = every_cell(body) if cells is None else sample_cells(basis, cells, bending)
+    return ReducedMembrane(basis, sample, bending, body.name)

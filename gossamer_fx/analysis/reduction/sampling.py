@@ -42,16 +42,12 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.analysis.reduction.basis import Basis
-from gossamer_fx.analysis.reduction.points import (
-    mode_gradients,
-    own_cells,
-    points_and_areas,
-    project,
-    strain_operator,
-    stress_derivatives,
-)
+from gossamer_fx.analysis.reduction.bending import ModalBending
+from gossamer_fx.analysis.reduction.points import own_cells, points_and_areas
+from gossamer_fx.analysis.reduction.reduced_energies import projected
 from gossamer_fx.core.forms.backend import evaluate
-from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.compilation import compile_expression, compile_form
+from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array, Indices
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 
@@ -59,7 +55,7 @@ from gossamer_fx.mechanics.bodies.membrane import Membrane
 # be exact for these motions and wrong for others.
 EQUATIONS_PER_CELL = 4
 
-# Motions that are evaluated at once: the gradients of 64 motions at all points fit into memory.
+# Motions that are drawn at once.
 MOTIONS_AT_ONCE = 64
 
 # Rigid motions have no stiffness; the next eigenvalue is the softest stiffness.
@@ -101,9 +97,10 @@ def every_cell(film: Membrane) -> Sample:
     return Sample(cells, np.ones(len(cells)), 0.0)
 
 
-def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
+def sample_cells(basis: Basis, most: int, bending: ModalBending | None, seed: int = 0) -> Sample:
     """Sample at most `most` cells of each rank with positive weights, for the energy of a basis'
-    examples; all cells if there are no more.  Collective.
+    examples; all cells if there are no more.  `bending` of the modes, which is not sampled, makes
+    motions stiffer.  Collective.
 
     The examples give the equations for the weights of this rank's cells; every rank solves its own,
     and only the stiffness and the error are sums over ranks.  The seed of the random motions is the
@@ -115,7 +112,7 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
     superfluous = max(len(own_cells(film)) - most, 0)
     if comm.allreduce(superfluous) == 0:
         return every_cell(film)
-    cells = CellEnergies(basis)
+    cells = CellEnergies(basis, bending)
     random = np.random.default_rng(seed)
     count = EQUATIONS_PER_CELL * most // len(basis.examples) + 1
     rows = []
@@ -137,13 +134,12 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
 
     K = LLᵀ is the stiffness of the r modes over all cells.  Collective, the same on every rank.
     """
-    comm = basis.film.comm
     squares = []
     for c in basis.examples:
         cells.take(c)
         # K, sampled: stiffness (3r, 3r) [N/m] over all cells of all ranks.
-        K = comm.allreduce(cells.stiffness(np.ones(len(weights))))
-        sampled = comm.allreduce(cells.stiffness(weights))
+        K = cells.stiffness(np.ones(len(weights)))
+        sampled = cells.stiffness(weights)
         L = _factor(K)
         half = np.linalg.solve(L, sampled - K)
         missing = np.linalg.solve(L, half.T)
@@ -155,8 +151,8 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
 def _equations(
     cells: CellEnergies, basis: Basis, c: Array, random: np.random.Generator, count: int
 ) -> Iterator[Array]:
-    """Yield energies and work (2k, cells) of `count` random motions, k at a time, about the shape
-    of coefficients c (r, 3) [m].  Collective.
+    """Yield energies (cells,) and work (cells,) of `count` random motions, one after the other,
+    about the shape of coefficients c (r, 3) [m].  Collective.
 
     Motions are z = L⁻ᵀ ζ, with the stiffness Σ k_e = LLᵀ and random ζ.  The rows z·k_e z and z·f_e,
     stiffness and forces of cell e, are those of the equations that the weights of cells have to
@@ -164,7 +160,7 @@ def _equations(
     """
     r = basis.size
     cells.take(c)
-    K = basis.film.comm.allreduce(cells.stiffness(np.ones(cells.cell_count)))
+    K = cells.stiffness(np.ones(cells.cell_count))
     L = _factor(K)
     # Forces are scaled by those that the waves of the shape would need, so that work and energy
     # have the same size.
@@ -176,8 +172,10 @@ def _equations(
         number = min(MOTIONS_AT_ONCE, count - first)
         ζ = random.standard_normal((3 * r, number))
         z = np.linalg.solve(L.T, ζ / (3 * r) ** 0.5)
-        energies, work = cells.motions(z.T.reshape(-1, r, 3))
-        yield np.vstack([energies, work / size])
+        for motion in z.T:
+            energies, work = cells.motion(motion.reshape(r, 3))
+            yield energies
+            yield work / size
 
 
 def _factor(K: Array) -> Array:
@@ -266,90 +264,58 @@ def _solve(
 
 class CellEnergies:
     """Forces f_e and stiffness k_e of each own cell of a film, about given coefficients of its
-    modes.
+    modes; those of its strains, without bending."""
 
-    Sizes below: q quadrature points of all own cells, r modes, k motions.
-    """
-
-    def __init__(self, basis: Basis) -> None:
+    def __init__(self, basis: Basis, bending: ModalBending | None) -> None:
         film = basis.film
+        space = film.space
         self._film = film
         self._modes = basis.values
-        points, dA = points_and_areas(film)
-        self.cell_count, self._points_per_cell = dA.shape
-        self.areas = dA.sum(axis=1)
-        self._dA = dA.ravel()
-        self._G = mode_gradients(film, basis.values, points)
-        self._x = fem.Function(film.space)
-        strain = ufl.variable(film.measure(self._x))
-        F = film.deformation(self._x)
-        S = ufl.diff(film.density(strain), strain)
+        points, self._dA = points_and_areas(film)
+        self.cell_count = len(self._dA)
+        self.areas = self._dA.sum(axis=1)
+        self._x = fem.Function(space)
+        # A motion z, and the weights ξ of the cells
+        self._z = fem.Function(space)
+        self._weights = fem.Function(fem.functionspace(space.mesh, ("Discontinuous Lagrange", 0)))
+        first, second = self._variations(self._z, self._z)
+        self._motion = compile_expression(ufl.as_vector([second, first]), points)
+        _, bilinear = self._variations(ufl.TestFunction(space), ufl.TrialFunction(space))
+        self._stiffness = compile_form(self._weights * bilinear * film.dx)
+        self._matrix = fem.create_matrix(self._stiffness)
+        self._bending: Array = np.zeros(2 * (3 * basis.size,))
+        if bending is not None:
+            self._bending = np.kron(bending.stiffness, np.eye(3))
+
+    def _variations(self, w: Expr, z: Expr) -> tuple[Expr, Expr]:
+        """Variations of the energy density [J/m²] at x: the first along w, the second along w and
+        z."""
+        measure = self._film.measure(self._x)
+        strain = ufl.variable(measure)
+        S = ufl.diff(self._film.density(strain), strain)
         D = ufl.diff(S, strain)
-        # One expression for all that is needed at a point: F (2, 3) row by row, S (3) and
-        # D (3, 3)
-        components = [F[i, a] for a in range(2) for i in range(3)]
-        components += [S[i] for i in range(3)]
-        components += [D[i, j] for i in range(3) for j in range(3)]
-        self._response = compile_expression(ufl.as_vector(components), points)
+        along_w = ufl.derivative(measure, self._x, w)
+        along_z = ufl.derivative(measure, self._x, z)
+        geometric = ufl.dot(S, ufl.derivative(along_w, self._x, z))
+        return ufl.dot(S, along_w), ufl.dot(ufl.dot(D, along_z), along_w) + geometric
 
     def take(self, c: Array) -> None:
-        """Evaluate the film in the shape of coefficients c (r, 3) [m]: at the points, the images
-        `_F` (2, 3, q) of the frame vectors, and times the area the stress `_S` (3, q) [N m] and its
-        derivatives `_D` (3, 3, q) [N m] by the strain."""
+        """Set the shape of coefficients c (r, 3) [m]."""
         self._x.x.array[:] = (self._modes @ c).ravel()
-        values = evaluate(self._response, self._film.space.mesh, own_cells(self._film))
-        by_component = values.reshape(-1, 18).T
-        self._F = by_component[:6].reshape(2, 3, -1)
-        # Stress and derivatives have the area in them from here on.
-        self._S = by_component[6:9] * self._dA
-        self._D = by_component[9:].reshape(3, 3, -1) * self._dA
 
     def stiffness(self, weights: Array) -> Array:
-        """Σ ξ_e k_e (3r, 3r) [N/m] for weights ξ of this rank's cells, in the shape that `take` has
-        set."""
-        # Only points of cells that count
-        on = np.repeat(weights > 0, self._points_per_cell)
-        ξ = np.repeat(weights, self._points_per_cell)[on]
-        # B (3, 6, q): derivative of the strains by the gradients F. D and S (times area) are in N
-        # m; `_G` (q, 2, r) [1/m] are the gradients of the modes.
-        B = strain_operator(self._F[:, :, on])
-        D = self._D[:, :, on] * ξ
-        S = self._S[:, on] * ξ
-        return project(stress_derivatives(B, D, B, S), self._G[on])
+        """Σ ξ_e k_e (3r, 3r) [N/m] over the cells of all ranks, of weights ξ on this one, and the
+        stiffness of bending, in the shape that `take` has set.  Collective."""
+        self._weights.x.array[: self.cell_count] = weights
+        self._matrix.set_value(np.float64(0))
+        fem.assemble_matrix(self._matrix, self._stiffness)  # type: ignore[arg-type]
+        own = projected(self._matrix, self._modes).reshape(self._bending.shape)
+        return self._bending + self._film.comm.allreduce(own)
 
-    def motions(self, z: Array) -> tuple[Array, Array]:
-        """Energies z·k_e z and work z·f_e, (k, cells) [J] each, of motions with coefficients z (k,
-        r, 3) [m] about the shape that `take` has set, to second and first order."""
-        # F1, F2 (3, q): images of the frame vectors; S11, S22, S12 (1, q) [N m]: stress times area;
-        # H1, H2 (q, k, 3): gradients of the motions along the frame vectors.
-        F1, F2 = self._F
-        S11, S22, S12 = self._S[:, None]
-        H1 = self._gradients(z, 0)
-        H2 = self._gradients(z, 1)
-        # Changes of the strains (3, k, q), to first order in the motion
-        de = np.stack([_dot(F1, H1), _dot(F2, H2), _dot(F1, H2) + _dot(F2, H1)])
-        material = (de * np.einsum("ijq,jkq->ikq", self._D, de)).sum(axis=0)
-        energy = material + S11 * _product(H1, H1) + S22 * _product(H2, H2)
-        energy = energy + 2 * S12 * _product(H1, H2)
-        work = (np.stack([S11, S22, S12]) * de).sum(axis=0)
-        return self._in_cells(energy), self._in_cells(work)
-
-    def _gradients(self, z: Array, a: int) -> Array:
-        """Gradients (q, k, 3) of motions z (k, r, 3) along frame vector a."""
-        k = len(z)
-        columns = z.transpose(1, 0, 2).reshape(-1, 3 * k)
-        return (self._G[:, a] @ columns).reshape(-1, k, 3)
-
-    def _in_cells(self, values: Array) -> Array:
-        """Sums (k, cell_count) over the points of each cell of values (k, q)."""
-        return values.reshape(len(values), self.cell_count, self._points_per_cell).sum(axis=2)
-
-
-def _dot(F: Array, H: Array) -> Array:
-    """Products (k, q) of F (3, q) and H (q, k, 3) at each point."""
-    return np.einsum("iq,qki->kq", F, H)
-
-
-def _product(A: Array, B: Array) -> Array:
-    """Products (k, q) of A and B (q, k, 3) at each point."""
-    return (A * B).sum(axis=2).T
+    def motion(self, z: Array) -> tuple[Array, Array]:
+        """Energies z·k_e z and work z·f_e, (cells,) [J] each, of a motion with coefficients z (r,
+        3) [m] about the shape that `take` has set, to second and first order."""
+        self._z.x.array[:] = (self._modes @ z).ravel()
+        values = evaluate(self._motion, self._film.space.mesh, own_cells(self._film))
+        by_cell = np.einsum("cpk,cp->kc", values.reshape(*self._dA.shape, 2), self._dA)
+        return by_cell[0], by_cell[1]

@@ -71,7 +71,8 @@ class Membrane(Meshed):
         initial_strain: E0 in place of a stress, given in the same way.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n),
             or {group: function} of surfaces or lines of the mesh, elsewhere none, e.g. to open
-            layers that coincide; default none.
+            layers that coincide; of groups that share a node the last one counts there; default
+            none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 

@@ -80,6 +80,10 @@ class Meshed(ABC):
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
+    def surface_measure(self, degree: int) -> ufl.Measure:
+        """The measure [m²] of loads on the faces of a film, for integrands of a degree."""
+        return ufl.Measure("dx", self.space.mesh, metadata={"quadrature_degree": degree})
+
     def _take_expansion(self, thermal: ThermalExpansion | None) -> None:
         """Set the thermal expansion, which must fit the constants of the body."""
         self.thermal = thermal

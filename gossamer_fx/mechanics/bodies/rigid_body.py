@@ -38,7 +38,8 @@ INERTIA_TOLERANCE = 1e-9
 # refused.
 ATTITUDE_TOLERANCE = 1e-12
 # Extent of a set of points, over its largest one, below which it counts as flat in that direction.
-FLAT = 1e-9
+# Extents are roots of eigenvalues, whose round-off of 1e-16 is an extent of 1e-8.
+FLAT = 1e-7
 
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
@@ -318,19 +319,18 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
     return frame, frame_rates, along
 
 
-def directors_of(covariance: Array, flat: float = FLAT) -> Array:
+def directors_of(covariance: Array) -> Array:
     """Orthonormal directors (k, 3) of a set of points, as many as it has dimensions.
 
     One along a line; two in a plane, right-handed with its normal; the axes of space for points in
-    space; none where all points coincide.  `covariance` is Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²];
-    `flat` is the ratio to the largest extent, below which the set counts as flat in a direction.
+    space; none where all points coincide.  `covariance` is Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²].
     """
     # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
     squares, vectors = np.linalg.eigh(covariance)
     extents = np.sqrt(np.maximum(squares, 0.0))
     dimension = 0
     if extents[2] > 0:
-        dimension = int((extents > flat * extents[2]).sum())
+        dimension = int((extents > FLAT * extents[2]).sum())
     if dimension == 0:
         return np.zeros((0, 3))
     if dimension == 3:

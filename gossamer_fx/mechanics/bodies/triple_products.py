@@ -25,7 +25,7 @@ which is for α = ½ the change of the energy less the work of the forces, exact
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -81,8 +81,8 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
             at = system.coordinates[term.body]
             residual = ufl.Form([])
             tangent = ufl.Form([])
-            energy = term.constant
-            energy_at_end = term.constant
+            energy = term.energy(at.q0)
+            energy_at_end = term.energy(at.q1)
             for scale, vectors, dx in term.products:
                 mid = vectors(at.mid)
                 δ = vectors(at.w)
@@ -92,8 +92,6 @@ class TripleProductEnergies(CompiledTerms["TripleProductEnergy"]):
                     force += _defect(mid, vectors(at.q1 - at.q0), δ)
                 residual += scale * force * dx
                 tangent += at.α * scale * _second(mid, dq, δ) * dx
-                energy += scale * _triple(*vectors(at.q0)) * dx
-                energy_at_end += scale * _triple(*vectors(at.q1)) * dx
             changing = None
             if term.varying is not None:
                 after = term.varying.function
@@ -191,10 +189,17 @@ class TripleProductEnergy:
 
     name: str
     body: MeshBody
-    products: Iterable[tuple[Expr, Callable[[Expr], Vectors], ufl.Measure]]
+    products: Sequence[tuple[Expr, Callable[[Expr], Vectors], ufl.Measure]]
     constant: ufl.Form
     varying: Varying | None = None
     compiler: ClassVar[Compiler] = TripleProductEnergies
+
+    def energy(self, x: Expr) -> ufl.Form:
+        """The energy [J] at coordinates x."""
+        energy = self.constant
+        for scale, vectors, dx in self.products:
+            energy += scale * _triple(*vectors(x)) * dx
+        return energy
 
 
 def _triple(u: Expr, v: Expr, s: Expr) -> Expr:

@@ -276,11 +276,16 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         return np.asarray(self._system.comm.allreduce(found))
 
     def get_history(self) -> dict[str, Any]:
-        return {"lengths": self.lengths().tolist()}
+        return {
+            "lengths": self.lengths().tolist(),
+            "mean tensions": self.tensions(mean=True).tolist(),
+        }
 
     def set_history(self, state: dict[str, Any]) -> None:
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next_length = self.length
+        # That of the step before, which lengths do not tell.
+        self._mean_tension = np.array(state["mean tensions"])[self._at.owner]
 
     # ---- the law ---------------------------------------------------------------------------------
 

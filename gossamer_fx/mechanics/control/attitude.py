@@ -11,6 +11,7 @@ follow the motion within a step; both have derivatives, for gradients of runs.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -200,9 +201,12 @@ class _ControlTorque(Couple):
         return np.array(getattr(self._control, key))
 
     def with_number(self, key: str, value: Array) -> Self:
-        """Give the control itself another gain: the sampled torques are computed there."""
-        setattr(self._control, key, np.array(value))
-        return self
+        """The torque of a control with another gain; that of the user, which other scenes may
+        share, has the same as before, and no longer the angles and torques of this scene."""
+        changed = copy(self)
+        changed._control = copy(self._control)
+        setattr(changed._control, key, np.array(value))
+        return changed
 
 
 class _SampledTorque(_ControlTorque, HistoryVariables):

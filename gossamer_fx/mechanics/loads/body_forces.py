@@ -225,7 +225,7 @@ class AirDrag:
             u = fem.Constant(mesh, tuple(map(float, self.wind)))
         # Exact for a flat film and velocities of one sign; where the sign changes no degree is
         # exact.
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
+        dx = film.surface_measure(3 * film.order)
 
         def work(x: Expr, v: Expr, w: Expr) -> ufl.Form:
             """Virtual work [J] at positions x and velocities v [m/s] along test functions w."""

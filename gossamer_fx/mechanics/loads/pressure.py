@@ -81,7 +81,7 @@ class Pressure:
         pressure = p if factor is None else factor * p
         # Exact: the area vector is a product of two gradients, and w has the order of the film.
         degree = 2 * (film.order - 1) + film.order
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
+        dx = film.surface_measure(degree)
 
         def at(t: float) -> None:
             """Set the pressure [Pa] to its value at a time t [s]."""
@@ -307,7 +307,7 @@ class FluidPressure:
         profile = self.fluid.profile(self.g, mesh)
         # The area vector is a product of two gradients; w has the order of the film, as z has.
         degree = 2 * (film.order - 1) + film.order * (1 + profile.degree)
-        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
+        dx = film.surface_measure(degree)
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""

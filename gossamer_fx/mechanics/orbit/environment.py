@@ -9,8 +9,9 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
+from mpi4py import MPI
 
-from gossamer_fx.extend import Array, Vector, check, is_vector, positive
+from gossamer_fx.extend import Array, Vector, ask_numbers, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.harmonics import (
     EGM_MU,
@@ -105,23 +106,26 @@ class Environment:
 
     def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
         """Position [m] and velocity [m/s], (3,) each, of orbital elements or as they are given;
-        `InputError` for anything else, or a position at the centre."""
+        `InputError` for anything else, or a position within the attracting body."""
         if isinstance(start, Elements):
-            return start.state(self.mu)
+            state = start.state(self.mu)
+        else:
+            check(
+                isinstance(start, tuple | list)
+                and len(start) == 2
+                and all(is_vector(s) for s in start),
+                f"Orbit '{self.name}': start is {start!r}; "
+                "give Elements, or a position [m] and a velocity [m/s].",
+            )
+            position, velocity = (np.asarray(s, dtype=float) for s in start)
+            state = (position, velocity)
+        distance = float(np.linalg.norm(state[0]))
         check(
-            isinstance(start, tuple | list)
-            and len(start) == 2
-            and all(is_vector(s) for s in start),
-            f"Orbit '{self.name}': start is {start!r}; "
-            "give Elements, or a position [m] and a velocity [m/s].",
+            distance >= self.radius,
+            f"Orbit '{self.name}' starts {distance:.6g} m from the centre of a body with a radius "
+            f"of {self.radius:.6g} m; give another start, or the radius of the body.",
         )
-        # Position [m] and velocity [m/s] from the attracting centre.
-        r, v = (np.asarray(s, dtype=float) for s in start)
-        check(
-            bool(np.linalg.norm(r) > 0),
-            f"Orbit '{self.name}' starts in the centre; give another position.",
-        )
-        return r, v
+        return state
 
     # ---- what attracts ---------------------------------------------------------------------------
 
@@ -195,6 +199,14 @@ class Environment:
             "give three numbers.",
         )
         return AU * np.asarray(value, dtype=float)
+
+    def compare_sun(self, comm: MPI.Intracomm, t: float) -> None:
+        """`InputError` on all ranks unless a user's function `sun` returns three finite numbers
+        [au] at t [s], the same on all ranks.  Collective."""
+        given = self._sun
+        if callable(given):
+            what = f"Orbit '{self.name}': its sun at t = {t:.6g} s"
+            ask_numbers(comm, what, lambda: given(t), (3,))
 
     def light(self, r: Array, t: float) -> tuple[Array, float]:
         """Unit vector (3,) away from the Sun at r (3,) [m] from the attracting centre, t [s] after

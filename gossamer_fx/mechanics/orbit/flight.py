@@ -251,6 +251,7 @@ class Flight(HistoryVariables):
         origin = self.origin
         h = system.h
         self.time = system.time + h / 2
+        around.compare_sun(system.comm, self.time)
         self.pushed = self._acceleration_to_bodies(h)
         # Origin at the start of the step (3,) [m], from the attracting centre.
         R0 = origin.R0

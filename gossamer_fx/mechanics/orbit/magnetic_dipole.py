@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx import Frame
-from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_arguments, is_vector
+from gossamer_fx.extend import (
+    Array,
+    Port,
+    State,
+    Term,
+    Vector,
+    ask_numbers,
+    check,
+    check_arguments,
+    is_vector,
+)
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.mechanics.orbit.harmonics import Igrf
@@ -93,14 +103,13 @@ class _DipoleTorque:
         """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step."""
         moment = self._dipole.moment
         # Loads of the midpoint rule act in the middle of the step.
-        value = moment(flight.time) if callable(moment) else moment
-        check(
-            is_vector(value),
-            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; "
-            "return three finite numbers.",
-        )
+        if callable(moment):
+            what = f"'{self._dipole.name}': its moment at t = {flight.time:.6g} s"
+            body = next(iter(self._dipole.requires()))
+            self._m = ask_numbers(body.comm, what, lambda: moment(flight.time), (3,))
+        else:
+            self._m = np.asarray(moment, dtype=float)
         self._B = self._dipole.field(flight)
-        self._m = np.asarray(value, dtype=float)
 
     def forces(self, X: Array, rate: Array) -> Array:
         """Forces (..., 3, 3) [N m], conjugate to the directors X (..., 3, 3) [-], whose torque is m

@@ -192,9 +192,7 @@ def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Sur
 def surface_measure(film: Membrane) -> ufl.Measure:
     """dx of forces on the deformed faces: constant on triangles of order 1."""
     # On a plane triangle the force is constant; the normal of a curved one varies.
-    return ufl.Measure(
-        "dx", film.space.mesh, metadata={"quadrature_degree": 1 if film.order == 1 else 4}
-    )
+    return film.surface_measure(1 if film.order == 1 else 4)
 
 
 class _LightOnFaces(FacesForce):

@@ -105,7 +105,11 @@ class Loads(Differentiable, CompiledTerms["Load"]):
             start = system.previous.array_r[owned]
             end = system.q0.array_r[owned]
             q = ((1 - α) * start + α * end).reshape(-1, 3)
-            f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
+            # Of a reduced film these are forces on the coefficients, of which the first is a
+            # displacement: their moments about the coefficients add up to that of the nodes.
+            forces = np.zeros(owned.stop - owned.start)
+            system.coordinates[body].add_forces(load.force.array, forces)
+            f = forces.reshape(-1, 3)
             # Of the vectors of a node the first is its position; directors have a moment only.
             vectors_per_node = body.block.size // 3
             force = f[::vectors_per_node].sum(axis=0)
