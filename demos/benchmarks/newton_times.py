@@ -11,11 +11,13 @@ from mpi4py import MPI
 from stopwatch import Stopwatch
 
 from demos.films.spinning_sheet import build
-from gossamer_fx.solve.solvers import factorisation, newton
+from gossamer_fx.solve.solvers import coarse_space, factorisation, newton
 from gossamer_fx.solve.solvers.coarse_space import CoarseSpace
 from gossamer_fx.solve.solvers.two_level import TwoLevel
 
 Figures = dict[str, float]
+
+MANY = 10**9  # unknowns, more than any scene has
 
 
 class Timed:
@@ -34,6 +36,13 @@ class Timed:
             return result
 
         return timed
+
+
+def choose_levels(levels: int) -> None:
+    """Let the coarse spaces of this process factorise their matrix (1), or give them a V-cycle of 2
+    or 3 levels, whatever its size."""
+    coarse_space.MAX_UNKNOWNS_FACTORISED = MANY if levels == 1 else 0
+    coarse_space.MAX_UNKNOWNS_ON_ONE_RANK = MANY if levels == 2 else 0
 
 
 def profile(n: int = 40, steps: int = 3, dt: float = 1e-3) -> Figures:
