@@ -77,19 +77,20 @@ NODES_PER_PATCH = 100
 # two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
-# Largest number of nodes in a large patch, and of large patches in a group: each level has fewer
-# functions along an edge by a factor of eight and of four.
-NODES_PER_LARGE_PATCH = 6400
-PATCHES_PER_GROUP = 16
+# Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
+# unknowns on eight ranks GMRES takes 19 iterations to 1e-8, with 6400 nodes 24, with 800 nodes 18,
+# with the coarse matrix factorised 14.
+NODES_PER_LARGE_PATCH = 1600
+PATCHES_PER_GROUP = 64
 
 # Unknowns of large patches above which a V-cycle has groups of them, too.  One rank factorises what
-# is left, while the others wait: 1 ms for 1000 unknowns, and 0.3 ms a solution.
+# is left, while the others wait.
 MAX_UNKNOWNS_ON_ONE_RANK = 1000
 
-# Levels of fill of the V-cycle's smoothers, incomplete factorisations, which are applied once before
-# and once after the coarser level.  At 174 thousand unknowns GMRES needs 11 iterations to 1e-8, with
-# two applications 10, with two of Chebyshev's method 11, with the coarse matrix factorised 10; one
-# application is the cheapest by a sixth.  With one level of fill or none it needs 12 and 20.
+# Levels of fill of the V-cycle's smoothers, incomplete factorisations, applied once before and
+# once after the next coarser level.  Of 174 thousand unknowns GMRES takes 11 iterations to 1e-8;
+# with two applications 10, with two of Chebyshev's method 11, with one level of fill 12, with none
+# 20.  The last two were measured with two applications, which cost a sixth more.
 SMOOTHER_LEVELS = 2
 
 # Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
@@ -151,26 +152,34 @@ class CoarseSpace:
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        if not self._interpolations:
-            self._own_matrix = self._coarse_matrix.getRedundantMatrix(
-                self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
-            )
-            self._solver.setOperators(self._own_matrix)
-            factorisation.set_up(self._solver)
-        else:
+        self._set_up_solver()
+
+    def _set_up_solver(self) -> None:
+        """Factorise the coarse matrix, or set up its V-cycle."""
+        if self._interpolations:
             self._solver.setOperators(self._coarse_matrix)
             self._solver.setUp()
+            return
+        self._own_matrix = self._coarse_matrix.getRedundantMatrix(
+            self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
+        )
+        self._solver.setOperators(self._own_matrix)
+        factorisation.set_up(self._solver)
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Set z [m] to the coarse solution (3) for a residual r [N].  Collective."""
         self._P.multTranspose(r, self._r)
-        if not self._interpolations:
-            self._gather.scatter(self._r, self._all_r)
-            self._solver.apply(self._all_r, self._all_z)
-            self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
-        else:
-            self._solver.apply(self._r, self._z)
+        self._solve_reduced()
         self._P.mult(self._z, z)
+
+    def _solve_reduced(self) -> None:
+        """Set the coarse unknowns to (Pᵀ A P)⁻¹ Pᵀ r, or one V-cycle for it."""
+        if self._interpolations:
+            self._solver.apply(self._r, self._z)
+            return
+        self._gather.scatter(self._r, self._all_r)
+        self._solver.apply(self._all_r, self._all_z)
+        self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
 
 
 def _interpolations(system: System, P: PETSc.Mat, condensed: Indices) -> list[PETSc.Mat]:
@@ -211,7 +220,9 @@ def _choose_multigrid(pc: PETSc.PC, interpolations: list[PETSc.Mat]) -> None:
         choices["mg_coarse_pc_telescope_reduction_factor"] = pc.comm.size
         last = "mg_coarse_telescope_"
     choices[last + "pc_type"] = "lu"
-    choices[last + "pc_factor_mat_solver_type"] = "mumps"
+    # PETSc's own factorisation, as that of MUMPS takes 0.4 ms longer for each solution.
+    choices[last + "pc_factor_mat_solver_type"] = "petsc"
+    choices[last + "pc_factor_shift_type"] = "inblocks"
     choices[smoother + "pc_type"] = "ilu"
     choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     options = PETSc.Options(prefix)
