@@ -52,7 +52,9 @@ def draw(results: list[Result], path: Path) -> None:
                 values = [100 * r.numbers[name] for r in curve]
                 label = f"{model}, ζ = {zeta:g}"
                 axes.plot(rates, values, line, marker="o", ms=3, color=colour, label=label)
-        axes.set(xscale="log", yscale="log")
+        # A short run may end before it overshoots: zero has no place on a logarithmic axis.
+        has_values = any(r.numbers[name] > 0 for r in done)
+        axes.set(xscale="log", yscale="log" if has_values else "linear")
         finish(axes, "Ω of the gains [rad/s]", f"{name} [%]")
     axes.axhline(100 * PAPER, color="black", lw=0.8)
     axes.annotate("largest error of the paper", (0.7, 100 * PAPER), va="bottom", fontsize=8)

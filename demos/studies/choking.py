@@ -100,8 +100,8 @@ def draw(results: list[Result], path: Path) -> None:
     for panel, at in zip(axes, TIMES, strict=True):
         # A row of the picture for each tube.
         for y, result in enumerate(rows):
-            # One legend for all panels: the long tube has all four folds.
-            has_legend = at == TIMES[0] and result.values["tube"] == "long"
+            # One legend for all panels, from the first tube; a fold that it lacks has a mark there.
+            has_legend = at == TIMES[0] and y == 0
             for i, (mark, colour) in enumerate(kinds, start=1):
                 ratio = result.numbers.get(f"ratio{i} {1e3 * at:g} ms", math.nan)
                 label = f"fold {i}" if has_legend else None

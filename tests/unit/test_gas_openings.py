@@ -12,8 +12,11 @@ from scipy.integrate import solve_ivp
 import gossamer_fx as gx
 from gossamer_fx.core.algebra.dual_numbers import jacobian, variables
 from gossamer_fx.core.mesh.quality import area_vectors
+from gossamer_fx.mechanics.gas.balance import Balance
+from gossamer_fx.mechanics.gas.compiled_balance import CompiledBalance
 from gossamer_fx.mechanics.gas.openings import friction_parameter, isentropic_flow
 from gossamer_fx.meshes.sphere import sphere
+from gossamer_fx.presets.gases import HELIUM
 from tests.small_scenes import AIR
 
 OUTSIDE = gx.gas.Ambient(1e5, 300.0, name="outside")
@@ -407,3 +410,62 @@ def test_filling_through_a_pipe_conserves_and_ends_at_rest():
     pressures = [run.chamber(name).pressure for name in "ab"]
     assert pressures == pytest.approx([2.55e5, 2.55e5], rel=1e-3)
     assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
+
+
+# ---- the balance in C ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("h", [1e-4, 0.05, 20.0])
+def test_the_balance_in_c_is_that_in_python(h):
+    """Choked, subsonic, laminar and reversed flows between three tanks, a reservoir and a vacuum:
+    residual, derivatives and solution at volumes that have changed."""
+    a, b, c = tank(5e5, "a"), tank(2e5, "b", 0.02), tank(1.9999e5, "c", 0.005)
+    orifices = [
+        gx.Orifice(a, b, area=2e-6, name="choked"),
+        gx.Orifice(c, b, area=1e-6, laminar=1e-2, name="laminar"),
+        gx.Orifice(c, a, area=lambda t: 1e-6, discharge_coefficient=0.6, name="reversed"),
+        gx.Orifice(gx.gas.Ambient(3e5, 400.0, name="reservoir"), b, area=3e-6, name="subsonic"),
+        gx.Orifice(c, gx.gas.Ambient(0.0, 300.0, name="space"), area=1e-7, name="leak"),
+    ]
+    run = run_of(*orifices, dt=h)
+    network = run.system.scalar_unknowns[0]
+    in_c = network.balance
+    assert isinstance(in_c, CompiledBalance)
+    guess = network.begin_step(h, h / 2)
+    in_python = Balance(in_c.contents, in_c.passages, in_c.walls)
+    state = [in_c._p0, in_c._m0, in_c._U0, network.volumes]
+    in_python.begin(h, h / 2, *state)
+    V = network.volumes * (1.02, 0.99, 1.05)
+    W = V - network.volumes
+    y = guess * (1.01, 0.98, 1.03, 0.99, 1.02, 1.0)
+    scale = in_c.scales(y, V, V)
+    difference = in_c.residual(y, V, W) - in_python.residual(y, V, W)
+    assert abs(difference / scale).max() <= 1e-14 * (1 + abs(in_c.residual(y, V, W) / scale).max())
+    pairs = zip(in_c.derivatives(y, V, W), in_python.derivatives(y, V, W), strict=True)
+    for ours, theirs in pairs:
+        assert ours == pytest.approx(theirs, rel=1e-11, abs=1e-13 * abs(theirs).max())
+    assert in_c.settle(y, V, W, V) == pytest.approx(in_python.settle(y, V, W, V), rel=1e-11)
+    # Volumes that no positive pressure can balance
+    assert in_c.settle(y, V, W - 100 * V, V) is None
+    assert in_python.settle(y, V, W - 100 * V, V) is None
+
+
+def test_other_laws_are_not_computed_in_c():
+    """A table, a one-way valve, an orifice of the user and a second gas."""
+
+    class Own(gx.Orifice):
+        def flux(self, gas, pu, Tu, pd):
+            return 0.5 * super().flux(gas, pu, Tu, pd)
+
+    table = gx.gas.LinearTable((0.0, 0.8), (1.0, 0.6))
+    vessel = tank(2e5)
+    helium = gx.Tank(0.01, gas=HELIUM, pressure=1e5, temperature=300.0, name="helium")
+    others = [
+        gx.Orifice(vessel, OUTSIDE, area=1e-6, discharge_coefficient=table),
+        relief(vessel),
+        Own(vessel, OUTSIDE, area=1e-6),
+        gx.Orifice(vessel, helium, area=1e-6),
+    ]
+    for other in others:
+        run = run_of(vessel, other, dt=0.1)
+        assert type(run.system.scalar_unknowns[0].balance) is Balance

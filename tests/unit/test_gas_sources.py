@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.gas.balance import Balance
 from gossamer_fx.presets.gases import HELIUM, HOT_NITROGEN, NITROGEN
 from tests.rates import observed_order
 
@@ -172,13 +173,29 @@ def test_a_powder_fills_a_vessel_to_its_vapour_pressure():
     )
     # The wall holds the temperature: its conductance is far above that of the flow.
     wall = gx.gas.WallHeat(vessel, 1e3, temperature=300.0)
-    run = run_of(powder, wall, dt=0.05)
+    run = run_of(powder, wall, dt=0.1)
     state = run.chamber("tank")
     rate = 0.5e-5 * VAPOUR.R * 300.0 / (0.01 * math.sqrt(2 * math.pi * VAPOUR.R * 300.0))
     for t in (5.0, 20.0, 60.0):
         run.run(until=t)
         assert state.pressure == pytest.approx(100.0 - 50.0 * math.exp(-rate * t), rel=1e-5)
     assert closes(run)
+
+
+@pytest.mark.parametrize("conductance", [10.0, 1e3, 1e6])
+def test_round_off_of_a_wall_costs_one_search(conductance, monkeypatch):
+    """The heat of a wall at nearly the temperature of the gas is the round-off of their difference
+    times its conductance: a residual that falls no further ends the balance."""
+    calls = []
+    residual = Balance.residual
+    monkeypatch.setattr(Balance, "residual", lambda *given: calls.append(0) or residual(*given))
+    vessel = tank(1e5)
+    run = run_of(vessel, gx.gas.WallHeat(vessel, conductance, temperature=310.0), dt=1.0)
+    run.run(until=20.0)
+    assert run.chamber("tank").temperature == pytest.approx(310.0, rel=1e-4)
+    assert closes(run)
+    # Three solutions a step, each of which halves an update at most 30 times.
+    assert len(calls) < 20 * 3 * 40
 
 
 def test_the_partial_pressure_of_the_vapour_counts():

@@ -162,6 +162,10 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
             for word in rest:
                 if "/" in word and not word.startswith(GENERATED):
                     assert (ROOT / word).exists(), told
+            if "-k" in rest:  # a test of this name is in the file
+                name = rest[rest.index("-k") + 1]
+                (file,) = (ROOT / word for word in rest if word.endswith(".py"))
+                assert re.search(rf"def test_\w*{name}", file.read_text(encoding="utf-8")), told
 
 
 # ---- what is looked for is found -----------------------------------------------------------------

@@ -114,6 +114,8 @@ def draw_error_curves(
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(rows), columns, squeeze=False, sharex="col", sharey="row")
     for (label, curves), axes in zip(rows.items(), panels, strict=True):
+        # Zero has no place on a logarithmic axis.
+        has_errors = are_errors and any(error > 0 for curve in curves for error in curve.errors)
         groups = list(dict.fromkeys(curve.colour_group or curve.name for curve in curves))
         palette = colormaps["tab10" if len(groups) <= MAX_TEN_COLOURS else "tab20"]
         drawn: dict[str, int] = {}
@@ -129,7 +131,7 @@ def draw_error_curves(
         axes[0].set_ylabel(label)
         for panel in axes:
             panel.set_xscale("log")
-            if are_errors:
+            if has_errors:
                 panel.set_yscale("log")
             panel.grid(True, which="both", alpha=0.25)
         axes[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

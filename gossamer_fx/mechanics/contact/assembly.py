@@ -11,6 +11,7 @@ of a block in the array `blocks`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,28 @@ STRONG_COUPLING = 0.1
 
 # Blocks are numbered by 32 bits in C.
 MAX_BLOCKS = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class SparseRows:
+    """Entries of a sparse matrix as compressed rows, in the format of PETSc.
+
+    Attributes:
+        rows: the r rows that have entries.
+        ends: where the entries of each begin and end (r + 1,).
+        columns: of each entry.
+        order: number of the value of each entry in an array of blocks; None: they have this order.
+    """
+
+    rows: np.ndarray
+    ends: np.ndarray
+    columns: np.ndarray
+    order: Int64Array | None
+
+    def values(self, blocks: Array) -> Array:
+        """The values of all entries, from blocks (k, 9)."""
+        values: Array = blocks.ravel()
+        return values if self.order is None else values[self.order]
 
 
 class BlockAssembly:
@@ -152,7 +175,8 @@ class BlockAssembly:
         block, as this rank numbers them."""
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
-        self._diagonal_rows = rows[self._diagonal]
+        diagonal_rows = rows[self._diagonal]
+        self._diagonal_csr = self._csr(diagonal_rows, diagonal_rows, self._first_dof)
         coupling = np.flatnonzero(rows != columns)
         if self._comm.size > 1:
             self._send_to_owners(coupling, rows, columns)
@@ -207,20 +231,25 @@ class BlockAssembly:
     def reserve_diagonal(self, A: PETSc.Mat) -> None:
         """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all
         points."""
-        self._enter(A, self._order, np.zeros((len(self._order), 9)))
+        blocks = np.zeros((len(self._order), 9))
+        self._enter(A, self._csr(self._order, self._order, self._first_dof), blocks)
 
     def add_diagonal(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal to a matrix."""
-        self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
+        self._enter(A, self._diagonal_csr, self.blocks[self._diagonal])
 
-    def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
-        """Add blocks (k, 9) on the diagonal to a matrix, in the format that it has.  `block_rows`:
-        of each block (k,), each once, in the order of their unknowns."""
-        if not len(block_rows):
+    def _enter(self, A: PETSc.Mat, pattern: SparseRows, blocks: Array) -> None:
+        """Add blocks (k, 9) to a matrix at the entries of a pattern, in the format that it has."""
+        if not len(blocks):
             return
-        rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
         enter = A.setValuesBlockedIJV if self._has_node_blocks else A.setValuesIJV
-        enter(*csr, addv=PETSc.InsertMode.ADD_VALUES, rowmap=rows)
+        enter(
+            pattern.ends,
+            pattern.columns,
+            pattern.values(blocks),
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=pattern.rows,
+        )
 
     # ---- the matrix of couplings ----
 
@@ -243,14 +272,13 @@ class BlockAssembly:
         entries = self._entries[strong]
         if not self._comm.allreduce(len(entries)):
             return None
-        rows, ends, columns, values = self._csr(
-            self._entry_rows[strong], self._entry_columns[strong], entries, self._row_dof
-        )
+        pattern = self._csr(self._entry_rows[strong], self._entry_columns[strong], self._row_dof)
         block_size = 3 if self._has_node_blocks else 1
         local_size = self._numbering.size_local
         row_ends = np.zeros(local_size // block_size + 1, dtype=PETSc.IntType)
-        row_ends[rows - self._numbering.start // block_size + 1] = np.diff(ends)
-        csr = (np.cumsum(row_ends, dtype=PETSc.IntType), columns, values)
+        row_ends[pattern.rows - self._numbering.start // block_size + 1] = np.diff(pattern.ends)
+        ends = np.cumsum(row_ends, dtype=PETSc.IntType)
+        csr = (ends, pattern.columns, pattern.values(entries))
         sizes = 2 * ((local_size, self._numbering.size),)
         if self._has_node_blocks:
             return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
@@ -277,44 +305,41 @@ class BlockAssembly:
             self._entries *= (rows * columns).reshape(-1, 9)
 
     def _csr(
-        self,
-        block_rows: np.ndarray,
-        block_columns: np.ndarray,
-        blocks: Array,
-        first_dof: Int64Array,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
-        """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
-        `block_rows, block_columns`: of each block (k,), sorted by rows, as indices of `first_dof`,
-        which has the first unknown of each.  Returns the r rows that have entries, where the
-        entries of each begin and end (r + 1,), their columns, and their values [N/m].  If the
-        system has no blocks of three, a row of blocks is three rows."""
+        self, block_rows: np.ndarray, block_columns: np.ndarray, first_dof: Int64Array
+    ) -> SparseRows:
+        """Return where 3 x 3 blocks of the tangent are in a matrix of PETSc's.  `block_rows,
+        block_columns`: of each block (k,), sorted by rows, as indices of `first_dof`, which has the
+        first unknown of each.  If the system has no blocks of three, a row of blocks is three
+        rows."""
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
         rows = first_dof[block_rows[first]]
         columns = first_dof[block_columns]
+        order = None
         if self._has_node_blocks:
             rows = rows // 3
             columns = columns // 3
         else:
-            columns, blocks = _unrolled(columns, blocks, first, counts)
+            columns, order = _unrolled(columns, first, counts)
             rows = (rows[:, None] + np.arange(3)).ravel()
             # Each row of blocks becomes three rows with three entries a block.
             counts = np.repeat(3 * counts, 3)
         ends = np.append(0, np.cumsum(counts))
-        return (
+        return SparseRows(
             rows.astype(PETSc.IntType),
             ends.astype(PETSc.IntType),
             columns.astype(PETSc.IntType),
-            np.ascontiguousarray(blocks).ravel(),
+            order,
         )
 
 
 def _unrolled(
-    columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
-) -> tuple[Int64Array, Array]:
-    """Return columns (9 k,) and values (9 k,) [N/m] of k blocks in the order of scalar rows, of
-    which a row of blocks is three.  `columns`: first column (k,) of each block; `first`, `counts`:
-    index of the first block of each row of blocks, and how many it has, which are consecutive."""
+    columns: Int64Array, first: Int64Array, counts: Int64Array
+) -> tuple[Int64Array, Int64Array]:
+    """Return the columns (9 k,) of k blocks in the order of scalar rows, of which a row of blocks
+    is three, and the entries (9 k,) of the blocks in this order.  `columns`:
+    first column (k,) of each block; `first`, `counts`: index of the first block of each row of
+    blocks, and how many it has, which are consecutive."""
     total = len(columns)
     # In a row of n blocks entry (c, d) of a block is 3 n entries behind its entry (c - 1, d).
     start = np.repeat(first, counts)
@@ -323,13 +348,11 @@ def _unrolled(
     column_in_block = np.arange(3)
     first_entry = 9 * start + 3 * (np.arange(total) - start)
     entry = first_entry[:, None, None] + column_in_block
-    entry = (entry + row_in_block * (3 * count)[:, None, None]).reshape(-1, 9)
-    values = np.empty(9 * total)
-    values[entry] = blocks
-    scalar_columns: Int64Array = np.empty(9 * total, dtype=np.int64)
+    entry = (entry + row_in_block * (3 * count)[:, None, None]).ravel()
+    order: Int64Array = np.empty(9 * total, dtype=np.int64)
+    order[entry] = np.arange(9 * total)
     in_block = columns[:, None, None] + column_in_block + 0 * row_in_block
-    scalar_columns[entry] = in_block.reshape(-1, 9)
-    return scalar_columns, values
+    return in_block.ravel()[order], order
 
 
 def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import Inadmissible
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.mechanics.contact.active_set import FAR, Activation, ContactHistory, StepDistances
 from gossamer_fx.mechanics.contact.broad_phase.candidates import (
     CandidateSearch,
@@ -35,7 +36,7 @@ from gossamer_fx.mechanics.contact.broad_phase.candidates import (
 from gossamer_fx.mechanics.contact.contract import Array, ContactAssembly, Int64Array, MaskArray
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
-from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.ccd import KEPT_GAP, LargeTurns
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
@@ -102,7 +103,7 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
-        library(system.comm)
+        c_library(HEADER, system.comm)
         self.mesh = mesh
         self.law = law
         self.activation_distance = activation_distance

@@ -225,16 +225,19 @@ def evaluate(
     c = library()
     count = len(pairs)
     points = len(x0)
+    # What is None is not computed: C gets a null pointer for it.
+    state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
+    forces = np.empty((count, 12)) if by_pair else None
+    tangents = np.empty((count, 144)) if tangents_by_pair else None
+    # Most contacts have no obstacles, or touch none of them.
+    if not count:
+        return PairResponse(state, forces, tangents)
     start = pairs.start
     is_state = acts_at_end(alpha)
     if start is None or is_state:
         base = x1 if is_state else x0
         # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
-    # What is None is not computed: C gets a null pointer for it.
-    state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
-    forces = np.empty((count, 12)) if by_pair else None
-    tangents = np.empty((count, 144)) if tangents_by_pair else None
     block_count = 0 if blocks is None else len(blocks)
     step = c.struct(
         "contact_step",

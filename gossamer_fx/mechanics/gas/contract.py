@@ -234,6 +234,17 @@ class Discharge(Opening, Protocol):
 
 
 @runtime_checkable
+class IsentropicOpening(Opening, Protocol):
+    """An opening whose flow the C code of `compiled_balance` may compute."""
+
+    @property
+    def isentropic_range(self) -> float | None:
+        """The argument `laminar` of `isentropic_flow`, if that is its flow; None for another
+        law."""
+        ...
+
+
+@runtime_checkable
 class Wall(Protocol):
     """Something of known temperature that exchanges heat with a volume: a wall, or what is
     outside of a film."""

@@ -148,6 +148,11 @@ class Contents:
         """Number of chambers."""
         return len(self.rows)
 
+    @property
+    def is_simple(self) -> bool:
+        """Whether the scene has one species, whose specific heats are constant."""
+        return len(self.species) == 1 and self._gamma_1 is not None
+
     def held(self, end: int | Holder) -> Sequence[Gas]:
         """The species that come from an end of an opening: a chamber, or a boundary with a gas."""
         if isinstance(end, int):

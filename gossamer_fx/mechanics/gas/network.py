@@ -38,11 +38,11 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
 from gossamer_fx.mechanics.gas.balance import (
     ACCEPTABLE_RESIDUAL,
-    Balance,
     End,
     HeatPath,
     Passage,
 )
+from gossamer_fx.mechanics.gas.compiled_balance import compile_balance
 from gossamer_fx.mechanics.gas.contract import (
     ChamberState,
     DrivenOpening,
@@ -123,7 +123,7 @@ class GasNetwork(ScalarUnknowns):
             if isinstance(item, Wall)
         ]
         self._process = ADIABATIC
-        self.balance = self._make_balance(Balance)
+        self.balance = compile_balance(self.contents, self._passages, self._walls, system.comm)
         self.size = n + len(self.contents.gases)
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
         # [m³]
@@ -143,10 +143,6 @@ class GasNetwork(ScalarUnknowns):
         self._heat_supplied = [0.0] * len(self._walls)
         # Mass flows [kg/s] through the openings in the last accepted step
         self._flows = [0.0] * len(self._passages)
-
-    def _make_balance(self, kind: type[Balance]) -> Balance:
-        """The equations of all chambers."""
-        return kind(contents=self.contents, passages=self._passages, walls=self._walls)
 
     def set_static_process(self, process: str) -> None:
         """Choose by its name what stays constant in the chambers while an equilibrium is looked
@@ -171,7 +167,7 @@ class GasNetwork(ScalarUnknowns):
                     "give an IdealGas, or gas='isothermal' or 'held pressure'.",
                 )
         self._process = process
-        self.balance = self._make_balance(kinds[process])
+        self.balance = kinds[process](self.contents, self._passages, self._walls)
 
     @property
     def is_closed(self) -> bool:
@@ -338,9 +334,8 @@ class GasNetwork(ScalarUnknowns):
             swept_gradients.append(of_swept)
         rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
         # Zero columns are left out: the solver spends one solve on each of the others.
-        for k, row in enumerate(rows):
-            if by_V[k].any() or by_W[k].any():
-                H[k] = row
+        for k in np.flatnonzero(by_V.any(axis=1) | by_W.any(axis=1)):
+            H[k] = rows[k]
         return G, H, C
 
     def commit(self) -> None:

@@ -253,6 +253,12 @@ class Orifice(PassiveOpening):
             flux = flux * self._table(pd / pu)
         return flux
 
+    @property
+    def isentropic_range(self) -> float | None:
+        """`laminar`, unless a table or a derived class changes the flow."""
+        own_law = type(self).flow is not Orifice.flow or type(self).flux is not Orifice.flux
+        return None if own_law or self._table is not None else self.laminar
+
     # Asked for in each flow
     @cached_property
     def _table(self) -> LinearTable | None:

@@ -356,22 +356,10 @@ class Loop:
         at_middle = self._gradient(self._middle())
         at_end = self._gradient(self._X1)
         self.gradients = (at_middle, at_end)
-        self._products: Array | None = None
 
     def accept(self) -> None:
         """Make the end of this step the start of the next."""
         self._X0 = self._X1
-
-    def products(self) -> Array:
-        """Return the share of the ring's strips in three volumes, (3,) [m³]: G(q1)·q1, three times
-        the volume, G its gradient; the sum of the sizes of the terms of that, for round-off; and
-        G(q̄)·(q1 - q0), the volume that is swept in the step.  It is stored for the next call."""
-        if self._products is None:
-            at_middle, at_end = self.gradients
-            terms = at_end * self._X1
-            swept = at_middle * (self._X1 - self._X0)
-            self._products = np.array([terms.sum(), abs(terms).sum(), swept.sum()])
-        return self._products
 
     def direction(self, vertices: Indices) -> Indices:
         """For each edge, by the global numbers (m, 2) of its ends, +1 if the walk passes it from

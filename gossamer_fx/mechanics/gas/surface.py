@@ -12,8 +12,8 @@ Algorithm.  In every iteration:
 
 1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at
    q1.
-2. The triangles of each chamber are summed node by node.
-3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
+2. The triangles of each chamber are summed node by node, and the strips of its rings are added.
+3. Products with positions, summed over ranks, give (2) and (3).
 4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
 
 Cost: two assemblies of a vector and one of a matrix in an iteration, however many chambers share
@@ -23,7 +23,7 @@ the film.  A form for each chamber would cost as many assemblies as there are ch
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,13 +46,11 @@ Cells = npt.NDArray[np.int32]
 @dataclass
 class Side:
     """What bounds one chamber: owned triangles of the film, and loops with strips of triangles that
-    close it; `signs`, +1 or -1, make the normals of the strips agree with those of the film.
-    `initial_gradient` is the owned part of G at q0, flattened [m²]."""
+    close it; `signs`, +1 or -1, make the normals of the strips agree with those of the film."""
 
     cells: Cells
     loops: list[Loop]
     signs: list[float]
-    initial_gradient: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class FilmSurface:
@@ -78,10 +76,6 @@ class FilmSurface:
         self._alpha = system.rule.alpha
         self._acts_at_end = system.rule.acts_at_end
         self._form: fem.Form | None = None
-        # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
-        # chamber
-        self._totals_at_mid: dict[int, Array] = {}
-        self._totals_at_end: dict[int, Array] = {}
 
     def add(self, side: Side) -> int:
         """Register a chamber before the first `follow`, which compiles the forms; returns its index
@@ -126,8 +120,10 @@ class FilmSurface:
         self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
         self._compile_sum(broken)
         self._vector = la.vector(film.block.index_map, 3)
-        self._at_mid: Array = np.zeros((len(self._nodes), 3))
+        # Owned parts (chambers, unknowns) [m²] of G_c(q̄), G_c(q1) and G_c(q0), strips included
+        self._at_mid: Array = np.zeros((len(self._sides), self._owned.stop - self._owned.start))
         self._at_end: Array = self._at_mid
+        self._at_start: Array = self._at_mid
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
@@ -144,20 +140,22 @@ class FilmSurface:
     def _compile_sum(self, broken: fem.FunctionSpace) -> None:
         """Prepare the sum over the triangles of each chamber, node by node.
 
-        Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
-        to starts[c + 1], and a node shared by two chambers has two rows."""
+        Its rows are the nodes of one chamber after another; a node shared by two chambers has two
+        rows."""
         nodes = []
         rows = []
         columns = []
-        self._starts = [0]
+        count = 0
         for side in self._sides:
             cells_to_nodes = cell_nodes(self.film.space)[side.cells]
             own, positions = np.unique(cells_to_nodes, return_inverse=True)
             nodes.append(own)
-            rows.append(positions.ravel() + self._starts[-1])
+            rows.append(positions.ravel() + count)
             columns.append(cell_nodes(broken)[side.cells].ravel())
-            self._starts.append(self._starts[-1] + len(own))
+            count += len(own)
+        # Node and chamber of each row
         self._nodes = np.concatenate(nodes)
+        self._chambers = np.repeat(np.arange(len(nodes)), [len(own) for own in nodes])
         all_rows = np.concatenate(rows)
         order = np.argsort(all_rows, kind="stable")
         # The corners of triangles, row after row, and where each row begins: none is empty.
@@ -170,81 +168,73 @@ class FilmSurface:
         """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
         iterated; the rings of the chambers have to be evaluated before.  Collective.
 
-        q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
-        the index of a chamber.  `volume`, `magnitude` and `swept` are summed over all ranks, and
-        the stored totals of gradients cleared.
+        `volume`, `magnitude` and `swept` are summed over all ranks.
         """
         if self._form is None:
             self._compile()
-        q0 = self._start.reshape(-1, 3)[self._nodes]
-        q1 = self._end.reshape(-1, 3)[self._nodes]
         # The end itself, without the round-off and the cost of a weighted sum.
-        self._at_end = self._gradient(self._end)
+        self._at_end = self._gradients(self._end, at=1)
         self._at_mid = self._at_end
         if not self._acts_at_end:
             middle = (1 - self._alpha) * self._start + self._alpha * self._end
-            self._at_mid = self._gradient(middle)
-        self._totals_at_mid.clear()
-        self._totals_at_end.clear()
-        volume_terms = self._at_end * q1
-        swept_terms = self._at_mid * (q1 - q0)
-        terms = np.stack([volume_terms, abs(volume_terms), swept_terms])
-        sums = np.zeros((len(self._sides), 3))
-        for c, side in enumerate(self._sides):
-            sums[c] = terms[:, self._rows(c)].sum(axis=(1, 2))
-            # Every rank knows all of a loop, so one rank adds it.
-            if self._comm.rank == 0:
-                shares = np.zeros(3)
-                for loop, sign in zip(side.loops, side.signs, strict=True):
-                    shares += loop.products() * (sign, 1.0, sign)
-                sums[c] += shares
+            self._at_mid = self._gradients(middle, at=0)
+        count = self._at_end.shape[1]
+        end = self._end[:count]
+        volume_terms = self._at_end * end
+        swept = self._at_mid @ (end - self._start[:count])
+        sums = np.stack([volume_terms.sum(axis=1), abs(volume_terms).sum(axis=1), swept])
         self._comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-        self.volume: Array = sums[:, 0] / 3
-        self.magnitude: Array = sums[:, 1]
-        self.swept: Array
+        self.volume: Array = sums[0] / 3
+        self.magnitude: Array = sums[1]
+        self.swept: Array = sums[2]
         if self._acts_at_end:
             self.swept = self.volume - self._initial_volume
-        else:
-            self.swept = sums[:, 2]
 
     def accept(self) -> None:
-        """Make the end of this step the start of the next.  Collective."""
+        """Make the end of this step the start of the next."""
         self._initial_volume = self.volume
-        for c, side in enumerate(self._sides):
-            side.initial_gradient = self._total_at_end(c)
+        self._at_start = self._at_end
 
-    def _rows(self, c: int) -> slice:
-        """The rows of chamber c in arrays over the nodes of all chambers."""
-        return slice(self._starts[c], self._starts[c + 1])
-
-    def _gradient(self, x: Array) -> Array:
-        """Return the gradient (rows, 3) [m²] of enclosed volumes from this rank's triangles, one
-        row for each node of each chamber, at the positions x [m] of this rank's nodes, ghosts
-        included and flattened; sums over ranks are not taken."""
+    def _gradients(self, x: Array, at: int) -> Array:
+        """G_c (chambers, unknowns) [m²] of all chambers, strips of rings included, by the owned
+        unknowns of the film, at the positions x [m] of this rank's nodes, ghosts included and
+        flattened; `at` is the index of these positions in `Loop.gradients`.  Collective."""
         self._x.x.array[:] = x
         self._parts[:] = 0
         assert self._form is not None
         add_to_vector(self._parts, self._form)
         summands = self._parts.reshape(-1, 3)[self._summands]
-        return np.add.reduceat(summands, self._row_starts)
+        of_triangles = np.zeros((len(self._sides), len(x) // 3, 3))
+        of_triangles[self._chambers, self._nodes] = np.add.reduceat(summands, self._row_starts)
+        if self._comm.size > 1:
+            for c in range(len(self._sides)):
+                self._vector.array[:] = of_triangles[c].ravel()
+                self._vector.scatter_reverse(la.InsertMode.add)
+                of_triangles[c] = self._vector.array.reshape(-1, 3)
+        count = self._owned.stop - self._owned.start
+        found = of_triangles.reshape(len(self._sides), -1)[:, :count]
+        for c, side in enumerate(self._sides):
+            for loop, sign in zip(side.loops, side.signs, strict=True):
+                # Every rank knows the gradients of a whole loop, and adds those of its nodes.
+                loop.add_own(found[c], self._owned.start, sign * loop.gradients[at])
+        return found
 
     # ---- one chamber -----------------------------------------------------------------------------
 
     def add_force(self, c: int, values: Array) -> None:
         """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a
         residual."""
-        values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
+        values[self._owned] -= self.pressures[c] * self._at_mid[c]
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
         """Return this rank's parts of the gradients [m²] of chamber c: G_c = ∂V_c/∂q in the
         positions q̄ where forces act, which times the pressure is the force; and ∂V_c/∂q1 and
-        ∂W_c/∂q1.  Collective."""
-        at_mid = self._total_at_mid(c)
-        at_end = self._total_at_end(c)
+        ∂W_c/∂q1."""
+        at_mid = self._at_mid[c]
+        at_end = self._at_end[c]
         of_swept = at_end
         if not self._acts_at_end:
-            change = at_end - self._sides[c].initial_gradient
-            of_swept = at_mid + self._alpha * change
+            of_swept = at_mid + self._alpha * (at_end - self._at_start[c])
         return (
             self._in_system(at_mid),
             self._in_system(at_end),
@@ -253,45 +243,12 @@ class FilmSurface:
 
     def _in_system(self, values: Array) -> Array:
         """This rank's part of a system vector, with values at the unknowns of the film and else
-        zero."""
+        zero; the values themselves if there are no other unknowns."""
+        if len(values) == self._local_size:
+            return values
         vector = np.zeros(self._local_size)
         vector[self._owned] = values
         return vector
-
-    def _total_at_mid(self, c: int) -> Array:
-        """G_c(q̄) [m²], strips of rings included, owned part, flattened.  Collective."""
-        if c not in self._totals_at_mid:
-            of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
-            self._totals_at_mid[c] = self._total(c, self._at_mid, of_loops)
-        return self._totals_at_mid[c]
-
-    def _total_at_end(self, c: int) -> Array:
-        """G_c(q1) [m²], strips of rings included, owned part, flattened.  Collective."""
-        if c not in self._totals_at_end:
-            of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
-            self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
-        return self._totals_at_end[c]
-
-    def _total(self, c: int, G: Array, of_loops: list[Array]) -> Array:
-        """Return the gradient [m²] of a chamber's volume at the film's owned unknowns, flattened:
-        the sum over the triangles of all ranks, with G (rows, 3) [m²] from this rank's, and over
-        the strips of the chamber's loops.  Collective.
-
-        For each loop `of_loops` has the gradient (nodes, 3) [m²] of its strip, complete and the
-        same on every rank; each rank adds the rows of the nodes that it owns, times the sign of the
-        loop.
-        """
-        rows = self._rows(c)
-        values = self._vector.array
-        values[:] = 0
-        values.reshape(-1, 3)[self._nodes[rows]] = G[rows]
-        self._vector.scatter_reverse(la.InsertMode.add)
-        owned = self._owned.stop - self._owned.start
-        total: Array = values[:owned].copy()
-        side = self._sides[c]
-        for loop, sign, of_loop in zip(side.loops, side.signs, of_loops, strict=True):
-            loop.add_own(total, self._owned.start, sign * of_loop)
-        return total
 
     def tangents(self) -> Iterable[fem.Form]:
         """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of

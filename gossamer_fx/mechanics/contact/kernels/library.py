@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
-
-from mpi4py import MPI
 
 from gossamer_fx.core.forms.c_source import CLibrary, c_library
 
@@ -12,7 +11,8 @@ from gossamer_fx.core.forms.c_source import CLibrary, c_library
 HEADER = Path(__file__).parent / "contact.h"
 
 
-def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
-    """Return the C functions; the first call compiles them on rank 0 of `comm` and is
-    collective."""
-    return c_library(HEADER, comm)
+# Asked for some fifteen times in an iteration: the path of the header takes longer to hash.
+@cache
+def library() -> CLibrary:
+    """Return the C functions; on several ranks `c_library(HEADER, comm)` compiles them before."""
+    return c_library(HEADER)
