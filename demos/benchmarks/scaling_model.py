@@ -2,10 +2,9 @@
 
 Parts of an iteration of the free sheet are timed on one core at two sizes.  Laws, forms, incomplete
 factorisations and vectors are linear functions of the unknowns of a rank; the constant is what the
-interpreter needs.  A rank also factorises what its part overlaps of others.  The coarse matrix is
-factorised on every rank, and its costs are power laws of its size.  The costs of a V-cycle, timed
-on one core, are linear, too, but that its smoother overlaps by a patch; one rank factorises the
-matrix of its last level.
+interpreter needs.  A rank also factorises what its part overlaps of others.  The costs of a
+V-cycle are linear, too, and its smoother overlaps by a patch.  The factorisation of the coarse
+matrix, which all ranks make, or of the last level of a V-cycle is timed for its size.
 
 Messages and reductions are those that `rank_counts` counts in a Krylov iteration.  Of the last
 levels the rank with most of them has one message each way for each large patch of its group, and
@@ -16,10 +15,16 @@ the memory of a node that all its cores use is not modelled.
 from __future__ import annotations
 
 import math
+import time
+from functools import cache
 from typing import NamedTuple
 
+import numpy as np
 from newton_times import choose_levels, profile
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix, diags, eye, kron
 
+from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.coarse_space import (
     MAX_UNKNOWNS_FACTORISED,
     MAX_UNKNOWNS_ON_ONE_RANK,
@@ -36,15 +41,18 @@ COARSE_UNKNOWNS_OF_PATCH = 9
 UNKNOWNS_OF_NODE = 3
 BYTES_OF_NUMBER = 8
 
-# What a rank with neighbours on all sides needs for a Krylov iteration and its share of Newton's,
-# as `./gossamer bench rank_counts` counts on eight ranks for a coarse space of one, two and three
-# levels: messages to each neighbour and reductions.
-NEIGHBOURS = 8
-MESSAGES_TO_NEIGHBOUR = {1: 6.6, 2: 12.2, 3: 16.9}
-REDUCTIONS = {1: 7.4, 2: 7.8, 3: 8.2}
-# Krylov iterations for one of Newton's on one rank, and the factor on eight ranks or more.
+# What `./gossamer bench rank_counts` counts on eight ranks for the sheet of 44 thousand unknowns,
+# with a coarse space of one, two and three levels: messages to each neighbour and reductions for a
+# Krylov iteration and its share of Newton's, and Krylov iterations over those of one rank.
+MESSAGES_TO_NEIGHBOUR = {1: 6.4, 2: 11.2, 3: 15.8}
+REDUCTIONS = {1: 6.7, 2: 6.4, 3: 6.6}
+KRYLOV_GROWTH = {1: 1.35, 2: 1.61, 3: 1.71}
+# Krylov iterations for one of Newton's on one rank.
 KRYLOV = 5.0
-KRYLOV_GROWTH = 1.3
+# Neighbours of a rank that has some on all sides.
+NEIGHBOURS = 8
+# Solutions whose mean time is taken.
+SOLUTIONS = 20
 # Patches by which the smoothed parts of a V-cycle overlap.
 OVERLAP_OF_PATCHES = 1
 
@@ -66,16 +74,6 @@ class Line(NamedTuple):
     slope: float
 
 
-class Power(NamedTuple):
-    """Seconds that grow with a power of the coarse unknowns."""
-
-    factor: float
-    exponent: float
-
-    def __call__(self, coarse_unknowns: float) -> float:
-        return self.factor * coarse_unknowns**self.exponent
-
-
 class Model:
     """Times of an iteration [s], fitted to the profiles of a small and a large sheet, and to those
     with a V-cycle."""
@@ -87,8 +85,6 @@ class Model:
         self.factors = self._line(sheets, "incomplete factorisation")
         self.applications = self._line(sheets, "applications", per_krylov=True)
         self.coarse_matrix = self._line(sheets, "coarse matrix")
-        self.coarse_factors = self._power(sheets, "coarse factors")
-        self.coarse_solution = self._power(sheets, "coarse solutions", per_krylov=True)
         self.prolongations = self._line(sheets, "prolongations", per_krylov=True)
         self.cycle_set_up = self._line(cycles, "coarse factors")
         self.cycle = self._line(cycles, "coarse solutions", per_krylov=True)
@@ -108,19 +104,12 @@ class Model:
         slope = (large - small) / (self._sizes[1] - self._sizes[0])
         return Line(max(small - slope * self._sizes[0], 0.0), slope)
 
-    def _power(self, sheets: tuple[Figures, Figures], part: str, per_krylov: bool = False) -> Power:
-        small, large = self._seconds(sheets, (part,), per_krylov)
-        of_small, of_large = (_levels(size, 1)[0] for size in self._sizes)
-        exponent = math.log(large / small) / math.log(of_large / of_small)
-        return Power(large / of_large**exponent, exponent)
-
     def parts(self, unknowns: float, ranks: int) -> dict[str, float]:
         """Seconds of the parts of an iteration of a sheet on some ranks."""
         own = unknowns / ranks
-        krylov = KRYLOV
-        if ranks > 1:
-            # Between one rank and eight the factor grows with the logarithm.
-            krylov *= KRYLOV_GROWTH ** min(math.log2(ranks) / 3, 1.0)
+        levels = _levels(unknowns, ranks)
+        # Between one rank and eight the factor grows with the logarithm.
+        krylov = KRYLOV * KRYLOV_GROWTH[len(levels)] ** min(math.log2(ranks) / 3, 1.0)
         side = math.sqrt(own / UNKNOWNS_OF_NODE)
         with_overlap = own * _enlargement(side, OVERLAP, ranks)
         sides, neighbours = _neighbours(ranks)
@@ -134,7 +123,6 @@ class Model:
             + self.coarse_matrix.constant
             + krylov * (self.applications.constant + self.prolongations.constant)
         )
-        levels = _levels(unknowns, ranks)
         cycle = 0.0
         if len(levels) > 1:
             side_in_patches = math.sqrt(levels[0] / COARSE_UNKNOWNS_OF_PATCH / ranks)
@@ -145,6 +133,7 @@ class Model:
             more = MESSAGES_TO_NEIGHBOUR[len(levels)] - MESSAGES_TO_NEIGHBOUR[1]
             messages += more * (neighbours * LATENCY + sent / BANDWIDTH)
             messages += 2 * _partners_of_last_levels(levels, ranks) * LATENCY
+        factors, solution = factorised(levels[-1])
         return {
             "laws and forms": self.forms.slope * own,
             "incomplete factors": self.factors.slope * with_overlap
@@ -152,12 +141,41 @@ class Model:
             "vectors": self.vectors.slope * own,
             "coarse matrix": (self.coarse_matrix.slope + krylov * self.prolongations.slope) * own,
             "V-cycle": cycle,
-            "last level": self.coarse_factors(levels[-1])
-            + krylov * self.coarse_solution(levels[-1]),
+            "last level": factors + krylov * solution,
             "messages": krylov * messages,
             "reductions": krylov * REDUCTIONS[len(levels)] * reduction,
             "interpreter": constant,
         }
+
+
+@cache
+def factorised(coarse_unknowns: int) -> tuple[float, float]:
+    """Seconds in which MUMPS factorises a coarse matrix again, and solves with it: that of a square
+    grid of patches, each coupled with its eight neighbours."""
+    side = round(math.sqrt(coarse_unknowns / COARSE_UNKNOWNS_OF_PATCH))
+    line = diags([1.0, 1.0, 1.0], [-1, 0, 1], shape=(side, side))
+    coupled = kron(kron(line, line), np.ones((COARSE_UNKNOWNS_OF_PATCH,) * 2))
+    # Positive definite, as the diagonal exceeds the sum of the others in a row.
+    A = csr_matrix(coupled + 100.0 * eye(coupled.shape[0]))
+    index = PETSc.IntType
+    matrix = PETSc.Mat().createAIJ(
+        A.shape, csr=(A.indptr.astype(index), A.indices.astype(index), A.data)
+    )
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    pc = PETSc.PC().create()
+    factorisation.choose(pc)
+    pc.setOperators(matrix)
+    factorisation.set_up(pc)
+    pc.apply(b, x)
+    matrix.scale(2.0)
+    started = time.process_time()
+    factorisation.set_up(pc)
+    set_up = time.process_time() - started
+    started = time.process_time()
+    for _ in range(SOLUTIONS):
+        pc.apply(b, x)
+    return set_up, (time.process_time() - started) / SOLUTIONS
 
 
 def _levels(unknowns: float, ranks: int) -> list[int]:
@@ -184,7 +202,8 @@ def _partners_of_last_levels(levels: list[int], ranks: int) -> int:
     """Ranks with which the first one exchanges unknowns of the last levels of a V-cycle."""
     partners = min(ranks, levels[-1] // COARSE_UNKNOWNS_OF_PATCH)
     if len(levels) > 2:
-        partners += PATCHES_PER_GROUP
+        large_patches = levels[1] / COARSE_UNKNOWNS_OF_PATCH
+        partners += math.ceil(PATCHES_PER_GROUP * ranks / large_patches)
     return partners - 1
 
 

@@ -220,9 +220,7 @@ def _choose_multigrid(pc: PETSc.PC, interpolations: list[PETSc.Mat]) -> None:
         choices["mg_coarse_pc_telescope_reduction_factor"] = pc.comm.size
         last = "mg_coarse_telescope_"
     choices[last + "pc_type"] = "lu"
-    # PETSc's own factorisation, as that of MUMPS takes 0.4 ms longer for each solution.
-    choices[last + "pc_factor_mat_solver_type"] = "petsc"
-    choices[last + "pc_factor_shift_type"] = "inblocks"
+    choices[last + "pc_factor_mat_solver_type"] = "mumps"
     choices[smoother + "pc_type"] = "ilu"
     choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     options = PETSc.Options(prefix)

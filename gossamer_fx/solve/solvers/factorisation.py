@@ -44,7 +44,7 @@ TYPES = "lu", "cholesky"
 
 # Cells by which the incompletely factorised parts of several ranks overlap; without overlap the
 # Krylov iterations double.
-OVERLAP = 2
+OVERLAP = 3
 
 # Unknowns up to which PETSc factorises blocks of three faster than MUMPS.  Of a square sheet with
 # 1323 unknowns a factorisation and its first solution take 0.9 ms instead of 1.2 ms, with 2523
