@@ -28,8 +28,8 @@ Algorithm.
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
 6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
-   V-cycle of PETSc's multigrid.  Its levels are affine functions on large patches, P2, and on many
-   ranks on groups of large patches, P3, which cross the boundaries of ranks.  They are linear
+   V-cycle of PETSc's multigrid.  Its levels are affine functions on large patches, P2, and where
+   these are many on groups of them, P3, which cross the boundaries of ranks.  They are linear
    combinations of those on the patches below, so that Pᵀ P2 and P2ᵀ P3 take one level to the next.
    One rank factorises the matrix of the last level.
 
@@ -41,10 +41,10 @@ matrix has about 30 times fewer rows than A.  Its factorisation hardly divides a
 by MUMPS on several ranks makes a hundred collective operations in each solution, 1520 of the 1680
 of a step of a sheet with 20 thousand unknowns.  Therefore every rank factorises the whole matrix,
 and a solution gathers one vector.  The V-cycle divides, except for its last level, which has nine
-unknowns for a group of sixteen ranks.
+unknowns for 128 large patches.
 
 Limits.  Only groups of patches cross the boundaries of ranks, so that the coarse space depends on
-their number.
+their number.  Small patches that cross them did not save iterations on eight ranks.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ NODES_PER_PATCH = 100
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
-# unknowns on eight ranks GMRES takes 19 iterations to 1e-8, with 6400 nodes 24, with 800 nodes 18,
-# with the coarse matrix factorised 14.
-NODES_PER_LARGE_PATCH = 1600
-PATCHES_PER_GROUP = 64
+# unknowns on eight ranks GMRES takes 8 iterations to 1e-4, with 1600 nodes 10, with 400 nodes 8,
+# with the coarse matrix factorised 7.
+NODES_PER_LARGE_PATCH = 800
+PATCHES_PER_GROUP = 128
 
 # Unknowns of large patches above which a V-cycle has groups of them, too.  One rank factorises what
 # is left, while the others wait.
