@@ -62,7 +62,7 @@ ABSENT_PARTS = {
     "cli",
     "algebra.dihedral_angle",
     "solvers.coarse_space",
-    "solvers.condensed_ties",
+    "solvers.condensed_constraints",
     "solvers.two_level",
     "materials.elastica",
     "probes.flight",

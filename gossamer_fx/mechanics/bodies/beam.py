@@ -182,7 +182,8 @@ class Beam(Curve):
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
         H, L, c = orthonormality(2)
-        yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
+        measure = PointMeasure(directors, H, L, c)
+        yield PointConstraint(f"{self.name} directors", measure, keeps_orthonormal=True)
 
     def _directors(self, node: int) -> tuple[Port, Port]:
         """d2 and d3 of a global node as ports."""

@@ -169,7 +169,7 @@ class RigidBody(OneNode):
         yield AttachedKineticEnergy([tuple(self.vector(k) for k in range(4))], mass)
         H, L, c = orthonormality(3)
         measure = PointMeasure([self.frame().directors], H, L, c)
-        yield PointConstraint(f"{self.name} directors", measure)
+        yield PointConstraint(f"{self.name} directors", measure, keeps_orthonormal=True)
 
     @check_arguments
     def port(self, point: Vector = (0.0, 0.0, 0.0)) -> Port:
@@ -292,7 +292,9 @@ class RigidPiece(OneNode):
         if self._rigid:
             H, L, c = orthonormality(len(self._q) - 1)
             measure = PointMeasure([self.directors], H, L, c)
-            yield PointConstraint(f"{self.name} directors", measure)
+            # A single director does not say how the piece turns about it.
+            turns = len(self._q) > 2
+            yield PointConstraint(f"{self.name} directors", measure, keeps_orthonormal=turns)
 
 
 def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:

@@ -246,6 +246,21 @@ type Compiler = type[CompiledTerms[Never]]
 # ---- facets --------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Sets of k directors d that stay orthonormal by m multipliers.
+
+    Attributes:
+        directors: global indices (n, 3k).
+        multipliers: global indices (n, m).
+        products: matrices H (m, 3k, 3k) of the measures ½ d·H d + c that are kept at zero.
+    """
+
+    directors: Indices
+    multipliers: Indices
+    products: Array
+
+
 class Multipliers(ABC):
     """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns.
 
@@ -291,6 +306,10 @@ class Multipliers(ABC):
     def linear_equations(self) -> list[tuple[int, dict[int, float]]]:
         """This rank's equations that are linear in the coordinates and always hold: the global
         index of the multiplier, and the coefficients by global index of the coordinate."""
+        return []
+
+    def frames(self) -> list[Frames]:
+        """This rank's constraints that do nothing but keep directors orthonormal."""
         return []
 
     def switch(self) -> Iterator[str]:

@@ -45,6 +45,7 @@ from gossamer_fx.mechanics.terms.assembly import (
     CompiledTerms,
     Compiler,
     Differentiable,
+    Frames,
     HistoryVariables,
     Multipliers,
 )
@@ -261,6 +262,15 @@ class PointConstraints(Multipliers, Differentiable, CompiledTerms["PointConstrai
                         coefficients[unknown] = coefficients.get(unknown, 0.0) + float(slope[d])
                     equations.append((multiplier, coefficients))
         return equations
+
+    def frames(self) -> list[Frames]:
+        found = []
+        for at, terms, rows in zip(self._measures, self._term_of, self._rows, strict=True):
+            is_frame = np.array([self._terms[k].keeps_orthonormal for k in terms], dtype=bool)
+            if is_frame.any():
+                products = self._terms[terms[is_frame.argmax()]].measure.H
+                found.append(Frames(at.indices[is_frame], rows[is_frame], products))
+        return found
 
     def _middle_gradient(self, k: int, q: Array) -> Array:
         """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
@@ -615,6 +625,7 @@ class PointConstraint:
         may_repeat: whether a tie of two nodes that follows from others is left out, instead of
             refused.
         latch: whether it holds at present, of one that is switched; None: it always holds.
+        keeps_orthonormal: whether all that it does is to keep two or three directors orthonormal.
     """
 
     name: str
@@ -622,6 +633,7 @@ class PointConstraint:
     closing: Closing | None = None
     may_repeat: bool = False
     latch: LatchState | None = None
+    keeps_orthonormal: bool = False
     compiler: ClassVar[Compiler] = PointConstraints
 
 

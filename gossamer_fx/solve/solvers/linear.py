@@ -21,7 +21,7 @@ Algorithm, in a Newton iteration.
 
 1. Set up P: a factorisation, the two-level preconditioner (`solvers.two_level`), or the one that
    eliminates a few joints (`solvers.eliminated_joints`); ties are condensed before them
-   (`solvers.condensed_ties`).
+   (`solvers.condensed_constraints`).
 2. Compute Z by one application of P⁻¹ for each column of G.  If P is not a factorisation, Z of an
    earlier iteration of the step is used, as long as the Krylov iterations do not rise.
 3. Compute Σ from this Z.
@@ -280,8 +280,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
     A matrix is factorised if `direct` or if it is small: up to 3000 unknowns, with contact 900.
     Lagrange multipliers have zeros on the diagonal, for which an incomplete factorisation fails:
-    those of ties are condensed, and few of others are eliminated
-    (`condensed_ties.for_constraints`), with many the matrix is factorised, too.
+    those of ties, beams and rigid bodies are condensed, and few of others are eliminated
+    (`condensed_constraints.for_constraints`), with many the matrix is factorised, too.
 
     Two alternatives were measured and rejected.  Constraints satisfied exactly by the coarse space:
     for an antenna with up to half a million unknowns, on one and two ranks, it took no less time
@@ -296,13 +296,18 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
     if system.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
-        from gossamer_fx.solve.solvers.condensed_ties import for_constraints
+        from gossamer_fx.solve.solvers import condensed_constraints
 
-        context = for_constraints(system, MAX_KSP_ITERATIONS)
+        context = condensed_constraints.for_constraints(system, MAX_KSP_ITERATIONS)
         if context is not None:
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
+            # Scalar unknowns need a preconditioner of their own.
+            is_alone = ksp.getPC().handle == pc.handle
+            if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
+                ksp.setType("python")
+                ksp.setPythonContext(condensed_constraints.CondensedSolver(context))
             return
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")

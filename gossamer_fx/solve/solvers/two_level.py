@@ -22,14 +22,14 @@ levels most systems are not solved within 60 iterations, four levels take 25, si
 cost more than they save. In a quiet film two levels serve as well as six, for a third of the time.
 Therefore L starts with two levels, and gets six when a solve has taken many iterations.
 
-Several ranks factorise parts that overlap by two cells (additive Schwarz); without overlap the
+Several ranks factorise parts that overlap by three cells (additive Schwarz); without overlap the
 number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 
 Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L
 is most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
 
 Limits.  L needs a diagonal without zeros, so that Lagrange multipliers are eliminated first
-(`solvers.condensed_ties`, `solvers.eliminated_joints`), or the matrix is factorised.
+(`solvers.condensed_constraints`, `solvers.eliminated_joints`), or the matrix is factorised.
 """
 
 from __future__ import annotations
@@ -58,13 +58,16 @@ class TwoLevel:
     """The preconditioner (1) to (3), as PETSc's Python preconditioner, for bodies on meshes without
     Lagrange multipliers."""
 
-    def __init__(self, system: System, condensed: Indices = NONE) -> None:
+    def __init__(
+        self, system: System, condensed: Indices = NONE, is_difficult: bool = False
+    ) -> None:
         """Unknowns of this rank that are `condensed` (k,) have the rows and columns of the unit
-        matrix.  Collective."""
+        matrix.  L of `is_difficult` systems has more levels of fill from the start.  Collective."""
         self._system = system
         self._coarse = CoarseSpace(system, condensed)
         self._local = factorisation.new_incomplete(system.comm)
         self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
+        self._is_difficult = is_difficult
         self._levels = 0  # of fill; 0: not chosen yet
         self._applications = 0  # since the last set-up
 
@@ -99,10 +102,11 @@ class TwoLevel:
 
     def _set_up_local_part(self) -> None:
         """Factorise A incompletely, with the levels of fill that the last solve suggests: 2 at
-        first, and 6 after a solve that took more than 20 applications.  Collective."""
+        first, and 6 after a solve that took more than 20 applications or from the start.
+        Collective."""
         self._local.setOperators(self._A)
         if not self._levels:
-            self._choose_fill(ILU_LEVELS)
+            self._choose_fill(ILU_LEVELS_DIFFICULT if self._is_difficult else ILU_LEVELS)
             self._residual, self._correction = self._A.createVecs()
         elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
             self._choose_fill(ILU_LEVELS_DIFFICULT)

@@ -14,8 +14,8 @@ import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solve.solvers import condensed_ties, two_level
-from gossamer_fx.solve.solvers.condensed_ties import CondensedTies
+from gossamer_fx.solve.solvers import condensed_constraints, two_level
+from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -83,13 +83,33 @@ def plane(comm):
     ]
 
 
-SCENES = (chain, plane)
+def braced(comm):
+    """A film that turns about a corner, tied to a beam along its edge and to a rigid body beside
+    the opposite corner; the ground holds the corner of both film and beam."""
+    film = gx.Membrane(sheet(comm, 7, 7), LAW, name="film")
+    section = gx.sections.tube(0.01, 5e-4, E=1e9, nu=0.3, density=1500.0)
+    beam = gx.Beam(line(comm, [(0, 0, 0), (0, 1, 0)], 3), section, name="beam")
+    hub = gx.RigidBody(0.01, (1e-5, 2e-5, 2e-5), position=(1.1, 0.95, 0.1), comm=comm, name="hub")
+    corner = film.port_at((1.0, 1.0, 0.0))
+    items = [film, beam, hub]
+    items.append(gx.constraints.BallJoint(corner, hub.port_at((1.0, 1.0, 0.0)), name="to hub"))
+    for k in (0, 1, 3):
+        point = (0.0, k / 3, 0.0)
+        joint = gx.constraints.BallJoint(film.port_at(point), beam.port_at(point), name=f"tie {k}")
+        items.append(joint)
+    origin = film.port_at((0.0, 0.0, 0.0))
+    items.append(gx.constraints.BallJoint(origin, gx.Ground((0.0, 0.0, 0.0)), name="nail"))
+    return [*items, gx.RigidMotion(spin=(3.0, -5.0, 20.0)), gx.Gravity(film, (0.0, 0.0, -50.0))]
+
+
+SCENES = (chain, plane, braced)
 
 
 def simulation(make, comm, monkeypatch=None, **options):
     """The run of a scene; with `monkeypatch` by Krylov iterations, whatever its size."""
     if monkeypatch is not None:
         monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
+        monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
     run = gx.Simulation(gx.Scene(*make(comm)), gx.Midpoint(dt=1e-3), **options)
     if monkeypatch is not None:
         monkeypatch.undo()
@@ -103,8 +123,10 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     exact, and the condensed solution is that of the whole system, multipliers included."""
     run = simulation(make, comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
-    assert isinstance(context, CondensedTies)
+    assert isinstance(context, CondensedConstraints)
     monkeypatch.setattr(two_level, "ILU_LEVELS", 1000)
+    monkeypatch.setattr(two_level, "ILU_LEVELS_DIFFICULT", 1000)
+    monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
     system.begin_step(1e-3)
@@ -112,7 +134,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     zero = system.numbering.vector()
     system.predict(zero)
     system.set_increment(zero, None)
-    exact = condensed_ties.for_constraints(system, 60)
+    exact = condensed_constraints.for_constraints(system, 60)
     A = system.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)
@@ -133,7 +155,8 @@ def test_steps_are_those_of_a_factorisation(make, comm, monkeypatch):
     rank, and the constraints hold to round-off."""
     run = simulation(make, comm, monkeypatch)
     other = simulation(make, MPI.COMM_SELF)
-    assert run.solver.newton.ksp.getType() == "gmres"
+    context = run.solver.newton._preconditioner.getPythonContext()
+    assert isinstance(context, CondensedConstraints)
     assert other.solver.newton.ksp.getType() == "preonly"
     multipliers = []
     for each in (run, other):
@@ -189,3 +212,24 @@ def test_ties_that_follow_from_others_end_the_step_in_words(monkeypatch):
     run = simulation(twice, MPI.COMM_SELF, monkeypatch)
     with pytest.raises(gx.StepFailure, match="linear solver"):
         run.run(until=1e-3)
+
+
+def test_a_step_of_many_iterations_is_factorised(monkeypatch):
+    """After a solve that takes more Krylov iterations than a factorisation costs, the other
+    matrices of the step are factorised as a whole, and the result is the same."""
+    run = simulation(braced, MPI.COMM_SELF, monkeypatch)
+    other = simulation(braced, MPI.COMM_SELF)
+    monkeypatch.setattr(condensed_constraints, "MAX_ITERATIONS", 0)
+    set_ups = []
+    original = CondensedConstraints._condense
+
+    def counted(preconditioner, matrix):
+        set_ups.append(preconditioner._system.time)
+        original(preconditioner, matrix)
+
+    monkeypatch.setattr(CondensedConstraints, "_condense", counted)
+    for each in (run, other):
+        each.run(until=3e-3)
+    assert len(set_ups) == len(set(set_ups)) == run.step == 3
+    assert run.solver.newton.all_iterations > 3
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
