@@ -367,6 +367,12 @@ def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
     return factorisation.reason(pc) or REASONS.get(code, unknown)
 
 
+def krylov_name(ksp: PETSc.KSP) -> str:
+    """The Krylov method of a solver, in words."""
+    kind = ksp.getType()
+    return "gmres" if kind == "python" else str(kind)
+
+
 def name(pc: PETSc.PC) -> str:
     """What a preconditioner is, in words."""
     kind = pc.getType()
