@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from newton_times import choose_levels
 from petsc4py import PETSc
 from stopwatch import Stopwatch
 
@@ -66,9 +67,12 @@ def built(scene: str, size: int) -> tuple[gx.Simulation, float]:
     return case.simulation(), dt
 
 
-def rank_counts(scene: str = "sheet", size: int = 40, steps: int = 2) -> Figures:
+def rank_counts(scene: str = "sheet", size: int = 40, steps: int = 2, levels: int = 0) -> Figures:
     """Counts of the first steps of a scene, in a step: messages and their bytes of all ranks,
-    collective operations in which each rank takes part."""
+    collective operations in which each rank takes part; and the messages to each neighbour for one
+    Krylov iteration.  The coarse space has the given number of `levels` if this is not 0."""
+    if levels:
+        choose_levels(levels)
     watch = Stopwatch()
     run, dt = built(scene, size)
     flops = -PETSc.Log.getFlops()
@@ -78,18 +82,22 @@ def rank_counts(scene: str = "sheet", size: int = 40, steps: int = 2) -> Figures
     counts += message_counts()
     newton_iterations = figures["Newton/step"] * figures["steps"]
     flops += newton_iterations * factorisation_flops(run.solver.newton.ksp)
-    cells = sum(owned_cells(body) for body in run.system.bodies if isinstance(body, MeshBody))
+    bodies = [body for body in run.system.bodies if isinstance(body, MeshBody)]
+    cells = sum(owned_cells(body) for body in bodies)
+    neighbours = COMM.allreduce(sum(neighbours_of(body) for body in bodies))
 
     def in_a_step(of_this_rank: Any) -> Any:
         return COMM.allreduce(of_this_rank) / figures["steps"]
 
     all_messages, all_bytes, all_collectives, _ = in_a_step(counts.sum(axis=0))
+    krylov_in_a_step = figures["Krylov/Newton"] * figures["Newton/step"]
     return {
         "dofs": figures["dofs"],
         "steps": figures["steps"],
         "Newton/step": figures["Newton/step"],
-        "Krylov/step": figures["Krylov/Newton"] * figures["Newton/step"],
+        "Krylov/step": krylov_in_a_step,
         "messages": all_messages,
+        "to a neighbour": all_messages / max(krylov_in_a_step * neighbours, 1.0),
         "MB": all_bytes / 1e6,
         "collectives": all_collectives / COMM.size,
         "of MUMPS": in_a_step(counts[1, 2]) / COMM.size,
@@ -111,3 +119,8 @@ def owned_cells(body: MeshBody) -> int:
     """Cells of this rank, on which it evaluates the law and assembles."""
     topology = body.space.mesh.topology
     return int(topology.index_map(topology.dim).size_local)
+
+
+def neighbours_of(body: MeshBody) -> int:
+    """Other ranks that own nodes of this rank's cells."""
+    return len(set(body.space.dofmap.index_map.owners))

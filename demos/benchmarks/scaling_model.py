@@ -2,25 +2,35 @@
 
 Parts of an iteration of the free sheet are timed on one core at two sizes.  Laws, forms, incomplete
 factorisations and vectors are linear functions of the unknowns of a rank; the constant is what the
-interpreter needs.  A rank also factorises what its part overlaps of others.  The coarse matrix is
-factorised on every rank, and its costs are power laws of its size; where it has a V-cycle, it is
-smoothed in parts, and each rank factorises the matrix of the large patches.
+interpreter needs.  A rank also factorises what its part overlaps of others.  The costs of a
+V-cycle are linear, too, and its smoother overlaps by a patch.  The factorisation of the coarse
+matrix, which all ranks make, or of the last level of a V-cycle is timed for its size.
 
-Messages and reductions are those that `rank_counts` counts in a Krylov iteration.  Cores are taken
-to be as fast together as one alone: the memory of a node that all its cores use is not modelled.
+Messages and reductions are those that `rank_counts` counts in a Krylov iteration.  Of the last
+levels the rank with most of them has one message each way for each large patch of its group, and
+for each rank with unknowns of the last level.  Cores are taken to be as fast together as one alone:
+the memory of a node that all its cores use is not modelled.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from functools import cache
 from typing import NamedTuple
 
-from newton_times import profile
+import numpy as np
+from newton_times import choose_levels, profile
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix, diags, eye, kron
 
+from gossamer_fx.solve.solvers import factorisation
 from gossamer_fx.solve.solvers.coarse_space import (
     MAX_UNKNOWNS_FACTORISED,
+    MAX_UNKNOWNS_ON_ONE_RANK,
     NODES_PER_LARGE_PATCH,
     NODES_PER_PATCH,
+    PATCHES_PER_GROUP,
 )
 from gossamer_fx.solve.solvers.factorisation import OVERLAP
 
@@ -31,17 +41,20 @@ COARSE_UNKNOWNS_OF_PATCH = 9
 UNKNOWNS_OF_NODE = 3
 BYTES_OF_NUMBER = 8
 
-# What a rank with neighbours on all sides needs for a Krylov iteration and its share of Newton's,
-# as `./gossamer bench rank_counts` counts: messages to each neighbour and reductions, where the
-# coarse matrix is factorised and where it has a V-cycle.
-NEIGHBOURS = 8
-MESSAGES_TO_NEIGHBOUR = {"factorised": 6.0, "V-cycle": 17.0}
-REDUCTIONS = {"factorised": 7.0, "V-cycle": 11.0}
-# Krylov iterations for one of Newton's on one rank, and the factor on eight ranks or more.
+# What `./gossamer bench rank_counts` counts on eight ranks for the sheet of 44 thousand unknowns,
+# with a coarse space of one, two and three levels: messages to each neighbour and reductions for a
+# Krylov iteration and its share of Newton's, and Krylov iterations over those of one rank.
+MESSAGES_TO_NEIGHBOUR = {1: 6.7, 2: 11.7, 3: 16.7}
+REDUCTIONS = {1: 7.1, 2: 6.8, 3: 7.3}
+KRYLOV_GROWTH = {1: 1.23, 2: 1.44, 3: 1.44}
+# Krylov iterations for one of Newton's on one rank.
 KRYLOV = 5.0
-KRYLOV_GROWTH = 1.3
-# Smoothing of the coarse level: sweeps of an incomplete factorisation in a V-cycle.
-SWEEPS = 4
+# Neighbours of a rank that has some on all sides.
+NEIGHBOURS = 8
+# Solutions whose mean time is taken.
+SOLUTIONS = 20
+# Patches by which the smoothed parts of a V-cycle overlap.
+OVERLAP_OF_PATCHES = 1
 
 # A cluster, assumed: latency between nodes [s], and bandwidth of a node [bytes/s], 200 Gbit/s of
 # HDR InfiniBand, that its ranks share.  A reduction takes ⌈log2 ranks⌉ latencies (doubling:
@@ -61,108 +74,137 @@ class Line(NamedTuple):
     slope: float
 
 
-class Power(NamedTuple):
-    """Seconds that grow with a power of the coarse unknowns."""
-
-    factor: float
-    exponent: float
-
-    def __call__(self, coarse_unknowns: float) -> float:
-        return self.factor * coarse_unknowns**self.exponent
-
-
 class Model:
-    """Times of an iteration [s], fitted to the profiles of a small and a large sheet."""
+    """Times of an iteration [s], fitted to the profiles of a small and a large sheet, and to those
+    with a V-cycle."""
 
-    def __init__(self, small: Figures, large: Figures) -> None:
-        self._sizes = small["dofs"], large["dofs"]
-        self._small = small
-        self._large = large
-        self.forms = self._line("law", "residual", "tangent")
-        self.vectors = self._line("rest")
-        self.factors = self._line("incomplete factorisation")
-        self.applications = self._line("applications", per_krylov=True)
-        self.coarse_matrix = self._line("coarse matrix")
-        self.coarse_factors = self._power("coarse factors")
-        self.coarse_solution = self._power("coarse solutions", per_krylov=True)
+    def __init__(self, sheets: tuple[Figures, Figures], cycles: tuple[Figures, Figures]) -> None:
+        self._sizes = sheets[0]["dofs"], sheets[1]["dofs"]
+        self.forms = self._line(sheets, "law", "residual", "tangent")
+        self.vectors = self._line(sheets, "rest")
+        self.factors = self._line(sheets, "incomplete factorisation")
+        self.applications = self._line(sheets, "applications", per_krylov=True)
+        self.coarse_matrix = self._line(sheets, "coarse matrix")
+        self.prolongations = self._line(sheets, "prolongations", per_krylov=True)
+        self.cycle_set_up = self._line(cycles, "coarse factors")
+        self.cycle = self._line(cycles, "coarse solutions", per_krylov=True)
 
-    def _seconds(self, parts: tuple[str, ...], per_krylov: bool) -> tuple[float, float]:
+    def _seconds(
+        self, sheets: tuple[Figures, Figures], parts: tuple[str, ...], per_krylov: bool
+    ) -> tuple[float, float]:
         """Seconds of some parts in an iteration of the small and the large sheet."""
         both = []
-        for figures in (self._small, self._large):
+        for figures in sheets:
             seconds = sum(figures[f"{part} [ms]"] for part in parts) / 1e3
             both.append(seconds / figures["Krylov/Newton"] if per_krylov else seconds)
         return both[0], both[1]
 
-    def _line(self, *parts: str, per_krylov: bool = False) -> Line:
-        small, large = self._seconds(parts, per_krylov)
+    def _line(self, sheets: tuple[Figures, Figures], *parts: str, per_krylov: bool = False) -> Line:
+        small, large = self._seconds(sheets, parts, per_krylov)
         slope = (large - small) / (self._sizes[1] - self._sizes[0])
         return Line(max(small - slope * self._sizes[0], 0.0), slope)
-
-    def _power(self, part: str, per_krylov: bool = False) -> Power:
-        small, large = self._seconds((part,), per_krylov)
-        of_small, of_large = (_coarse_unknowns(size, 1, NODES_PER_PATCH) for size in self._sizes)
-        exponent = math.log(large / small) / math.log(of_large / of_small)
-        return Power(large / of_large**exponent, exponent)
 
     def parts(self, unknowns: float, ranks: int) -> dict[str, float]:
         """Seconds of the parts of an iteration of a sheet on some ranks."""
         own = unknowns / ranks
-        krylov = KRYLOV
-        if ranks > 1:
-            # Between one rank and eight the factor grows with the logarithm.
-            krylov *= KRYLOV_GROWTH ** min(math.log2(ranks) / 3, 1.0)
+        levels = _levels(unknowns, ranks)
+        # Between one rank and eight the factor grows with the logarithm.
+        krylov = KRYLOV * KRYLOV_GROWTH[len(levels)] ** min(math.log2(ranks) / 3, 1.0)
         side = math.sqrt(own / UNKNOWNS_OF_NODE)
-        with_overlap = own * _enlargement(side, ranks)
-        set_up, solution = self._coarse(unknowns, ranks)
+        with_overlap = own * _enlargement(side, OVERLAP, ranks)
         sides, neighbours = _neighbours(ranks)
         sent = sides * side * OVERLAP * UNKNOWNS_OF_NODE * BYTES_OF_NUMBER
-        solver = "factorised" if _is_factorised(unknowns, ranks) else "V-cycle"
-        exchange = neighbours * LATENCY + sent / BANDWIDTH
+        messages = MESSAGES_TO_NEIGHBOUR[1] * (neighbours * LATENCY + sent / BANDWIDTH)
         reduction = math.ceil(math.log2(ranks)) * LATENCY
         constant = (
             self.forms.constant
             + self.vectors.constant
             + self.factors.constant
             + self.coarse_matrix.constant
-            + krylov * self.applications.constant
+            + krylov * (self.applications.constant + self.prolongations.constant)
         )
+        cycle = 0.0
+        if len(levels) > 1:
+            side_in_patches = math.sqrt(levels[0] / COARSE_UNKNOWNS_OF_PATCH / ranks)
+            cycle = (self.cycle_set_up.slope + krylov * self.cycle.slope) * own
+            cycle *= _enlargement(side_in_patches, OVERLAP_OF_PATCHES, ranks)
+            constant += self.cycle_set_up.constant + krylov * self.cycle.constant
+            sent = sides * side_in_patches * COARSE_UNKNOWNS_OF_PATCH * BYTES_OF_NUMBER
+            more = MESSAGES_TO_NEIGHBOUR[len(levels)] - MESSAGES_TO_NEIGHBOUR[1]
+            messages += more * (neighbours * LATENCY + sent / BANDWIDTH)
+            messages += 2 * _partners_of_last_levels(levels, ranks) * LATENCY
+        factors, solution = factorised(levels[-1])
         return {
             "laws and forms": self.forms.slope * own,
             "incomplete factors": self.factors.slope * with_overlap
             + krylov * self.applications.slope * with_overlap,
             "vectors": self.vectors.slope * own,
-            "coarse matrix": self.coarse_matrix.slope * own,
-            "coarse factors": set_up,
-            "coarse solutions": krylov * solution,
-            "messages": krylov * MESSAGES_TO_NEIGHBOUR[solver] * exchange,
-            "reductions": krylov * REDUCTIONS[solver] * reduction,
+            "coarse matrix": (self.coarse_matrix.slope + krylov * self.prolongations.slope) * own,
+            "V-cycle": cycle,
+            "last level": factors + krylov * solution,
+            "messages": krylov * messages,
+            "reductions": krylov * REDUCTIONS[len(levels)] * reduction,
             "interpreter": constant,
         }
 
-    def _coarse(self, unknowns: float, ranks: int) -> tuple[float, float]:
-        """Seconds of the factors of the coarse space, and of one solution."""
-        coarse = _coarse_unknowns(unknowns, ranks, NODES_PER_PATCH)
-        if _is_factorised(unknowns, ranks):
-            return self.coarse_factors(coarse), self.coarse_solution(coarse)
-        large = _coarse_unknowns(unknowns, ranks, NODES_PER_LARGE_PATCH)
-        own = coarse / ranks
-        factors = self.factors.slope * own + self.coarse_factors(large)
-        smoothing = SWEEPS * self.applications.slope * own
-        return factors, smoothing + self.coarse_solution(large)
+
+@cache
+def factorised(coarse_unknowns: int) -> tuple[float, float]:
+    """Seconds in which MUMPS factorises a coarse matrix again, and solves with it: that of a square
+    grid of patches, each coupled with its eight neighbours."""
+    side = round(math.sqrt(coarse_unknowns / COARSE_UNKNOWNS_OF_PATCH))
+    line = diags([1.0, 1.0, 1.0], [-1, 0, 1], shape=(side, side))
+    coupled = kron(kron(line, line), np.ones((COARSE_UNKNOWNS_OF_PATCH,) * 2))
+    # Positive definite, as the diagonal exceeds the sum of the others in a row.
+    A = csr_matrix(coupled + 100.0 * eye(coupled.shape[0]))
+    index = PETSc.IntType
+    matrix = PETSc.Mat().createAIJ(
+        A.shape, csr=(A.indptr.astype(index), A.indices.astype(index), A.data)
+    )
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    pc = PETSc.PC().create()
+    factorisation.choose(pc)
+    pc.setOperators(matrix)
+    factorisation.set_up(pc)
+    pc.apply(b, x)
+    matrix.scale(2.0)
+    started = time.process_time()
+    factorisation.set_up(pc)
+    set_up = time.process_time() - started
+    started = time.process_time()
+    for _ in range(SOLUTIONS):
+        pc.apply(b, x)
+    return set_up, (time.process_time() - started) / SOLUTIONS
 
 
-def _coarse_unknowns(unknowns: float, ranks: int, nodes_of_patch: int) -> int:
-    """Coarse unknowns of a sheet, whose nodes of a rank are halved until patches are small
-    enough."""
+def _levels(unknowns: float, ranks: int) -> list[int]:
+    """Coarse unknowns of a sheet, of the levels of its coarse space from the finest: the nodes of a
+    rank are halved until patches are small enough, and large patches until groups are."""
     nodes = unknowns / UNKNOWNS_OF_NODE / ranks
-    halvings = max(math.ceil(math.log2(nodes / nodes_of_patch)), 0)
-    return ranks * 2**halvings * COARSE_UNKNOWNS_OF_PATCH
+    patches = ranks * _parts(nodes / NODES_PER_PATCH)
+    levels = [patches * COARSE_UNKNOWNS_OF_PATCH]
+    if levels[0] * ranks > MAX_UNKNOWNS_FACTORISED:
+        large_patches = ranks * _parts(nodes / NODES_PER_LARGE_PATCH)
+        levels.append(large_patches * COARSE_UNKNOWNS_OF_PATCH)
+        if levels[1] > MAX_UNKNOWNS_ON_ONE_RANK:
+            groups = _parts(large_patches / PATCHES_PER_GROUP)
+            levels.append(groups * COARSE_UNKNOWNS_OF_PATCH)
+    return levels
 
 
-def _is_factorised(unknowns: float, ranks: int) -> bool:
-    """Whether the coarse matrix is factorised; else it has a V-cycle."""
-    return _coarse_unknowns(unknowns, ranks, NODES_PER_PATCH) * ranks <= MAX_UNKNOWNS_FACTORISED
+def _parts(excess: float) -> int:
+    """The number of parts of a set with too many members by this factor, by halving it."""
+    return int(2 ** max(math.ceil(math.log2(excess)), 0))
+
+
+def _partners_of_last_levels(levels: list[int], ranks: int) -> int:
+    """Ranks with which the first one exchanges unknowns of the last levels of a V-cycle."""
+    partners = min(ranks, levels[-1] // COARSE_UNKNOWNS_OF_PATCH)
+    if len(levels) > 2:
+        large_patches = levels[1] / COARSE_UNKNOWNS_OF_PATCH
+        partners += math.ceil(PATCHES_PER_GROUP * ranks / large_patches)
+    return partners - 1
 
 
 def _neighbours(ranks: int) -> tuple[float, int]:
@@ -178,16 +220,21 @@ def _neighbours(ranks: int) -> tuple[float, int]:
     return 4.0, NEIGHBOURS
 
 
-def _enlargement(side: float, ranks: int) -> float:
-    """Nodes of a rank's part with overlap over those without."""
+def _enlargement(side: float, overlap: int, ranks: int) -> float:
+    """The size of a rank's part with overlap over that without; both are counted in cells or
+    patches."""
     sides, _ = _neighbours(ranks)
-    return (1 + sides * OVERLAP / (2 * side)) ** 2
+    return (1 + sides * overlap / (2 * side)) ** 2
 
 
 def scaling_model(small: int = 40, large: int = 160, steps: int = 3) -> Figures:
     """Predicted speed-ups of sheets of some sizes on many cores; prints the parts of an iteration,
     and as the first bottleneck the part that exceeds its share of one core's time by most."""
-    fitted = Model(profile(small, steps), profile(large, steps))
+    choose_levels(1)
+    sheets = profile(small, steps), profile(large, steps)
+    choose_levels(3)
+    cycles = profile(small, steps), profile(large, steps)
+    fitted = Model(sheets, cycles)
     figures = {}
     for unknowns in SIZES:
         on_one = fitted.parts(unknowns, 1)

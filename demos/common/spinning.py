@@ -25,6 +25,9 @@ SPIN_UNITS = {"rad/s": 1.0, "rpm": RPM}
 # that it is slack at once.
 RELEASE_SPEED = 100.0
 
+# Points of a ring of film, whose heights are recorded.
+RING_POINTS = 24
+
 # Length of that tether over the first distance of its ends: it holds at once.
 TETHER_LENGTH = 1.0
 
@@ -132,6 +135,22 @@ def plot_momentum(panels: Any, series: gx.Series) -> None:
         axes.plot(series.time, hub, color=BLUE, label="hub")
         axes.plot(series.time, whole - hub, color=RED, label="sail")
         finish(axes, "t [s]", f"angular momentum about {axis} [kg m²/s]")
+
+
+def ring_heights(film: gx.Membrane, radius: float) -> dict[str, Probe]:
+    """Probes of the heights of `RING_POINTS` points of a film around z, at a radius [m] in the
+    mesh."""
+    found: dict[str, Probe] = {}
+    for k in range(RING_POINTS):
+        angle = 2 * math.pi * k / RING_POINTS
+        point = film.port_at((radius * math.cos(angle), radius * math.sin(angle), 0.0))
+        found[f"height {k} [m]"] = gx.probes.Position(point, "z")
+    return found
+
+
+def heights_of_ring(series: gx.Series) -> Array:
+    """Heights (RING_POINTS, n) [m] in the run of a case with `ring_heights`."""
+    return np.array([series[f"height {k} [m]"] for k in range(RING_POINTS)])
 
 
 def spins(hub: gx.RigidBody, film: gx.Membrane | None) -> dict[str, Probe]:

@@ -11,16 +11,20 @@ their creases have memory, and there is residual air.  A run ends when the tip i
 of the same specimen, deployed, against a force across the tube: an equilibrium under the pressure
 that it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
 
-    ./gossamer sweep demos/design/robust_tube.py --jobs 2
     ./gossamer demo robust_tube
+    ./gossamer demo robust_tube length=0.8
     ./gossamer run demos/design/robust_tube.py start=roll specimen=stored_a --output out/stored
 
-The second prints what follows from the runs of the first.  The last one is one of the runs.
+The first makes the runs, and prints and draws what follows from them; with `--jobs 2`,
+`./gossamer sweep demos/design/robust_tube.py` makes them with two processes.  The second is for the
+long tube of the report: an L4 array of the factors that matter most, with one stored specimen.  It
+has not been run to its end: of 150 ms, a zigzag takes 112 s of CPU time and 920 steps for 33 ms,
+the quickest roll 84 s and 1250 steps for 15 ms.  The last one is one of the runs.
 
 The picture is of the stored roll on a finer mesh (`cells=6`), until its tip arrives at 14.8 ms.
 
-Start the command as often, and on as many machines, as you like: they share the runs.  A run takes
-10 to 40 seconds of CPU time.
+Start a command as often, and on as many machines, as you like: they share the runs.  A run of the
+short tube takes 10 to 40 seconds of CPU time.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ from __future__ import annotations
 import csv
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -37,19 +42,24 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.figures import BLUE, GREY, new_figure, save
 from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
 from demos.inflatables.folded_tube import ARRIVED, SCATTER
 from demos.inflatables.folded_tube import build as folded_tube
+from gossamer_fx.app.sweep.factorial import run_factorial
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.records.outputs.output import Probe
 
 # A short tube, so that a run takes some ten seconds of CPU time [m].
 LENGTH = 0.16
 DIAMETER = 0.03  # m
-TANK = 0.64e-6  # volume of the tank [m³]
 PANEL_ANGLE = 80.0  # of the zigzag [degrees]
-UNTIL = 0.03  # s: what has not arrived by then has this time
+# Volume of the tank [m³], and end of a run [s], at which what has not arrived is counted: of the
+# short tube.  Both are in proportion to the length.
+TANK = 0.64e-6
+UNTIL = 0.03
 # Specimens: stiffness of creases [N m/m/rad], residual air [Pa], and seed of the manufacturing
 # errors.
 SPECIMENS: dict[str, dict[str, Any]] = {
@@ -63,7 +73,9 @@ def build(
     comm: MPI.Comm, specimen: str = "fresh", length: float = LENGTH, **levels: Any
 ) -> gx.Case:
     """The tube of one run, which ends when the tip arrives."""
-    case = folded_tube(comm, length=length, tank=TANK, until=UNTIL, **SPECIMENS[specimen], **levels)
+    longer = length / LENGTH
+    given = SPECIMENS[specimen] | levels
+    case = folded_tube(comm, length=length, tank=TANK * longer, until=UNTIL * longer, **given)
     far = distance_of(case.probes)
     probes = {**case.probes, "distance [m]": far}
     arrived = gx.When(far, ARRIVED * length, stop=True, name="the tip has arrived", tolerance=1e-5)
@@ -75,16 +87,18 @@ def distance_of(probes: Any) -> Probe:
     return lambda run: math.hypot(*(probes[f"tip {axis} [m]"](run) for axis in "xz"))
 
 
-def deployed_pressure(panels: int, pressure: float, dead_volume: float) -> float:
+def deployed_pressure(length: float, panels: int, pressure: float, dead_volume: float) -> float:
     """Pressure [Pa] in the round tube when the tank is empty and all gas has the temperature of the
     start."""
-    tube = math.pi * DIAMETER**2 / 4 * LENGTH
-    return pressure * TANK / (TANK + tube + panels * dead_volume)
+    tank = TANK * length / LENGTH
+    tube = math.pi * DIAMETER**2 / 4 * length
+    return pressure * tank / (tank + tube + panels * dead_volume)
 
 
 def stiffness(
     comm: MPI.Comm,
     specimen: str,
+    length: float,
     start: str,
     panels: int,
     thickness: float,
@@ -107,9 +121,9 @@ def stiffness(
     bent = bent_tube(
         comm,
         KAPTON_HN.law(thickness, residual_stiffness=1e-6),
-        length=LENGTH,
+        length=length,
         diameter=DIAMETER,
-        pressure=deployed_pressure(panels, pressure, dead_volume),
+        pressure=deployed_pressure(length, panels, pressure, dead_volume),
         specimen=made,
         cells=cells,
         creases=creases,
@@ -131,9 +145,9 @@ def outcome(comm: MPI.Comm, folder: Path, specimen: str, **levels: Any) -> dict[
     begun = comm.bcast(gx.run.latest_checkpoint(saves) is not None)
     series = gx.Series(case.probes)
     run = case.simulation([series], gx.Checkpoints(saves, every=50), saves if begun else None)
-    run.run(until=UNTIL)
+    run.run(until=case.until)
     last = {name: float(series[name][-1]) for name in case.probes}
-    bent = ("start", "panels", "thickness", "pressure", "dead_volume")
+    bent = ("length", "start", "panels", "thickness", "pressure", "dead_volume")
     return {
         "time [s]": run.time,
         "angle [degrees]": math.degrees(abs(math.atan2(last["tip z [m]"], last["tip x [m]"]))),
@@ -158,46 +172,87 @@ CONTROL: dict[str, tuple[Any, Any]] = {
 }
 # The usual levels are the first of each factor: those of the demo folded_tube, with two panels.
 
-# L8: levels (8 rows, 7 factors).  Each column is a sum of some of three independent ones, modulo
-# two, so that in any two columns all pairs of levels occur equally often.
-_BITS = np.array(list(product((0, 1), repeat=3)))
-LEVELS = _BITS @ _BITS[1:].T % 2
+# Factors that are varied at each length; of the others all runs have the usual level.
+FACTORS = {LENGTH: tuple(CONTROL), 0.8: ("start", "thickness", "bore")}
+# Specimens of each row at each length.
+MADE = {LENGTH: tuple(SPECIMENS), 0.8: ("fresh", "stored_a")}
 
 
-def cases() -> dict[str, list[Any]]:
+def array(factors: int) -> Array:
+    """Levels (factors + 1, factors), 0 or 1, of an orthogonal array of 3 (L4) or 7 (L8) factors.
+
+    Each column is a sum of some independent ones, modulo two, so that in any two columns all pairs
+    of levels occur equally often.
+    """
+    bits = np.array(list(product((0, 1), repeat=factors.bit_length())))
+    levels: Array = bits @ bits[1:].T % 2
+    return levels
+
+
+def cases(length: float) -> dict[str, list[Any]]:
     """Values of all factors in all runs: each row of the array with all specimens."""
+    varied = FACTORS[length]
+    rows = array(len(varied))
     values: dict[str, list[Any]] = {}
-    for levels, name in zip(LEVELS.T, CONTROL, strict=True):
-        of_rows = [CONTROL[name][level] for level in levels]
-        values[name] = [value for value in of_rows for _ in SPECIMENS]
-    values["specimen"] = list(SPECIMENS) * len(LEVELS)
+    for name, of_levels in CONTROL.items():
+        column = [0] * len(rows)
+        if name in varied:
+            column = list(rows[:, varied.index(name)])
+        values[name] = [of_levels[level] for level in column for _ in MADE[length]]
+    values["specimen"] = list(MADE[length]) * len(rows)
+    values["length"] = [length] * len(values["specimen"])
     return values
 
 
-SWEEP = gx.sweep.Factorial(outcome, cases(), listed=True)
+SWEEP = gx.sweep.Factorial(outcome, cases(LENGTH), listed=True)
 
 # Exponent of a response y in its ratio -10 log10 mean(y^p): small ones are good, or large ones.
 EXPONENTS = {"time [s]": 2, "angle [degrees]": 2, "speed [m/s]": 2, "stiffness [N/m]": -2}
 
 
-def main(folder: Path = Path("out/robust_tube")) -> None:
-    """Print, for each response of the runs in a folder, the signal-to-noise ratio [dB] of both
-    levels of each factor, and the share of the factor in the variance of the ratio."""
-    table = folder / "runs.csv"
-    if not table.is_file():
-        sys.exit(f"There is no '{table}'; run: ./gossamer sweep demos/design/robust_tube.py")
-    with table.open(newline="") as file:
+def main(length: float = LENGTH, folder: Path | None = None) -> None:
+    """Make the runs of a length that the folder lacks; print and draw, for each response, the
+    signal-to-noise ratio [dB] of both levels of each factor, and its share in the variance."""
+    if folder is None:
+        folder = Path("out/robust_tube" if length == LENGTH else f"out/robust_tube_{length:g}")
+    sweep = gx.sweep.Factorial(outcome, cases(length), listed=True)
+    run_factorial(sweep, MPI.COMM_SELF, folder)
+    with (folder / "runs.csv").open(newline="") as file:
         runs = list(csv.DictReader(file))
+    varied = FACTORS[length]
+    rows = array(len(varied))
+    effects: dict[str, Array] = {}
     for response, exponent in EXPONENTS.items():
-        y = np.array([float(run[response]) for run in runs]).reshape(len(LEVELS), len(SPECIMENS))
+        y = np.array([float(run[response]) for run in runs]).reshape(len(rows), -1)
         ratios = -10 * np.log10((y**exponent).mean(axis=1))
         deviations = ratios - ratios.mean()
         print(f"{response}: {ratios.mean():.2f} dB")
-        for levels, name in zip(LEVELS.T, CONTROL, strict=True):
-            low, high = (deviations[levels == level].mean() for level in (0, 1))
-            share = len(ratios) * (low**2 + high**2) / 2 / (deviations**2).sum()
+        # Means (factors, 2) over the rows that have a level.
+        levels = np.array([[deviations[column == k].mean() for k in (0, 1)] for column in rows.T])
+        shares = len(rows) * (levels**2).sum(axis=1) / 2 / (deviations**2).sum()
+        for name, (low, high), share in zip(varied, levels, shares, strict=True):
             print(f"    {name}: {low:+.2f}, {high:+.2f} dB, {100 * share:.0f} %")
+        effects[response] = ratios.mean() + levels
+    draw(effects, varied, folder / "robust_tube.png")
+
+
+def draw(effects: dict[str, Array], varied: Sequence[str], path: Path) -> None:
+    """Signal-to-noise ratios (factors, 2) [dB] of the levels of the varied factors: a row for each
+    response."""
+    figure = new_figure(2.5 * len(varied), 2.4 * len(effects))
+    grid = figure.subplots(len(effects), len(varied), sharey="row", squeeze=False)
+    for (response, ratios), row in zip(effects.items(), grid, strict=True):
+        for name, levels, axes in zip(varied, ratios, row, strict=True):
+            axes.plot([0, 1], levels, "o-", color=BLUE)
+            axes.axhline(levels.mean(), color=GREY, lw=0.8)
+            axes.set_xticks([0, 1], [str(level) for level in CONTROL[name]])
+            axes.set_xlim(-0.3, 1.3)
+            axes.set_title(name)
+        row[0].set_ylabel(f"{response}\nS/N [dB]")
+    save(figure, path)
 
 
 if __name__ == "__main__":
-    main()
+    # e.g. length=0.8
+    words = [word.removeprefix("length=") for word in sys.argv[1:]]
+    main(*map(float, words))

@@ -48,6 +48,7 @@ from demos.common.spinning import (
     drum,
     plot_spins,
     radii_of_tips,
+    ring_heights,
     spin_figures,
     spin_probes,
 )
@@ -103,6 +104,7 @@ def build(
     gravity: float = 0.0,
     air: float = 0.0,
     sense: int = 1,
+    ring: float = 0.0,
     until: float = 0.24,
     dt: float = 4e-4,
     largest: float = 1e-3,
@@ -134,6 +136,7 @@ def build(
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p.
             0: vacuum.
         sense: 1: spin in the direction in which the roll opens; -1: against it.
+        ring: radius over that of the disc of points whose heights are recorded; 0: none.
         until: end of the run [s].
         dt, largest: first and largest step [s].
         growth: factor by which a step may be longer than the last one; steps that grow by half are
@@ -204,6 +207,8 @@ def build(
         **attitude_probes(hub, tips),
         **fold_angles(creases),
     }
+    if ring:
+        probes |= ring_heights(film, ring * diameter / 2)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     return deployment_case(items, TITLE, probes, until, control, dt)
 

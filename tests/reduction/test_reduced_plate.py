@@ -100,7 +100,8 @@ def test_it_conserves_energy_and_momenta(recorded, cells) -> None:
     # Held plane, a plate with this rest curvature has energy; it bends and is strained.
     assert 0 < run.first.stored["plate bending"] != run.totals.stored["plate bending"] > 0
     assert run.totals.stored["plate"] > 0
-    assert 0 < gx.reduction.OutsideBasis(reduced)(run) < 1
+    # The few sampled cells leave some motions soft.
+    assert 0 < gx.reduction.OutsideBasis(reduced)(run) < (1 if cells is None else 10)
 
 
 @pytest.mark.mpi

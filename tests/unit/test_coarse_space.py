@@ -3,6 +3,9 @@ iterations with it."""
 
 from __future__ import annotations
 
+import itertools
+import json
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
@@ -15,8 +18,9 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solve.solvers import coarse_space
-from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
+from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, groups, patches, prolongation
 from tests.small_scenes import WRINKLING
+from tests.survival.on_ranks import complete, python
 
 
 def simulation(comm, cells: int, *supports: str, order: int = 1) -> gx.Simulation:
@@ -85,11 +89,17 @@ def test_patches_have_the_same_size(comm, order):
     assert len(sizes) < 2.5 * len(patch) / NODES_PER_PATCH
 
 
-def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
+@pytest.mark.parametrize("in_groups", [False, True])
+def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm, monkeypatch, in_groups):
+    monkeypatch.setattr(coarse_space, "PATCHES_PER_GROUP", 4)
     film = gx.Membrane(flat_tube(comm, 1.0, 0.2, 8), WRINKLING)
     system = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3)).system
     body = system.bodies[0]
     patch = patches_of(body)
+    if in_groups:
+        X = body.space.tabulate_dof_coordinates()[: len(patch)]
+        patch = groups(body, X, patches(body, X, nodes_per_patch=10)).patch
+    assert patch.max() > 1
     cells = body.space.dofmap.list
     edges = np.concatenate([cells[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
     inside = edges[patch[edges[:, 0]] == patch[edges[:, 1]]]
@@ -117,25 +127,44 @@ def test_krylov_iterations_do_not_grow_with_the_mesh(comm):
 
 
 @pytest.mark.mpi
-def test_functions_on_large_patches_are_sums_of_those_on_small_ones(comm):
+def test_functions_of_a_level_are_sums_of_those_on_the_level_below(comm, monkeypatch):
+    monkeypatch.setattr(coarse_space, "PATCHES_PER_GROUP", 4)
     system = simulation(comm, 40).system
-    small = prolongation(system)
-    large = prolongation(system, nodes_per_patch=600)
-    assert 0 < large.getSize()[1] < small.getSize()[1] / 2
-    between = small.transposeMatMult(large)
-    difference = small.matMult(between)
-    difference.axpy(-1, large)
-    assert difference.norm() < 1e-12 * large.norm()
+    levels = [
+        prolongation(system),
+        prolongation(system, nodes_per_patch=200),
+        prolongation(system, nodes_per_patch=200, in_groups=True),
+    ]
+    for fine, coarse in itertools.pairwise(levels):
+        assert 0 < coarse.getSize()[1] < fine.getSize()[1] / 1.9
+        difference = fine.matMult(fine.transposeMatMult(coarse))
+        difference.axpy(-1, coarse)
+        assert difference.norm() < 1e-12 * coarse.norm()
 
 
 @pytest.mark.mpi
-def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch):
+def test_groups_cross_the_boundaries_of_ranks(comm):
+    """One group of a whole sheet has three functions of the plane for each direction, as on one
+    rank, and they are orthonormal."""
+    system = simulation(comm, 20).system
+    P = prolongation(system, in_groups=True)
+    assert P.getSize()[1] == 9
+    product = P.transposeMatMult(P)
+    product.shift(-1.0)
+    assert product.norm() < 1e-12
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("on_one_rank", [1_000_000, 0], ids=["two levels", "three levels"])
+def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch, on_one_rank):
     """An incomplete factorisation alone needs three times as many iterations."""
+    monkeypatch.setattr(coarse_space, "MAX_UNKNOWNS_ON_ONE_RANK", on_one_rank)
+    monkeypatch.setattr(coarse_space, "NODES_PER_LARGE_PATCH", 400)
+    monkeypatch.setattr(coarse_space, "PATCHES_PER_GROUP", 4)
     counts = []
     sizes = []
     for limit in (1_000_000, 100):
         monkeypatch.setattr(coarse_space, "MAX_UNKNOWNS_FACTORISED", limit)
-        monkeypatch.setattr(coarse_space, "NODES_PER_LARGE_PATCH", 1600)
         run = simulation(comm, 60)
         run.run(until=2e-3)
         counts.append(run.solver.newton.linear_iterations / run.iterations)
@@ -143,6 +172,20 @@ def test_a_v_cycle_serves_as_a_factorisation_does(comm, monkeypatch):
         sizes.append(run.system.q0.norm())
     assert counts[1] < 1.3 * counts[0]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-9)
+
+
+@pytest.mark.slow
+def test_eight_ranks_take_few_more_iterations_than_one():
+    """And give the same energies, with three levels of the coarse space."""
+    words = "rank_counts", "scene=sheet", "size=120", "steps=3", "levels=3"
+    figures = []
+    for ranks in (1, 8):
+        done = complete([*python(ranks), "demos/benchmarks/own_program.py", *words])
+        assert done.returncode == 0, done.stderr
+        figures.append(json.loads(done.stdout.splitlines()[-1]))
+    one, eight = figures
+    assert eight["energy"] == pytest.approx(one["energy"], rel=1e-9)
+    assert eight["Krylov/step"] < 1.6 * one["Krylov/step"]
 
 
 @pytest.mark.mpi(1)

@@ -310,7 +310,8 @@ def reduce(
         motions: `Snapshots` of runs, `ModeShapes`, or objects with such `positions`.
         modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
         cells: largest number of cells of each rank over which strains are integrated, see
-            `reduction.sampling`; None for all cells.
+            `reduction.sampling`; None for all cells.  Loads on faces act on these cells, with their
+            weights: the sum of the forces is near that of all cells, their moment less so.
 
     Raises:
         InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film

@@ -28,27 +28,33 @@ Algorithm.
 
    with Pᵀ A P factorised by MUMPS, on every rank as a whole.
 6. If its unknowns times the ranks exceed `MAX_UNKNOWNS_FACTORISED`, its inverse is replaced by one
-   V-cycle of PETSc's multigrid.  The coarse level are affine functions on large patches, P2.  They
-   are linear combinations of those on the small patches, so that Pᵀ P2 takes one level to the
-   other.
+   V-cycle of PETSc's multigrid.  Its levels are affine functions on large patches, P2, and where
+   these are many on groups of them, P3, which cross the boundaries of ranks.  They are linear
+   combinations of those on the patches below, so that Pᵀ P2 and P2ᵀ P3 take one level to the next.
+   One rank factorises the matrix of the last level.
 
 Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
-without smoothing; large patches with affine functions replace the hierarchy of levels.
+without smoothing.
 
 Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
 matrix has about 30 times fewer rows than A.  Its factorisation hardly divides among ranks, and one
 by MUMPS on several ranks makes a hundred collective operations in each solution, 1520 of the 1680
 of a step of a sheet with 20 thousand unknowns.  Therefore every rank factorises the whole matrix,
-and a solution gathers one vector.  The V-cycle divides, except for its coarse level.
+and a solution gathers one vector.  The V-cycle divides, except for its last level, which has nine
+unknowns for 128 large patches.
 
-Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
-number.
+Limits.  Only groups of patches cross the boundaries of ranks, so that the coarse space depends on
+their number.  Small patches that cross them did not save iterations on eight ranks.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from dolfinx import la
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
@@ -75,15 +81,21 @@ BEAM_PATCH_RATIO = 0.08
 # two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
-# Largest number of nodes in a patch of the V-cycle's coarse level.
-NODES_PER_LARGE_PATCH = 6400
+# Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
+# unknowns on eight ranks GMRES takes 8 iterations to 1e-4, with 1600 nodes 10, with 400 nodes 8,
+# with the coarse matrix factorised 7.
+NODES_PER_LARGE_PATCH = 800
+PATCHES_PER_GROUP = 128
 
-# Levels of fill of the V-cycle's smoother, an incomplete factorisation, and its Chebyshev
-# iterations before and after the coarse level.  A sheet of 300 thousand unknowns takes 5.6 Krylov
-# iterations for one of Newton's, with one plain iteration 6.8, with the coarse matrix factorised
-# 4.6; on eight ranks and 20 thousand unknowns 11.2, 12.7 and 10.8.
+# Unknowns of large patches above which a V-cycle has groups of them, too.  One rank factorises what
+# is left, while the others wait.
+MAX_UNKNOWNS_ON_ONE_RANK = 1000
+
+# Levels of fill of the V-cycle's smoothers, incomplete factorisations, applied once before and
+# once after the next coarser level.  Of 174 thousand unknowns GMRES takes 11 iterations to 1e-8;
+# with two applications 10, with two of Chebyshev's method 11, with one level of fill 12, with none
+# 20.  The last two were measured with two applications, which cost a sixth more.
 SMOOTHER_LEVELS = 2
-SMOOTHER_ITERATIONS = 2
 
 # Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
 # or straight in their direction, up to a thirtieth of its extent.
@@ -107,34 +119,35 @@ class CoarseSpace:
         self._P = prolongation(system, condensed=condensed)
         self._scalar_matrix: PETSc.Mat | None = None  # A, stored by single numbers
         self._coarse_matrix: PETSc.Mat | None = None  # Pᵀ A P
-        self._to_large_patches: PETSc.Mat | None = None  # Pᵀ P2 of a V-cycle; None: none is needed
+        self._interpolations: list[
+            PETSc.Mat
+        ] = []  # of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
         coarse_unknowns = self._P.getSize()[1]
         if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
-            large = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
-            self._to_large_patches = self._P.transposeMatMult(large)
+            self._interpolations = _interpolations(system, self._P, condensed)
         self._own_matrix: PETSc.Mat | None = None  # Pᵀ A P as a whole, on each rank
         self._solver = self._new_solver()
         self._r = self._P.createVecRight()
         self._z = self._P.createVecRight()
-        if self._to_large_patches is None:
+        if not self._interpolations:
             # To the vector of all coarse unknowns that each rank has.
             self._gather, self._all_r = PETSc.Scatter.toAll(self._r)
             self._all_z = self._all_r.duplicate()
 
     def _new_solver(self) -> PETSc.PC:
         """A factorisation of the coarse matrix, or a V-cycle if it is large."""
-        if self._to_large_patches is None:
+        if self._interpolations:
+            solver = PETSc.PC().create(self._P.comm)
+            _choose_multigrid(solver, self._interpolations)
+        else:
             solver = PETSc.PC().create(PETSc.COMM_SELF)
             factorisation.choose(solver)
-        else:
-            solver = PETSc.PC().create(self._P.comm)
-            _choose_multigrid(solver, self._to_large_patches)
         return solver
 
     def recover(self) -> None:
         """Become usable again after a matrix that was not finite.  A factorisation does so by
         itself, and retains its ordering."""
-        if self._to_large_patches is not None:
+        if self._interpolations:
             self._solver.destroy()
             self._solver = self._new_solver()
 
@@ -143,53 +156,75 @@ class CoarseSpace:
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        if self._to_large_patches is None:
-            self._own_matrix = self._coarse_matrix.getRedundantMatrix(
-                self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
-            )
-            self._solver.setOperators(self._own_matrix)
-            factorisation.set_up(self._solver)
-        else:
+        self._set_up_solver()
+
+    def _set_up_solver(self) -> None:
+        """Factorise the coarse matrix, or set up its V-cycle."""
+        if self._interpolations:
             self._solver.setOperators(self._coarse_matrix)
             self._solver.setUp()
+            return
+        self._own_matrix = self._coarse_matrix.getRedundantMatrix(
+            self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
+        )
+        self._solver.setOperators(self._own_matrix)
+        factorisation.set_up(self._solver)
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Set z [m] to the coarse solution (3) for a residual r [N].  Collective."""
         self._P.multTranspose(r, self._r)
-        if self._to_large_patches is None:
-            self._gather.scatter(self._r, self._all_r)
-            self._solver.apply(self._all_r, self._all_z)
-            self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
-        else:
-            self._solver.apply(self._r, self._z)
+        self._solve_reduced()
         self._P.mult(self._z, z)
 
+    def _solve_reduced(self) -> None:
+        """Set the coarse unknowns to (Pᵀ A P)⁻¹ Pᵀ r, or one V-cycle for it."""
+        if self._interpolations:
+            self._solver.apply(self._r, self._z)
+            return
+        self._gather.scatter(self._r, self._all_r)
+        self._solver.apply(self._all_r, self._all_z)
+        self._z.array[:] = self._all_z.array_r[slice(*self._z.getOwnershipRange())]
 
-def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
-    """Make a preconditioner one V-cycle with two levels and incomplete factorisations as smoother.
 
-    `interpolation` (coarse unknowns, unknowns of large patches) is Pᵀ P2.  PETSc's options of the
-    V-cycle have the prefix `gx_coarse_`.
+def _interpolations(system: System, P: PETSc.Mat, condensed: Indices) -> list[PETSc.Mat]:
+    """The interpolations between the levels of a V-cycle, the finest first: Pᵀ P2 (coarse unknowns,
+    unknowns of large patches) and, if these are many, P2ᵀ P3 (.., unknowns of groups).  Collective.
+    """
+    P2 = prolongation(system, NODES_PER_LARGE_PATCH, condensed)
+    found = [P.transposeMatMult(P2)]
+    if P2.getSize()[1] > MAX_UNKNOWNS_ON_ONE_RANK:
+        P3 = prolongation(system, NODES_PER_LARGE_PATCH, condensed, in_groups=True)
+        found.append(P2.transposeMatMult(P3))
+        P3.destroy()
+    P2.destroy()
+    return found
+
+
+def _choose_multigrid(pc: PETSc.PC, interpolations: list[PETSc.Mat]) -> None:
+    """Make a preconditioner one V-cycle with incomplete factorisations as smoothers.
+
+    `interpolations` are those between its levels, the finest first.  PETSc's options of the V-cycle
+    have the prefix `gx_coarse_`.
     """
     prefix = PREFIX + "coarse_"
     several_ranks = pc.comm.size > 1
     choices: dict[str, str | int] = {
         "pc_mg_galerkin": "both",
-        "mg_levels_ksp_type": "chebyshev",
-        "mg_levels_ksp_max_it": SMOOTHER_ITERATIONS,
+        "mg_levels_ksp_type": "richardson",
+        "mg_levels_ksp_max_it": 1,
     }
     smoother = "mg_levels_"
+    last = "mg_coarse_"
     if several_ranks:
         choices["mg_levels_pc_type"] = "asm"
         choices["mg_levels_pc_asm_overlap"] = 1
         smoother = "mg_levels_sub_"
-        # Every rank factorises the whole coarse level, as it does a small coarse matrix.
-        choices["mg_coarse_pc_type"] = "redundant"
-        choices["mg_coarse_redundant_pc_type"] = "lu"
-        choices["mg_coarse_redundant_pc_factor_mat_solver_type"] = "mumps"
-    else:
-        choices["mg_coarse_pc_type"] = "lu"
-        choices["mg_coarse_pc_factor_mat_solver_type"] = "mumps"
+        # One rank has the matrix of the last level.
+        choices["mg_coarse_pc_type"] = "telescope"
+        choices["mg_coarse_pc_telescope_reduction_factor"] = pc.comm.size
+        last = "mg_coarse_telescope_"
+    choices[last + "pc_type"] = "lu"
+    choices[last + "pc_factor_mat_solver_type"] = "mumps"
     choices[smoother + "pc_type"] = "ilu"
     choices[smoother + "pc_factor_levels"] = SMOOTHER_LEVELS
     options = PETSc.Options(prefix)
@@ -198,17 +233,30 @@ def _choose_multigrid(pc: PETSc.PC, interpolation: PETSc.Mat) -> None:
             options[key] = value
     pc.setOptionsPrefix(prefix)
     pc.setType("mg")
-    pc.setMGLevels(2)
-    pc.setMGInterpolation(1, interpolation)
+    # PETSc counts levels from the coarsest.
+    pc.setMGLevels(1 + len(interpolations))
+    for level, interpolation in enumerate(reversed(interpolations), start=1):
+        pc.setMGInterpolation(level, interpolation)
     pc.setFromOptions()
 
 
+class Division(NamedTuple):
+    """A division of a body's nodes into patches."""
+
+    patch: Indices  # (n,): the number of the patch of each node of this rank
+    owner: Indices  # (patches,): the rank that has the coarse unknowns of each patch
+    comm: MPI.Intracomm  # of the ranks that have nodes of the patches
+
+
 def prolongation(
-    system: System, nodes_per_patch: int = NODES_PER_PATCH, condensed: Indices = NONE
+    system: System,
+    nodes_per_patch: int = NODES_PER_PATCH,
+    condensed: Indices = NONE,
+    in_groups: bool = False,
 ) -> PETSc.Mat:
     """The prolongation P (unknowns, coarse unknowns), whose orthonormal columns are affine
-    functions on patches of at most `nodes_per_patch` nodes, and of beams fewer.  Those of rigid
-    bodies are single unknowns.
+    functions on patches of at most `nodes_per_patch` nodes, and of beams fewer, or on groups of
+    such patches.  Those of rigid bodies are single unknowns.
 
     Rows of fixed and `condensed` coordinates, and of other bodies without nodes, are zero; rows are
     distributed as the unknowns are.  Collective.
@@ -218,73 +266,92 @@ def prolongation(
     is_free[system.supports.held] = 0
     is_free[condensed] = 0
 
-    # Empty arrays first, as a rank may have no nodes.
-    all_rows: list[Indices] = [np.zeros(0, dtype=np.int64)]
-    all_columns: list[Indices] = [np.zeros(0, dtype=np.int64)]
+    # Empty arrays first, as there may be no nodes.
+    all_rows: list[Indices] = [NONE]
+    all_columns: list[Indices] = [NONE]
     all_values: list[Array] = [np.zeros(0)]
+    all_owners: list[Indices] = [NONE]
     count = 0
     for body in system.bodies:
         owned = system.block(body).owned
-        has_nodes_here = owned.stop > owned.start
         # Of a body with directors that turn, free are its position and a rotation.
         has_directors = body.block.size > 3
-        if has_nodal_unknowns(body) and has_nodes_here:
+        if has_nodal_unknowns(body):
+            X = body.space.tabulate_dof_coordinates()[: body.block.index_map.size_local]
             nodes = nodes_per_patch
             if has_directors:
                 nodes = int(BEAM_PATCH_RATIO * nodes)
-            rows, columns, values, functions = basis(body, is_free[owned], nodes)
-            all_rows.append(rows + owned.start)
-            all_columns.append(columns + count)
-            all_values.append(values)
-            count += functions
+            patch = patches(body, X, nodes)
+            if in_groups:
+                division = groups(body, X, patch)
+            else:
+                owner = np.full(_count(patch), numbering.comm.rank)
+                division = Division(patch, owner, MPI.COMM_SELF)
+            is_free_at_node = is_free[owned].reshape(-1, body.block.size)
+            rows, columns, values, owners = basis(X, is_free_at_node, division)
         elif has_directors and not is_on_mesh(body):
             rows = np.flatnonzero(is_free[owned])
-            functions = len(rows)
-            columns = np.arange(functions)
-            values = np.ones(functions)
-            all_rows.append(rows + owned.start)
-            all_columns.append(columns + count)
-            all_values.append(values)
-            count += functions
+            values = np.ones(len(rows))
+            owners = np.full(len(rows), numbering.comm.rank)
+            if in_groups:
+                # Every rank has the columns of all ranks.
+                owners = np.concatenate(numbering.comm.allgather(owners))
+            columns = np.flatnonzero(owners == numbering.comm.rank)
+        else:
+            continue
+        all_rows.append(rows + owned.start)
+        all_columns.append(columns + count)
+        all_values.append(values)
+        all_owners.append(owners)
+        count += len(owners)
 
     rows = np.concatenate(all_rows)
-    columns = np.concatenate(all_columns)
     values = np.concatenate(all_values)
-    shape = (numbering.size_local, count)
-    P = csr_matrix((values, (rows, columns)), shape=shape)
-    # Columns are numbered through the ranks.
-    first_column = numbering.comm.exscan(count) or 0
-    indices = P.indices + first_column
+    number, own_count, total = _numbers(np.concatenate(all_owners), numbering.comm)
+    columns = number[np.concatenate(all_columns)]
+    P = csr_matrix((values, (rows, columns)), shape=(numbering.size_local, total))
     row_sizes = (numbering.size_local, numbering.size)
-    column_sizes = (count, None)
     return PETSc.Mat().createAIJ(
-        (row_sizes, column_sizes),
+        (row_sizes, (own_count, total)),
         csr=(
             P.indptr.astype(PETSc.IntType),
-            indices.astype(PETSc.IntType),
+            P.indices.astype(PETSc.IntType),
             P.data,
         ),
         comm=numbering.comm,
     )
 
 
-def basis(
-    body: MeshBody, is_free: Array, nodes_per_patch: int
-) -> tuple[Indices, Indices, Array, int]:
-    """The part of one body in the prolongation P: rows, columns and values (k,), counted from the
-    start of the body, and the number of columns.
+def _numbers(owners: Indices, comm: MPI.Intracomm) -> tuple[Indices, int, int]:
+    """The global numbers (k,) of columns with these owners (k,), consecutive on each rank, the
+    number of this rank's own columns, and that of all.  Collective.
 
-    `is_free` (n s,) is 1 at free coordinates and 0 at fixed ones, for n nodes of this rank and s
-    unknowns a node.  In the code X are the coordinates (n, 3) [m] of the nodes, f the affine
-    functions at them, and g these functions with zeros at fixed coordinates.
+    A rank has either only columns of its own, or as all ranks do those of every rank.
     """
-    n = body.block.index_map.size_local
-    s = body.block.size
-    X = body.space.tabulate_dof_coordinates()[:n]
-    patch = patches(body, X, nodes_per_patch)
-    f = affine_functions(X, patch)
-    g = f[:, None, :] * is_free.reshape(n, s, 1)
-    coefficients, is_kept = orthonormalise(f, g, patch)
+    own_count = int(np.count_nonzero(owners == comm.rank))
+    end_on_rank = np.cumsum(comm.allgather(own_count))
+    first_on_rank = np.append(0, end_on_rank[:-1])
+    order = np.argsort(owners, kind="stable")
+    sorted_owners = owners[order]
+    place = np.arange(len(owners)) - np.searchsorted(sorted_owners, sorted_owners)
+    number = np.empty(len(owners), dtype=np.int64)
+    number[order] = first_on_rank[sorted_owners] + place
+    return number, own_count, int(end_on_rank[-1])
+
+
+def basis(X: Array, is_free: Array, division: Division) -> tuple[Indices, Indices, Array, Indices]:
+    """The part of one body in the prolongation P: rows, columns and values (k,), counted from the
+    start of the body, and the ranks that own its columns.
+
+    X (n, 3) [m] are the undeformed positions of the nodes of this rank; `is_free` (n, s) is 1 at
+    free coordinates and 0 at fixed ones, for s unknowns a node.  In the code f are the affine
+    functions at the nodes, and g these functions with zeros at fixed coordinates.
+    """
+    s = is_free.shape[1]
+    patch = division.patch
+    f = affine_functions(X, division)
+    g = f[:, None, :] * is_free[:, :, None]
+    coefficients, is_kept = orthonormalise(f, g, division)
     values = np.einsum("nci,ncij->ncj", g, coefficients[patch])
 
     # Functions are numbered by patch, component and eigenvalue.
@@ -293,54 +360,62 @@ def basis(
     column_at_node = column[patch]
     is_kept_at_node = is_kept[patch]
     node, component, _ = np.nonzero(is_kept_at_node)
+    patch_of_column = np.nonzero(is_kept)[0]
     return (
         node * s + component,
         column_at_node[is_kept_at_node],
         values[is_kept_at_node],
-        int(is_kept.sum()),
+        division.owner[patch_of_column],
     )
 
 
-def affine_functions(X: Array, patch: Indices) -> Array:
+def affine_functions(X: Array, division: Division) -> Array:
     """The functions f = (1, (X - mean X)/radius) (n, 4) at undeformed positions X (n, 3) [m]; mean
-    and radius (root mean square distance) are those of the patch of a node, whose numbers (n,) have
-    no gaps."""
-    nodes_in_patch = np.bincount(patch)
+    and radius (root mean square distance) are those of the patch of a node.  Collective on the
+    ranks of the patches."""
+    patch = division.patch
     f = np.ones((len(X), 4))
-    for i in range(3):
-        mean = np.bincount(patch, X[:, i]) / nodes_in_patch
-        f[:, i + 1] = X[:, i] - mean[patch]
-    squared_distance = (f[:, 1:] ** 2).sum(axis=1)
-    squared_radius = np.bincount(patch, squared_distance) / nodes_in_patch
+    nodes_in_patch = _sums(f[:, :1], division)
+    mean = _sums(X, division) / nodes_in_patch
+    f[:, 1:] = X - mean[patch]
+    squared_distance = (f[:, 1:] ** 2).sum(axis=1, keepdims=True)
+    squared_radius = _sums(squared_distance, division) / nodes_in_patch
     # A patch of a single node has the radius zero.
     radius = np.maximum(np.sqrt(squared_radius), TINY)
-    f[:, 1:] /= radius[patch, None]
+    f[:, 1:] /= radius[patch]
     return f
 
 
-def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Coefficients V λ^(-1/2) (patches, s, 4, 4) by which affine functions f (n, 4) on patches (n,)
-    of nodes become orthonormal, and whether each is kept (patches, s, 4).
+def _sums(values: Array, division: Division) -> Array:
+    """Sums (patches, ...) of the values (n, ...) at the nodes of each patch.  Collective on the
+    ranks of the patches."""
+    patch = division.patch
+    shape = (len(division.owner), len(patch))
+    is_in = csr_matrix((np.ones(len(patch)), (patch, np.arange(len(patch)))), shape=shape)
+    own = is_in @ values.reshape(len(patch), -1)
+    return division.comm.allreduce(own).reshape(-1, *values.shape[1:])
+
+
+def orthonormalise(f: Array, g: Array, division: Division) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Coefficients V λ^(-1/2) (patches, s, 4, 4) by which affine functions f (n, 4) on patches of
+    nodes become orthonormal, and whether each is kept (patches, s, 4).  Collective on the ranks of
+    the patches.
 
     V and λ are eigenvectors and eigenvalues of the Gram matrix of each patch and component, from
     the functions g (n, s, 4) with zeros at fixed coordinates.  Functions with λ below a thousandth
     of the largest one are dropped: their coefficients are zero.
     """
-    # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
-    by_patch = np.argsort(patch, kind="stable")
-    g_sorted = g[by_patch]
-    f_sorted = f[by_patch]
-    products = g_sorted[:, :, :, None] * f_sorted[:, None, None, :]
-    nodes_in_patch = np.bincount(patch)
-    first_of_patch = np.cumsum(nodes_in_patch) - nodes_in_patch
-    gram = np.add.reduceat(products, first_of_patch)
-
+    # As g is f or zero, g f is g g.
+    gram = _sums(g[:, :, :, None] * f[:, None, None, :], division)
     λ, V = np.linalg.eigh(gram)
     largest = λ.max(axis=-1, keepdims=True)
     is_kept = λ > FLATNESS * np.maximum(largest, LESS_THAN_ONE_NODE)
     root = np.sqrt(np.maximum(λ, TINY))
     scale = np.where(is_kept, 1 / root, 0.0)
     return V * scale[..., None, :], is_kept
+
+
+# ---- patches -------------------------------------------------------------------------------------
 
 
 def patches(body: MeshBody, X: Array, nodes_per_patch: int = NODES_PER_PATCH) -> Indices:
@@ -351,38 +426,81 @@ def patches(body: MeshBody, X: Array, nodes_per_patch: int = NODES_PER_PATCH) ->
     are not connected by cells within it are then separated, such as the two films of a flat pillow.
     """
     n = len(X)
+    neighbours = _neighbours(cell_nodes(body.space))
+    # Ghosts beyond the first n nodes do not count.
+    is_own = (neighbours < n).all(axis=1)
+    return _connected(_boxes(X, nodes_per_patch), neighbours[is_own])
+
+
+def groups(body: MeshBody, X: Array, patch: Indices) -> Division:
+    """Collect the patches (n,) of the nodes of all ranks, at undeformed positions X (n, 3) [m], in
+    groups of at most `PATCHES_PER_GROUP` patches, as `patches` collects nodes.  Collective.
+
+    Every rank has the centres of all patches, and the pairs of them that are neighbours.
+    """
+    comm = body.space.mesh.comm
+    first = comm.exscan(_count(patch)) or 0
+    number = la.vector(body.space.dofmap.index_map, dtype=np.int64)
+    number.array[: len(patch)] = first + patch
+    number.scatter_forward()
+    neighbours = _neighbours(number.array[cell_nodes(body.space)])
+
+    division = Division(patch, np.full(_count(patch), comm.rank), MPI.COMM_SELF)
+    centres = _sums(X, division) / _sums(np.ones((len(X), 1)), division)
+    all_centres = np.concatenate(comm.allgather(centres))
+    all_owners = np.concatenate(comm.allgather(division.owner))
+    all_neighbours = np.concatenate(comm.allgather(neighbours))
+    group = _connected(_boxes(all_centres, PATCHES_PER_GROUP), all_neighbours)
+    # The rank of the first patch of a group has its unknowns.
+    _, first_patch = np.unique(group, return_index=True)
+    return Division(group[number.array[: len(patch)]], all_owners[first_patch], comm)
+
+
+def _count(patch: Indices) -> int:
+    """The number of patches that this rank's nodes (n,) are in."""
+    return int(patch.max(initial=-1)) + 1
+
+
+def _boxes(X: Array, size: int) -> Indices:
+    """The number (n,) of the box of each point X (n, 3) [m]: points are halved across their longest
+    extent until a box has at most `size` of them."""
+    n = len(X)
     boxes: list[Indices] = [np.arange(n)]
-    while len(boxes) * nodes_per_patch < n:
+    while len(boxes) * size < n:
         halves: list[Indices] = []
         for box in boxes:
             halves += _halves(box, X)
         boxes = halves
-    box_of_node = np.empty(n, dtype=np.int64)
-    for k, nodes in enumerate(boxes):
-        box_of_node[nodes] = k
-
-    # Two nodes are neighbours if a cell has both; ghosts beyond the first n nodes do not count.
-    nodes_of_cell = cell_nodes(body.space)
-    cell_count, nodes_per_cell = nodes_of_cell.shape
-    cells = np.repeat(np.arange(cell_count), nodes_per_cell)
-    ones = np.ones(nodes_of_cell.size, dtype=np.int32)
-    incidence = csr_matrix((ones, (cells, nodes_of_cell.ravel())))[:, :n]
-    neighbours = (incidence.T @ incidence).tocoo()
-
-    box_of_first = box_of_node[neighbours.row]
-    box_of_second = box_of_node[neighbours.col]
-    in_one_box = box_of_first == box_of_second
-    first = neighbours.row[in_one_box]
-    second = neighbours.col[in_one_box]
-    graph = csr_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
-    _, patch = connected_components(graph, directed=False)
-    return patch
+    box_of_point = np.empty(n, dtype=np.int64)
+    for k, points in enumerate(boxes):
+        box_of_point[points] = k
+    return box_of_point
 
 
-def _halves(nodes: Indices, X: Array) -> list[Indices]:
-    """The nodes in two sets of equal size, divided across their longest extent."""
-    extents = np.ptp(X[nodes], axis=0)
+def _neighbours(numbers_of_cell: Indices) -> Indices:
+    """The pairs of numbers (pairs, 2) of which a cell has both, from those of all cells
+    (cells, k)."""
+    cell_count, per_cell = numbers_of_cell.shape
+    cells = np.repeat(np.arange(cell_count), per_cell)
+    ones = np.ones(numbers_of_cell.size, dtype=np.int32)
+    shape = (cell_count, int(numbers_of_cell.max(initial=-1)) + 1)
+    incidence = csr_matrix((ones, (cells, numbers_of_cell.ravel())), shape=shape)
+    pairs = (incidence.T @ incidence).tocoo()
+    return np.column_stack([pairs.row, pairs.col])
+
+
+def _connected(box: Indices, neighbours: Indices) -> Indices:
+    """The number (n,), without gaps, of the part of a box (n,) in which each point is connected by
+    pairs (pairs, 2) of neighbours in one box."""
+    first, second = neighbours[box[neighbours[:, 0]] == box[neighbours[:, 1]]].T
+    graph = csr_matrix((np.ones(len(first)), (first, second)), shape=(len(box), len(box)))
+    return connected_components(graph, directed=False)[1]
+
+
+def _halves(points: Indices, X: Array) -> list[Indices]:
+    """The points in two sets of equal size, divided across their longest extent."""
+    extents = np.ptp(X[points], axis=0)
     longest = extents.argmax()
-    order = np.argsort(X[nodes, longest], kind="stable")
-    middle = len(nodes) // 2
-    return [nodes[order[:middle]], nodes[order[middle:]]]
+    order = np.argsort(X[points, longest], kind="stable")
+    middle = len(points) // 2
+    return [points[order[:middle]], points[order[middle:]]]

@@ -34,8 +34,8 @@ Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unk
 `MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
 Several ranks.  F̃ is additive Schwarz: each rank factorises its part of F, which overlaps the others
-by two cells.  Every rank keeps the columns of C and the rows of Z that belong to its own films, and
-all of Σ, so that a Krylov iteration sums one small array over the ranks.
+by three cells.  Every rank keeps the columns of C and the rows of Z that belong to its own films,
+and all of Σ, so that a Krylov iteration sums one small array over the ranks.
 
 Limits.  Bodies whose nodes have three unknowns.
 """

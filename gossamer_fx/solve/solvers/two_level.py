@@ -22,7 +22,7 @@ levels most systems are not solved within 60 iterations, four levels take 25, si
 cost more than they save. In a quiet film two levels serve as well as six, for a third of the time.
 Therefore L starts with two levels, and gets six when a solve has taken many iterations.
 
-Several ranks factorise parts that overlap by two cells (additive Schwarz); without overlap the
+Several ranks factorise parts that overlap by three cells (additive Schwarz); without overlap the
 number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 
 Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L
