@@ -49,7 +49,8 @@ that are held in part keep their multipliers.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
-of the whole, that of 47 thousand longer.
+of the whole, that of 47 thousand longer.  Incomplete factors kept for the next iteration of a step
+take 1.4 times the time, a factorisation of K as a symmetric matrix 1.5 times.
 """
 
 from __future__ import annotations
@@ -80,13 +81,17 @@ NO_COEFFICIENT = 1e-12
 # factorisation: that of beams or hubs alone has little fill.
 MIN_FILM_SHARE = 0.5
 
-# Unknowns from which frames are condensed.  With 47 thousand a step of an antenna takes 1.3 s of
-# CPU time instead of 1.1 s by a factorisation, on two ranks 2.4 instead of 1.7 s.
+# Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
+# takes 1.4 s of CPU time, with all factorised 2.0 s; but one of the almost slack film of an
+# antenna takes 1.2 instead of 1.0 s, and on two ranks 2.4 instead of 1.7 s.
 MIN_UNKNOWNS_WITH_FRAMES = 150_000
 
 # Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
 # with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
-MAX_ITERATIONS = 30
+MAX_ITERATIONS = 12
+
+# Largest number of steps that are factorised before Krylov iterations are tried again.
+MAX_FACTORISED_STEPS = 8
 
 KSP_REASON = PETSc.KSP.ConvergedReason
 
@@ -271,6 +276,8 @@ class CondensedConstraints:
         self.inner.setPythonContext(self._two_level)
         self.problem = ""
         self.is_factorised = False
+        self._steps_left = 0  # that are factorised, the present one included
+        self._next_steps = 1  # that are factorised after the next hard solve
         self._step: tuple[float, float] | None = None  # time and length of the last step
         self._find_rows(system.A)
         # Before the matrix is made again, with more entries.
@@ -436,11 +443,27 @@ class CondensedConstraints:
         """Compute K of the present matrix A, and set up its preconditioner, unless matrices of this
         step are factorised; called by PETSc.  Collective."""
         step = self._system.time, self._system.h
-        self.is_factorised = self.is_factorised and step == self._step
+        if step != self._step:
+            self._begin_step()
         self._step = step
         if not self.is_factorised:
             self._condense(pc.getOperators()[0])
             pc.setFailedReason(self.inner.getFailedReason())
+
+    def _begin_step(self) -> None:
+        """Decide whether a new step is factorised from its start, and halve the number of such
+        steps that would follow a hard solve after one without any."""
+        if not self.is_factorised:
+            self._next_steps = max(self._next_steps // 2, 1)
+        self._steps_left = max(self._steps_left - 1, 0)
+        self.is_factorised = self._steps_left > 0
+
+    def give_up(self) -> None:
+        """Factorise the rest of this step, and 1, 2, 4 or 8 further steps: as many as one hard
+        solve after the other suggests."""
+        self.is_factorised = True
+        self._steps_left = 1 + self._next_steps
+        self._next_steps = min(2 * self._next_steps, MAX_FACTORISED_STEPS)
 
     def _condense(self, matrix: PETSc.Mat) -> None:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
@@ -548,8 +571,8 @@ class CondensedSolver:
     many.
 
     A solve that takes more than `MAX_ITERATIONS` is ended by a factorisation of the whole matrix,
-    and so are the others of the step: with solutions of a few digits Newton's iteration may not
-    converge there.
+    and so are the others of the step and some steps more: with solutions of a few digits Newton's
+    iteration may not converge there.
     """
 
     def __init__(self, preconditioner: CondensedConstraints) -> None:
@@ -602,7 +625,8 @@ class CondensedSolver:
         self._krylov.setTolerances(rtol=ksp.getTolerances()[0], max_it=MAX_ITERATIONS)
         self._krylov.solve(right, z)
         reason = self._krylov.getConvergedReason()
-        self._condensed.is_factorised = reason == KSP_REASON.DIVERGED_MAX_IT
+        if reason == KSP_REASON.DIVERGED_MAX_IT:
+            self._condensed.give_up()
         self._condensed.expand(r, z)
         ksp.setIterationNumber(self._krylov.getIterationNumber())
         ksp.setConvergedReason(reason)
