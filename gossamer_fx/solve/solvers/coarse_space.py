@@ -119,9 +119,8 @@ class CoarseSpace:
         self._P = prolongation(system, condensed=condensed)
         self._scalar_matrix: PETSc.Mat | None = None  # A, stored by single numbers
         self._coarse_matrix: PETSc.Mat | None = None  # Pᵀ A P
-        self._interpolations: list[
-            PETSc.Mat
-        ] = []  # of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
+        # Of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
+        self._interpolations: list[PETSc.Mat] = []
         coarse_unknowns = self._P.getSize()[1]
         if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
             self._interpolations = _interpolations(system, self._P, condensed)
@@ -156,15 +155,15 @@ class CoarseSpace:
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        self._set_up_solver()
+        self._set_up_solver(self._coarse_matrix)
 
-    def _set_up_solver(self) -> None:
+    def _set_up_solver(self, coarse_matrix: PETSc.Mat) -> None:
         """Factorise the coarse matrix, or set up its V-cycle."""
         if self._interpolations:
-            self._solver.setOperators(self._coarse_matrix)
+            self._solver.setOperators(coarse_matrix)
             self._solver.setUp()
             return
-        self._own_matrix = self._coarse_matrix.getRedundantMatrix(
+        self._own_matrix = coarse_matrix.getRedundantMatrix(
             self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
         )
         self._solver.setOperators(self._own_matrix)

@@ -303,7 +303,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
-            # Scalar unknowns need a preconditioner of their own.
+            # Scalar unknowns need a separate preconditioner.
             is_alone = ksp.getPC().handle == pc.handle
             if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
                 ksp.setType("python")
