@@ -325,7 +325,7 @@ def _numbers(owners: Indices, comm: MPI.Intracomm) -> tuple[Indices, int, int]:
     """The global numbers (k,) of columns with these owners (k,), consecutive on each rank, the
     number of this rank's own columns, and that of all.  Collective.
 
-    A rank has either only columns of its own, or as all ranks do those of every rank.
+    A rank has either only the columns that it owns, or as all ranks do those of every rank.
     """
     own_count = int(np.count_nonzero(owners == comm.rank))
     end_on_rank = np.cumsum(comm.allgather(own_count))

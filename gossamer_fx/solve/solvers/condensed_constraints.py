@@ -14,7 +14,7 @@ Idea.  Coordinates that fulfil the constraints follow from others, y, and the ri
 
     z = R y + G s,    C R = 0,    C G = 1                                                     (2)
 
-With L and H of B in the place of R and G of C, y has a system without these multipliers,
+With L and H, which are to B what R and G are to C, y has a system without these multipliers,
 
     Lᵀ A R y = Lᵀ (r - A G s),    λ = Hᵀ (r - A z)                                            (3)
 
@@ -33,19 +33,20 @@ doi:10.1016/j.cma.2005.01.004).
 Algorithm.
 
 1. Once: Gaussian elimination of the linear equations, so that a slave may follow a coordinate that
-   is itself a slave (chains of ties).  Slaves are films and cables, where an equation has none of
-   these the positions of other bodies; of such coordinates the one with the largest coefficient.
-2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4), and L likewise.
+   is itself a slave (chains of ties).  The slave is the coordinate with the largest coefficient, of
+   a film or cable if the equation has one, else of the position of another body.
+2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4), and in the same way
+   L.
 3. K = Lᵀ A R, with the unit matrix in the rows and columns of what is gone, so that the numbering
-   stays; θ takes the place of the first director.  R differs from the unit matrix in few rows; A is
+   stays; θ has the numbers of the first director.  R differs from the unit matrix in few rows; A is
    copied and corrected in these rows and in those of their neighbours.
 4. In each application: (3), with the two-level preconditioner (`solvers.two_level`) of K instead of
    its inverse.  (2) and the multipliers are exact, so that the Krylov iteration is that of y.
 
 The matrix A is stored with the fill of K, so that the copy is one of memory.
 
-Limits.  No contact, whose couplings change the pattern.  No multipliers of other joints.  Directors
-that are held in part keep their multipliers.
+Limits.  No contact, whose couplings change the pattern.  No multipliers of other joints.  Of
+directors that are held in part the multipliers remain.
 
 Tried, without gain: beams that hold a film at a few points factorised by themselves, and coupled by
 a dense Schur complement.  The antenna of 170 thousand unknowns took as long as with a factorisation
