@@ -35,8 +35,7 @@ Algorithm.
 1. Once: Gaussian elimination of the linear equations, so that a slave may follow a coordinate that
    is itself a slave (chains of ties).  The slave is the coordinate with the largest coefficient, of
    a film or cable if the equation has one, else of the position of another body.
-2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4), and in the same way
-   L.
+2. For each matrix: R = V R_d, of the elimination V and the rotations R_d of (4); L in the same way.
 3. K = Lᵀ A R, with the unit matrix in the rows and columns of what is gone, so that the numbering
    stays; θ has the numbers of the first director.  R differs from the unit matrix in few rows; A is
    copied and corrected in these rows and in those of their neighbours.
