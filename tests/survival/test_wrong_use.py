@@ -1366,7 +1366,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> None:
     drawn(at, square)
 
 
-@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.slow)])
 def test_wrong_use_is_refused_in_a_sentence_or_harmless(
     tmp_path: Path, warm: None, every: int
 ) -> None:

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.model.body import Array, MeshBody
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.contact.broad_phase.candidates import import_facets
@@ -17,7 +18,7 @@ from gossamer_fx.mechanics.contact.contact import Contact
 from gossamer_fx.mechanics.contact.contact_pressure import nodes_of, pressures
 from gossamer_fx.mechanics.contact.contact_set import ContactSet
 from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.kernels.library import HEADER
 from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.mechanics.contact.obstacles import Obstacle
@@ -272,7 +273,7 @@ class Crossings:
                 any(film is body for body in system.bodies),
                 f"'{film.name}' is not in the scene; add it, or remove its probe.",
             )
-        library(run.comm)
+        c_library(HEADER, run.comm)
         if self._mesh is None:
             self._mesh = CollisionMesh(self.bodies, [], [0.0] * len(self.bodies), system)
         mesh = self._mesh

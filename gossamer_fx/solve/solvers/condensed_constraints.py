@@ -82,8 +82,8 @@ NO_COEFFICIENT = 1e-12
 MIN_FILM_SHARE = 0.5
 
 # Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
-# takes 1.4 s of CPU time, with all factorised 2.0 s.  The almost slack film of an antenna takes 1.27
-# and 1.05 times as long as with all factorised, with 170 and 499 thousand unknowns.
+# takes 1.4 s of CPU time, with all factorised 2.0 s.  The almost slack film of an antenna with 170
+# and 499 thousand unknowns takes 1.27 and 1.05 times as long as with all factorised.
 MIN_UNKNOWNS_WITH_FRAMES = 400_000
 
 # Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
