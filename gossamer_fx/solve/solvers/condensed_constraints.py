@@ -82,16 +82,17 @@ NO_COEFFICIENT = 1e-12
 MIN_FILM_SHARE = 0.5
 
 # Unknowns from which frames are condensed.  With 47 thousand a step of a taut film between beams
-# takes 1.4 s of CPU time, with all factorised 2.0 s.  The almost slack film of an antenna with 170
-# and 499 thousand unknowns takes 1.27 and 1.05 times as long as with all factorised.
-MIN_UNKNOWNS_WITH_FRAMES = 400_000
+# takes 1.4 s of CPU time on one rank and 0.9 s on two, with all factorised 1.9 and 1.2 s.  Almost
+# slack film of an antenna with 47 and 170 thousand takes 1.06 and 1.03 times as long as with all
+# factorised.
+MIN_UNKNOWNS_WITH_FRAMES = 40_000
 
 # Krylov iterations after which a factorisation costs less than more of them.  In almost slack film
 # with narrow taut bands incomplete factors may not serve: one of 25 matrices of an antenna.
 MAX_ITERATIONS = 12
 
 # Largest number of steps that are factorised before Krylov iterations are tried again.
-MAX_FACTORISED_STEPS = 8
+MAX_FACTORISED_STEPS = 64
 
 KSP_REASON = PETSc.KSP.ConvergedReason
 
@@ -462,7 +463,7 @@ class CondensedConstraints:
         self.is_factorised = self._steps_left > 0
 
     def give_up(self) -> None:
-        """Factorise the rest of this step, and 1, 2, 4 or 8 further steps: as many as one hard
+        """Factorise the rest of this step, and 1, 2, 4 .. 64 further steps: as many as one hard
         solve after the other suggests."""
         self.is_factorised = True
         self._steps_left = 1 + self._next_steps
