@@ -156,15 +156,15 @@ class CoarseSpace:
         # PETSc has no product of a matrix stored by blocks with P.
         self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
         self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
-        self._set_up_solver()
+        self._set_up_solver(self._coarse_matrix)
 
-    def _set_up_solver(self) -> None:
+    def _set_up_solver(self, coarse_matrix: PETSc.Mat) -> None:
         """Factorise the coarse matrix, or set up its V-cycle."""
         if self._interpolations:
-            self._solver.setOperators(self._coarse_matrix)
+            self._solver.setOperators(coarse_matrix)
             self._solver.setUp()
             return
-        self._own_matrix = self._coarse_matrix.getRedundantMatrix(
+        self._own_matrix = coarse_matrix.getRedundantMatrix(
             self._P.comm.size, PETSc.COMM_SELF, self._own_matrix
         )
         self._solver.setOperators(self._own_matrix)
@@ -452,7 +452,7 @@ def groups(body: MeshBody, X: Array, patch: Indices) -> Division:
     all_neighbours = np.concatenate(comm.allgather(neighbours))
     group = _connected(_boxes(all_centres, PATCHES_PER_GROUP), all_neighbours)
     # The rank of the first patch of a group has its unknowns.
-    _, first_patch = np.unique(group, return_index=True)
+    first_patch = np.unique(group, return_index=True)[1]
     return Division(group[number.array[: len(patch)]], all_owners[first_patch], comm)
 
 
@@ -492,8 +492,9 @@ def _neighbours(numbers_of_cell: Indices) -> Indices:
 def _connected(box: Indices, neighbours: Indices) -> Indices:
     """The number (n,), without gaps, of the part of a box (n,) in which each point is connected by
     pairs (pairs, 2) of neighbours in one box."""
-    first, second = neighbours[box[neighbours[:, 0]] == box[neighbours[:, 1]]].T
-    graph = csr_matrix((np.ones(len(first)), (first, second)), shape=(len(box), len(box)))
+    in_one_box = box[neighbours[:, 0]] == box[neighbours[:, 1]]
+    pairs = neighbours[in_one_box]
+    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(len(box), len(box)))
     return connected_components(graph, directed=False)[1]
 
 
