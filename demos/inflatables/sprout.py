@@ -19,8 +19,8 @@ Deployed (`deployed`): the equilibrium of the open figure.  As built it is not t
 becomes round is narrower by (π/2 - 1) d, while the film was cut for flat tubes: it pulls the tubes
 to each other where they are next to each other, near the roots, and is slack at the tips.  The
 roots, which are pressed flat, let the tubes turn.  With round roots, and a film cut for round
-tubes, the V keeps its angle; but a tied film is 10⁴ times as stiff in its plane as the tubes are in
-bending, so that it bears on a few points, and wrinkles.  A film that is hung is taut.  It hangs by
+tubes, the angle of the V stays the same; but a tied film is 10⁴ times as stiff in its plane as the
+tubes are in bending, so that it bears on a few points, and wrinkles.  A film that is hung is taut.  It hangs by
 three cords from the tips and from the cube, and its edges are arcs with a cable in each, so that
 film and cables are in equilibrium with the same tension n in all directions: a cable of radius R
 bears n R, and a cord the resultant of two cables.  The tips are pulled inwards; the film is cut for

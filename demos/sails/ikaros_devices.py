@@ -74,8 +74,9 @@ CELL_ROW = 6
 CELL_COLUMNS = 3
 # The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
 SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
-# Shapes of a reduced sail: shares of the pressure of sunlight, the last 1, and height of modes [m].
-SHARES_OF_LIGHT = (0.0, -1.0, 2.0, 1.0)
+# Shapes of a reduced sail: shares of the pressure of sunlight, of which the first is the easiest to
+# find and the last 1, and height of modes [m].
+SHARES_OF_LIGHT = (1.0, 0.0, 2.0, -1.0, 1.0)
 MODE_HEIGHT = 0.05
 # Sun angles at the start and the end of the day [rad]: the axis of spin stays, the direction of the
 # light turns with the motion round the Sun.
@@ -496,7 +497,8 @@ def reduced_steady(
         shapes.positions.append(search.system.state[film].positions().copy())
     found = gx.analysis.modes(search, modes, spin=(0.0, 0.0, rpm * RPM))
     swinging = gx.analysis.ModeShapes(film, search, modes=found, height=MODE_HEIGHT)
-    count = len(SHARES_OF_LIGHT) - 1 + modes
+    # The mean of the shapes is nearly the plane one, which is in every basis.
+    count = len(set(SHARES_OF_LIGHT)) - 1 + modes
     reduced = gx.reduction.reduce(film, [shapes, swinging], modes=count, cells=cells)
     steady_spin = spinning_sail(reduced, build, rpm, pressure, SEARCH)
     steady_spin.find()

@@ -84,7 +84,7 @@ def plane(comm):
 
 
 def braced(comm):
-    """A film that turns about a corner, tied to a beam along its edge and to a rigid body beside
+    """A film that turns about a corner, tied to a beam along its edge and to a rigid body next to
     the opposite corner; the ground holds the corner of both film and beam."""
     film = gx.Membrane(sheet(comm, 7, 7), LAW, name="film")
     section = gx.sections.tube(0.01, 5e-4, E=1e9, nu=0.3, density=1500.0)

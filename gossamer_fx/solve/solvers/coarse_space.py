@@ -119,9 +119,8 @@ class CoarseSpace:
         self._P = prolongation(system, condensed=condensed)
         self._scalar_matrix: PETSc.Mat | None = None  # A, stored by single numbers
         self._coarse_matrix: PETSc.Mat | None = None  # Pᵀ A P
-        self._interpolations: list[
-            PETSc.Mat
-        ] = []  # of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
+        # Of a V-cycle, Pᵀ P2 and P2ᵀ P3, if it is needed
+        self._interpolations: list[PETSc.Mat] = []
         coarse_unknowns = self._P.getSize()[1]
         if coarse_unknowns * self._P.comm.size > MAX_UNKNOWNS_FACTORISED:
             self._interpolations = _interpolations(system, self._P, condensed)

@@ -272,6 +272,9 @@ class CondensedConstraints:
         self.problem = ""
         self.is_factorised = False
         self._step: tuple[float, float] | None = None  # time and length of the last step
+        # R - 1 at the end and L - 1 in the middle of the step, see `_turn`
+        self._E: csr_matrix
+        self._E_middle: csr_matrix
         self._find_rows(system.A)
         # Before the matrix is made again, with more entries.
         self._A = self._rows_of(system.A)

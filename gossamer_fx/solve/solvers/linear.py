@@ -303,7 +303,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
             _choose_gmres(ksp)
             pc.setType("python")
             pc.setPythonContext(context)
-            # Scalar unknowns need a preconditioner of their own.
+            # Scalar unknowns need a separate preconditioner.
             is_alone = ksp.getPC().handle == pc.handle
             if is_alone and isinstance(context, condensed_constraints.CondensedConstraints):
                 ksp.setType("python")
@@ -365,6 +365,12 @@ def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
     if code > 0:
         unknown = REASONS[int(KSP_REASON.DIVERGED_NANORINF)]
     return factorisation.reason(pc) or REASONS.get(code, unknown)
+
+
+def krylov_name(ksp: PETSc.KSP) -> str:
+    """The Krylov method of a solver, in words."""
+    kind = ksp.getType()
+    return "gmres" if kind == "python" else str(kind)
 
 
 def name(pc: PETSc.PC) -> str:

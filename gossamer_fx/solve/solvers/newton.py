@@ -521,7 +521,7 @@ class Newton:
     def summary(self) -> str:
         """The linear solver, its iterations, and the shares of the wall time of all solves, in one
         line."""
-        ksp = self.ksp.getType()
+        ksp = linear.krylov_name(self.ksp)
         preconditioner = linear.name(self._preconditioner)
         total = sum(self.seconds.values()) or 1.0
         shares = ", ".join(
