@@ -78,7 +78,7 @@ BEAM_PATCH_RATIO = 0.08
 # Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
 # among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) a step of a sheet takes
 # 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle on one rank, 10.7 and 9.1 s on
-# two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
+# two.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
