@@ -20,12 +20,13 @@ becomes round is narrower by (π/2 - 1) d, while the film was cut for flat tubes
 to each other where they are next to each other, near the roots, and is slack at the tips.  The
 roots, which are pressed flat, let the tubes turn.  With round roots, and a film cut for round
 tubes, the angle of the V stays the same; but a tied film is 10⁴ times as stiff in its plane as the
-tubes are in bending, so that it bears on a few points, and wrinkles.  A film that is hung is taut.  It hangs by
-three cords from the tips and from the cube, and its edges are arcs with a cable in each, so that
-film and cables are in equilibrium with the same tension n in all directions: a cable of radius R
-bears n R, and a cord the resultant of two cables.  The tips are pulled inwards; the film is cut for
-the tips as a cantilever of the bending stiffness EI = π E t r³ has them under the cord's force F,
-across (n) and along (a) the tube:
+tubes are in bending, so that it bears on a few points, and wrinkles.
+
+A film that is hung is taut.  It hangs by three cords from the tips and from the cube, and its edges
+are arcs with a cable in each, so that film and cables are in equilibrium with the same tension n in
+all directions: a cable of radius R bears n R, and a cord the resultant of two cables.  The tips are
+pulled inwards; the film is cut for the tips as a cantilever of the bending stiffness EI = π E t r³
+has them under the cord's force F, across (n) and along (a) the tube:
 
     δ = F_n L³/(3 EI) / (1 - F_a/P),    P = π² EI/(4 L²)
 
