@@ -78,7 +78,7 @@ BEAM_PATCH_RATIO = 0.08
 # Coarse unknowns, times ranks, up to which the coarse matrix is factorised; the V-cycle divides
 # among ranks.  With 17 thousand coarse unknowns (300 thousand unknowns) a step of a sheet takes
 # 5.0 s of CPU time by the factorisation and 5.7 s by the V-cycle on one rank, 10.7 and 9.1 s on
-# two.  On eight ranks 44 thousand unknowns take 12.5 and 15.5 Krylov iterations a step.
+# two.  On eight ranks 44 thousand unknowns take 16 and 20 Krylov iterations a step.
 MAX_UNKNOWNS_FACTORISED = 20_000
 
 # Largest number of nodes in a large patch, and of large patches in a group.  With 78 thousand
@@ -451,7 +451,7 @@ def groups(body: MeshBody, X: Array, patch: Indices) -> Division:
     all_neighbours = np.concatenate(comm.allgather(neighbours))
     group = _connected(_boxes(all_centres, PATCHES_PER_GROUP), all_neighbours)
     # The rank of the first patch of a group has its unknowns.
-    _, first_patch = np.unique(group, return_index=True)
+    first_patch = np.unique(group, return_index=True)[1]
     return Division(group[number.array[: len(patch)]], all_owners[first_patch], comm)
 
 
@@ -491,8 +491,9 @@ def _neighbours(numbers_of_cell: Indices) -> Indices:
 def _connected(box: Indices, neighbours: Indices) -> Indices:
     """The number (n,), without gaps, of the part of a box (n,) in which each point is connected by
     pairs (pairs, 2) of neighbours in one box."""
-    first, second = neighbours[box[neighbours[:, 0]] == box[neighbours[:, 1]]].T
-    graph = csr_matrix((np.ones(len(first)), (first, second)), shape=(len(box), len(box)))
+    in_one_box = box[neighbours[:, 0]] == box[neighbours[:, 1]]
+    pairs = neighbours[in_one_box]
+    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(len(box), len(box)))
     return connected_components(graph, directed=False)[1]
 
 
