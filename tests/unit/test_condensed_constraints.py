@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
+import weakref
 
 import numpy as np
 import pytest
@@ -134,7 +136,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     zero = system.numbering.vector()
     system.predict(zero)
     system.set_increment(zero, None)
-    exact = condensed_constraints.for_constraints(system, 60)
+    exact = condensed_constraints.for_constraints(system, 60, is_alone=True)
     A = system.tangent()
     pc = PETSc.PC().create(comm)
     pc.setOperators(A)
@@ -187,8 +189,21 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
     np.testing.assert_allclose(found[0], found[1], atol=1e-7 * np.abs(found[1]).max())
 
 
+def test_a_run_is_freed(monkeypatch):
+    """The solver of the condensed system is the context of its own operator and preconditioner."""
+    run = simulation(chain, MPI.COMM_SELF, monkeypatch)
+    run.run(until=1e-3)
+    left = [weakref.ref(one) for one in (run.system, run.solver)]
+    ranks = run.comm
+    del run
+    for _ in range(3):  # what a preconditioner held is dropped with it
+        gc.collect()
+        PETSc.garbage_cleanup(ranks)
+    assert [one() for one in left] == [None, None]
+
+
 def test_a_restart_goes_on_as_the_run(monkeypatch, tmp_path):
-    """A checkpoint has multipliers and coordinates; the condensation has no separate memory."""
+    """A checkpoint has multipliers and coordinates; the rules of ties are found again."""
     options = {"checkpoints": gx.Checkpoints(tmp_path / "saves", every=2)}
     whole = simulation(chain, MPI.COMM_SELF, monkeypatch)
     half = simulation(chain, MPI.COMM_SELF, monkeypatch, **options)

@@ -85,6 +85,8 @@ class ModalBending:
     def rest_forces(self, start: Array, end: Array, alpha: float, conserves: bool) -> Array:
         """Forces (r, 3) [N] of the cubic part in a step between coefficients (r, 3) [m] that acts
         at the weight `alpha` of the end; with (3) if it `conserves` energy."""
+        if self.rest is None:
+            return np.zeros_like(start)
         middle = (1 - alpha) * start + alpha * end
         forces = 3 * self._third(middle, middle)
         if conserves:

@@ -56,6 +56,7 @@ take 1.4 times the time, a factorisation of K as a symmetric matrix 1.5 times.
 from __future__ import annotations
 
 import itertools
+import weakref
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -455,15 +456,15 @@ class CondensedConstraints:
             pc.setFailedReason(self.inner.getFailedReason())
 
     def _begin_step(self) -> None:
-        """Decide whether a new step is factorised from its start, and halve the number of such
-        steps that would follow a hard solve after one without any."""
+        """Decide whether a new attempt at a step is factorised from its start, and halve the number
+        of such attempts that would follow a hard solve after one without any."""
         if not self.is_factorised:
             self._next_steps = max(self._next_steps // 2, 1)
         self._steps_left = max(self._steps_left - 1, 0)
         self.is_factorised = self._steps_left > 0
 
     def give_up(self) -> None:
-        """Factorise the rest of this step, and 1, 2, 4 .. 64 further steps: as many as one hard
+        """Factorise the rest of this attempt, and 1, 2, 4 .. 64 further ones: as many as one hard
         solve after the other suggests."""
         self.is_factorised = True
         self._steps_left = 1 + self._next_steps
@@ -564,6 +565,26 @@ class CondensedConstraints:
         self._gather.add(self._own_H.T @ residual, z)
 
 
+class _WeakContext:
+    """Operator and preconditioner of a `CondensedSolver`, to which it has only a weak reference:
+    the garbage collector does not see those that PETSc holds."""
+
+    def __init__(self, solver: CondensedSolver) -> None:
+        self._solver = weakref.ref(solver)
+
+    def mult(self, matrix: PETSc.Mat, y: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Called by PETSc."""
+        solver = self._solver()
+        assert solver is not None
+        solver.multiply(y, out)
+
+    def apply(self, pc: PETSc.PC, r: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Called by PETSc."""
+        solver = self._solver()
+        assert solver is not None
+        solver.precondition(r, y)
+
+
 class CondensedSolver:
     """Solves (3) by GMRES and recovers (2), as PETSc's Python solver of the whole system, whose
     preconditioner is `CondensedConstraints`.
@@ -582,7 +603,8 @@ class CondensedSolver:
     def __init__(self, preconditioner: CondensedConstraints) -> None:
         self._condensed = preconditioner
         K = preconditioner.K
-        operator = PETSc.Mat().createPython(K.getSizes(), self, K.comm)
+        context = _WeakContext(self)
+        operator = PETSc.Mat().createPython(K.getSizes(), context, K.comm)
         operator.setUp()
         self._krylov = PETSc.KSP().create(K.comm)
         self._krylov.setType("gmres")
@@ -591,19 +613,19 @@ class CondensedSolver:
         self._krylov.setOperators(operator)
         pc = self._krylov.getPC()
         pc.setType("python")
-        pc.setPythonContext(self)
+        pc.setPythonContext(context)
         self._complete: PETSc.PC | None = None  # a factorisation of A, in hard steps
         # Diagonal^(-1/2).
         self._scale = K.createVecLeft()
         self._work = K.createVecLeft()
 
-    def mult(self, matrix: PETSc.Mat, y: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Set out = D^(-1/2) K y, with the diagonal D of K; called by PETSc."""
+    def multiply(self, y: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = D^(-1/2) K y, with the diagonal D of K."""
         self._condensed.K.mult(y, out)
         out.pointwiseMult(out, self._scale)
 
-    def apply(self, pc: PETSc.PC, r: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Precondition a scaled residual r; called by PETSc."""
+    def precondition(self, r: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y to the preconditioned residual r, which is scaled."""
         self._work.pointwiseDivide(r, self._scale)
         self._condensed.inner.apply(self._work, y)
 
@@ -629,7 +651,8 @@ class CondensedSolver:
         self._krylov.setTolerances(rtol=ksp.getTolerances()[0], max_it=MAX_ITERATIONS)
         self._krylov.solve(right, z)
         reason = self._krylov.getConvergedReason()
-        if reason == KSP_REASON.DIVERGED_MAX_IT:
+        self._condensed.problem = ""
+        if reason < 0:
             self._condensed.give_up()
         self._condensed.expand(r, z)
         ksp.setIterationNumber(self._krylov.getIterationNumber())
@@ -651,16 +674,18 @@ class CondensedSolver:
 
 
 def for_constraints(
-    system: System, max_iterations: int
+    system: System, max_iterations: int, is_alone: bool
 ) -> CondensedConstraints | EliminatedJoints | None:
     """The preconditioner of a system with constraints, as the context of PETSc's Python
     preconditioner: films whose constraints are condensed, or films with few other unknowns.  None
-    if the matrix is to be factorised.  A solve ends after `max_iterations`.  Collective."""
+    if the matrix is to be factorised.  A solve ends after `max_iterations`.  `is_alone` says that
+    there are no scalar unknowns, so that `CondensedSolver` serves, which frames need.  Collective.
+    """
     few = eliminated_unknowns(system)
     if not system.active_sets:
         condensation = Condensation(system)
         is_worth_it = not condensation.frames
-        if few is None and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES:
+        if few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES:
             is_worth_it = True
         if is_worth_it and _has_films(system) and condensation.leaves_no_multiplier(system):
             return CondensedConstraints(system, condensation)
