@@ -190,7 +190,7 @@ def test_a_gradient_is_that_of_a_factorisation(monkeypatch):
 
 
 def test_a_run_is_freed(monkeypatch):
-    """The solver of the condensed system is the context of its own operator and preconditioner."""
+    """PETSc holds the context of the operator and of the preconditioner of the condensed system."""
     run = simulation(chain, MPI.COMM_SELF, monkeypatch)
     run.run(until=1e-3)
     left = [weakref.ref(one) for one in (run.system, run.solver)]
