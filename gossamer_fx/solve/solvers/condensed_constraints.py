@@ -133,11 +133,12 @@ class Condensation:
         owned: those of `gone` that this rank owns, as indices of its part of a vector.
     """
 
-    def __init__(self, system: System) -> None:
-        """Find all constraints of a system that can be condensed.  Collective."""
+    def __init__(self, system: System, frames: list[Frames]) -> None:
+        """Find all constraints of a system that can be condensed, with its free `frames`.
+        Collective."""
         assert system.constraints is not None
         self._numbering = system.numbering
-        self.frames = _free_frames(system)
+        self.frames = frames
         own_equations = system.constraints.linear_equations()
         equations = [each for part in system.comm.allgather(own_equations) for each in part]
         involved = np.unique([i for multiplier, row in equations for i in (multiplier, *row)])
@@ -260,8 +261,6 @@ class CondensedConstraints:
     """The preconditioner (3), as PETSc's Python preconditioner.
 
     `problem` says why a factorisation of the whole matrix failed, and is empty if none did.
-    `is_factorised` says that A is factorised as a whole in the present step, as `CondensedSolver`
-    has decided.
 
     In the code `near` are the unknowns on which the rows of K that differ from those of A depend;
     sparse matrices have columns for these only.
@@ -277,9 +276,7 @@ class CondensedConstraints:
         self._two_level = TwoLevel(system, condensation.owned, is_difficult=has_frames)
         self.inner.setPythonContext(self._two_level)
         self.problem = ""
-        self.is_factorised = False
-        self._steps_left = 0  # that are factorised, the present one included
-        self._next_steps = 1  # that are factorised after the next hard solve
+        self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._step: tuple[float, float] | None = None  # time and length of the last step
         # R - 1 at the end and L - 1 in the middle of the step, see `_turn`
         self._E: csr_matrix
@@ -449,26 +446,22 @@ class CondensedConstraints:
         step are factorised; called by PETSc.  Collective."""
         step = self._system.time, self._system.h
         if step != self._step:
-            self._begin_step()
+            self._hard_steps.begin_step()
         self._step = step
         if not self.is_factorised:
             self._condense(pc.getOperators()[0])
             pc.setFailedReason(self.inner.getFailedReason())
 
-    def _begin_step(self) -> None:
-        """Decide whether a new attempt at a step is factorised from its start, and halve the number
-        of such attempts that would follow a hard solve after one without any."""
-        if not self.is_factorised:
-            self._next_steps = max(self._next_steps // 2, 1)
-        self._steps_left = max(self._steps_left - 1, 0)
-        self.is_factorised = self._steps_left > 0
+    @property
+    def is_factorised(self) -> bool:
+        """Whether A is factorised as a whole in the present step, as `CondensedSolver` decided."""
+        return self._hard_steps.left > 0
 
     def give_up(self) -> None:
-        """Factorise the rest of this attempt, and 1, 2, 4 .. 64 further ones: as many as one hard
-        solve after the other suggests."""
-        self.is_factorised = True
-        self._steps_left = 1 + self._next_steps
-        self._next_steps = min(2 * self._next_steps, MAX_FACTORISED_STEPS)
+        """Factorise the rest of this attempt at a step, and further ones, see `HardSteps`."""
+        self._hard_steps.extend()
+        # The present one does not count.
+        self._hard_steps.left += 1
 
     def _condense(self, matrix: PETSc.Mat) -> None:
         """Compute K of a matrix A, and set up its preconditioner.  Collective."""
@@ -652,11 +645,12 @@ class CondensedSolver:
         self._krylov.solve(right, z)
         reason = self._krylov.getConvergedReason()
         self._condensed.problem = ""
-        if reason < 0:
-            self._condensed.give_up()
-        self._condensed.expand(r, z)
         ksp.setIterationNumber(self._krylov.getIterationNumber())
         ksp.setConvergedReason(reason)
+        if reason < 0:
+            self._condensed.give_up()
+        else:
+            self._condensed.expand(r, z)
 
     def _factorise(self, ksp: PETSc.KSP, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve (1) by a factorisation.  Collective."""
@@ -682,13 +676,13 @@ def for_constraints(
     there are no scalar unknowns, so that `CondensedSolver` serves, which frames need.  Collective.
     """
     few = eliminated_unknowns(system)
-    if not system.active_sets:
-        condensation = Condensation(system)
-        is_worth_it = not condensation.frames
-        if few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES:
-            is_worth_it = True
-        if is_worth_it and _has_films(system) and condensation.leaves_no_multiplier(system):
-            return CondensedConstraints(system, condensation)
+    is_large = few is None and is_alone and system.numbering.size >= MIN_UNKNOWNS_WITH_FRAMES
+    if not system.active_sets and _has_films(system):
+        frames = _free_frames(system)
+        if is_large or not frames:
+            condensation = Condensation(system, frames)
+            if condensation.leaves_no_multiplier(system):
+                return CondensedConstraints(system, condensation)
     if few is None:
         return None
     return EliminatedJoints(system, few, max_iterations)

@@ -153,10 +153,7 @@ class EliminatedJoints:
         self._complete = PETSc.PC().create(self._comm)
         factorisation.choose(self._complete)
         self._is_complete = False
-        self._complete_steps = 0  # left before F̃ is tried again, the present one included
-        self._complete_steps_at_start = 0  # the same at the first matrix of the step
-        self._next_complete_steps = 1  # after the next solve with many iterations
-        self._next_complete_steps_at_start = 1  # the same at the first matrix of the step
+        self._hard_steps = factorisation.HardSteps(MAX_FACTORISED_STEPS)
         self._is_first = False  # whether the factors are those of the first matrix of the step
         self.max_applications = max_applications(system.numbering.size, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
@@ -193,29 +190,19 @@ class EliminatedJoints:
         self._step = step
         self._is_first = is_new_step
         if is_new_step:
-            self._begin_step()
+            self._hard_steps.begin_step()
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
         if self._applications > self.max_applications and not self._is_kept:
-            self._complete_steps = self._next_complete_steps
-            self._next_complete_steps = min(2 * self._next_complete_steps, MAX_FACTORISED_STEPS)
+            self._hard_steps.extend()
         self._applications = 0
         self._is_kept = False
-        self._is_complete = self._complete_steps > 0
+        self._is_complete = self._hard_steps.left > 0
         if self._is_complete:
             factorisation.replace(self._complete, matrix)
             self.problem = factorisation.set_up(self._complete)
         else:
             self._set_up_incomplete(matrix, is_new_step)
-
-    def _begin_step(self) -> None:
-        """Count the steps with complete factorisations; a step without any halves the next
-        number."""
-        if not self._complete_steps:
-            self._next_complete_steps = max(self._next_complete_steps // 2, 1)
-        self._complete_steps = max(self._complete_steps - 1, 0)
-        self._complete_steps_at_start = self._complete_steps
-        self._next_complete_steps_at_start = self._next_complete_steps
 
     def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
         """Factorise the block F of the films incompletely, and eliminate the other unknowns g: Z =
@@ -348,7 +335,6 @@ class EliminatedJoints:
         """
         self._step = None
         self._applications = 0
-        self._next_complete_steps = self._next_complete_steps_at_start
-        self._complete_steps = self._complete_steps_at_start
+        self._hard_steps.restore()
         if self.problem:
-            self._complete_steps = MAX_FACTORISED_STEPS
+            self._hard_steps.left = MAX_FACTORISED_STEPS

@@ -404,6 +404,43 @@ def choose_fill(pc: PETSc.PC, levels: int) -> None:
         part.setFromOptions()
 
 
+class HardSteps:
+    """How many steps are factorised completely, after a solve with many Krylov iterations, before
+    an incomplete factorisation is tried again.
+
+    One such solve says little about the next step, several in turn do: their number doubles with
+    each, up to a limit, and a step without any halves it.
+
+    Args:
+        limit: largest number of steps.
+
+    Attributes:
+        left: steps to go, the present one included.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self.left = 0
+        self._next = 1  # after the next hard solve
+        self._at_start = (self.left, self._next)
+
+    def begin_step(self) -> None:
+        """Count a step."""
+        if not self.left:
+            self._next = max(self._next // 2, 1)
+        self.left = max(self.left - 1, 0)
+        self._at_start = (self.left, self._next)
+
+    def extend(self) -> None:
+        """A solve was hard: factorise the next steps."""
+        self.left = self._next
+        self._next = min(2 * self._next, self._limit)
+
+    def restore(self) -> None:
+        """Return to the state at the start of the step."""
+        self.left, self._next = self._at_start
+
+
 class LowRankUpdate:
     """Solutions of (A + Σ κ g⊗g) x = b from those of A, by the formula of Sherman, Morrison and
     Woodbury.  Collective.
