@@ -60,3 +60,13 @@ def spin_drift(run: gx.Simulation) -> float:
     """Largest change of the angular momentum over its largest component at the start."""
     _, angular = momentum_changes(run)
     return angular / float(np.abs(run.first.angular_momentum).max())
+
+
+def begin_iteration(run: gx.Simulation, h: float) -> None:
+    """Set the system of a run to the first iterate of a step of length h [s]."""
+    system = run.system
+    system.begin_step(h)
+    system.set_inertia(2 / h**2)
+    zero = system.numbering.vector()
+    system.predict(zero)
+    system.set_increment(zero, None)

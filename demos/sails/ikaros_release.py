@@ -56,6 +56,7 @@ from demos.sails.ikaros import (
     HUB_HEIGHT,
     HUB_INERTIA,
     HUB_MASS,
+    HUB_RADIUS,
     INNER,
     PETALS,
     TIP,
@@ -83,7 +84,6 @@ RATE = ((0.0, 3.0),)
 # Of an arm; short ones go round a rod without being caught by their corners.
 CELLS = 208
 LUMPS = 26  # pieces of an arm with a mass each
-HUB_RADIUS = 0.79  # m
 LIGHT = 1e-3  # line density of the cables, whose mass is in lumps [kg/m]
 
 

@@ -18,6 +18,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solve.solvers import condensed_constraints, two_level
 from gossamer_fx.solve.solvers.condensed_constraints import CondensedConstraints
+from tests.small_scenes import begin_iteration
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -131,11 +132,7 @@ def test_one_application_solves_where_the_rest_is_factorised(make, comm, monkeyp
     monkeypatch.setattr(condensed_constraints, "MIN_UNKNOWNS_WITH_FRAMES", 0)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
     system = run.system
-    system.begin_step(1e-3)
-    system.set_inertia(2e6)
-    zero = system.numbering.vector()
-    system.predict(zero)
-    system.set_increment(zero, None)
+    begin_iteration(run, 1e-3)
     exact = condensed_constraints.for_constraints(system, 60, is_alone=True)
     A = system.tangent()
     pc = PETSc.PC().create(comm)

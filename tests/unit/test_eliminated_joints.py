@@ -21,6 +21,7 @@ from gossamer_fx.solve.solvers.eliminated_joints import (
     eliminated_unknowns,
     max_applications,
 )
+from tests.small_scenes import begin_iteration
 
 LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
 
@@ -114,11 +115,7 @@ def test_one_application_solves_where_the_films_are_factorised_completely(comm, 
     exact, multipliers included."""
     run = run_iteratively(comm, monkeypatch)
     system = run.system
-    system.begin_step(1e-3)
-    system.set_inertia(2e6)
-    zero = system.numbering.vector()
-    system.predict(zero)
-    system.set_increment(zero, None)
+    begin_iteration(run, 1e-3)
     A = system.tangent()
     monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
     monkeypatch.setattr(factorisation, "OVERLAP", 100)
