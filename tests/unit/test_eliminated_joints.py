@@ -67,7 +67,7 @@ def test_steps_are_those_of_a_factorisation(monkeypatch):
     comm = MPI.COMM_SELF
     run = run_iteratively(comm, monkeypatch)
     solver = run.solver.newton
-    assert solver.ksp.getType() == "gmres"
+    assert solver.ksp.getType() == "fgmres"
     assert isinstance(solver._preconditioner.getPythonContext(), EliminatedJoints)
     other = hung_film(comm)
     assert other.solver.newton.ksp.getType() == "preonly"

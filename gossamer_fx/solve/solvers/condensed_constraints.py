@@ -600,7 +600,7 @@ class CondensedSolver:
         operator = PETSc.Mat().createPython(K.getSizes(), context, K.comm)
         operator.setUp()
         self._krylov = PETSc.KSP().create(K.comm)
-        self._krylov.setType("gmres")
+        self._krylov.setType("fgmres")
         self._krylov.setGMRESRestart(MAX_ITERATIONS)
         self._krylov.setPCSide(PETSc.PC.Side.RIGHT)
         self._krylov.setOperators(operator)
